@@ -80,7 +80,7 @@ pictures: all
 	$(BIN)/python -m tests.pictures
 
 calibrate: all
-	$(BIN)/python -m tests.runtime.perception.detector_limits
+	$(BIN)/python -m tests.run.perception.detector_limits
 
 trials: all
 	$(BIN)/python -m tests.trials

@@ -8,7 +8,7 @@ from setuptools import Distribution, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
-kernel = runpy.run_path("sqrp_cli/sight/library.py")
+kernel = runpy.run_path("sqrp_cli/kernel/library.py")
 
 PLATFORMS = {
     "manylinux2014_x86_64": ("x86_64-linux-gnu.2.17", "linux", "x86_64"),
@@ -26,7 +26,7 @@ class BuildKernel(build_py):
 
     def run(self) -> None:
         super().run()
-        folder = Path("." if self.editable_mode else self.build_lib, "sqrp_cli/sight")
+        folder = Path("." if self.editable_mode else self.build_lib, "sqrp_cli/kernel")
         target, *runs_on = PLATFORMS[TAG] if TAG else (None, os.uname().sysname.lower(), os.uname().machine)
         for old in folder.glob("kernel-*.so"):
             old.unlink()

@@ -16,8 +16,8 @@ from mkdocs.structure.files import File, Files
 
 from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.cli.app import app
-from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
-from sqrp_cli.report.documents.schemas import schema_of
+from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
+from sqrp_cli.show.documents.schemas import schema_of
 
 Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""

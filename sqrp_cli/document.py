@@ -10,7 +10,7 @@ How a command becomes so:
 4. What only this process can know (motions, an open cell, to write a program or a page) is a field made with `live()`:
    no JSON, schema or saved file has it. Its type is `Any` at run time (`if TYPE_CHECKING: ... else: X = Any`).
 5. The command reads its request, calls the function, and shows: `answer(found, as_json=ask.json)`.
-6. Its kind has a line in `sqrp_cli.api.results.KINDS`; then `sqrp show FILE` prints the table of a saved result.
+6. Its kind has a line in `sqrp_cli.ask.api.results.KINDS`; then `sqrp show FILE` prints the table of a saved result.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class Document(Record):
         return f"{type(self).__name__}({self.brief})"
 
     def __str__(self) -> str:
-        return str(import_module("sqrp_cli.terminal.console").as_plain_text(self.show))
+        return str(import_module("sqrp_cli.show.terminal.console").as_plain_text(self.show))
 
     def _repr_html_(self) -> str:
-        return str(import_module("sqrp_cli.terminal.console").as_html(self.show))
+        return str(import_module("sqrp_cli.show.terminal.console").as_html(self.show))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

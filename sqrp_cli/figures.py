@@ -13,8 +13,8 @@ from typing import Annotated
 from pydantic import Field
 
 from sqrp_cli.document import Record
+from sqrp_cli.files.entries import Stored
 from sqrp_cli.geometry import check_finite
-from sqrp_cli.knowledge.text.entries import Stored
 from sqrp_cli.records import dataclass
 
 Share = Annotated[float, Field(ge=0, le=1)]

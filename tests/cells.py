@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.workspace.load import load_workspace
 
 ROOT = Path(__file__).parents[1]
 

@@ -8,8 +8,8 @@ from typing import Any
 import coal
 
 from sqrp_cli.geometry import inverse, transform
-from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+from sqrp_cli.sight.solids import Solid
 
 
 @cache

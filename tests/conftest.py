@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.platform.memory import keep_all_so_far, keep_freed_memory
-from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.robot.kinematics import RobotModel
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which start afterwards; as the command does
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.cell import Cell
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.starter.layout import CameraView, Cube, workspace_text
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.search import arm_reach

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
 
 

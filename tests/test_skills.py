@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Place
-from sqrp_cli.knowledge.skill.read_skill import read_skill
-from sqrp_cli.knowledge.text.input_file import ContentDigest
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.files.input_file import ContentDigest
 from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, find_plan
 from sqrp_cli.logic.planning_task import PlanStep
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.skill.read_skill import read_skill
+from sqrp_cli.task.task import read_task
 
 SKILLS = Path(__file__).parents[1] / "skills"
 CUBES = ("a", "b", "c")

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from sqrp_cli.logic.planner import Planner
-    from sqrp_cli.programming.coverage.robustness import Calibration
-    from sqrp_cli.programming.coverage.sampling import Sampling
-    from sqrp_cli.programming.pipeline import Inquiry
-    from sqrp_cli.programming.result import Criterion
-    from sqrp_cli.programming.ways.find import TimeLimit
-    from sqrp_cli.runtime.record.events import Listener
+    from sqrp_cli.run.record.events import Listener
+    from sqrp_cli.study.find import TimeLimit
+    from sqrp_cli.study.pipeline import Inquiry
+    from sqrp_cli.study.result import Criterion
+    from sqrp_cli.study.robustness import Calibration
+    from sqrp_cli.study.sampling import Sampling
 
     Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -161,9 +161,9 @@ class TaskRequest(Following, Sampled, Worked):
     @property
     def inquiry(self) -> Inquiry:
         """How each candidate is asked about."""
-        from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.programming.pipeline import Inquiry
-        from sqrp_cli.programming.ways.find import WantedWay
+        from sqrp_cli.study.find import WantedWay
+        from sqrp_cli.study.pipeline import Inquiry
+        from sqrp_cli.study.sampling import Adaptive
 
         by: Criterion = getattr(self, "by", "q_eoi")
         calibration = getattr(self, "calibration", None)

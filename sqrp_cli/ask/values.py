@@ -15,10 +15,10 @@ from sqrp_cli.ask.request import FieldKind, Words
 from sqrp_cli.errors import InputError, bad_option, expected_names
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.text.units import Dimension
-    from sqrp_cli.programming.coverage.robustness import Calibration
-    from sqrp_cli.programming.coverage.sampling import Sampling
-    from sqrp_cli.programming.ways.find import TimeLimit
+    from sqrp_cli.files.units import Dimension
+    from sqrp_cli.study.find import TimeLimit
+    from sqrp_cli.study.robustness import Calibration
+    from sqrp_cli.study.sampling import Sampling
 
 LEAST_TOLERANCE = 1e-5
 """Smallest tolerance of Q in sampling; below it rounding decides."""
@@ -116,7 +116,7 @@ def share(least: float) -> FieldKind:
     """A share, such as `97%` or 0.97."""
 
     def read(value: object, name: str) -> float:
-        from sqrp_cli.knowledge.text.units import SHARE, read_quantity
+        from sqrp_cli.files.units import SHARE, read_quantity
 
         if isinstance(value, str):
             found = read_quantity(value)
@@ -162,7 +162,7 @@ PROGRESS = function("a function of a title and a total")
 
 def _time_limit(value: object, name: str) -> TimeLimit:
     """A limit of time: `20 s`, `1.25x`, or seconds."""
-    from sqrp_cli.programming.ways.find import TimeLimit
+    from sqrp_cli.study.find import TimeLimit
 
     if isinstance(value, TimeLimit):
         return value
@@ -176,8 +176,8 @@ TIME_LIMIT = FieldKind(str, _time_limit)
 
 def _sampling(value: Sampling | Words, name: str) -> Sampling:
     """A sampling, as a value or by its words: `samples`, `dt` or `tolerance`."""
-    from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
-    from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
+    from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.study.sampling import Adaptive, FixedCount, FixedStep
 
     said = value if isinstance(value, Words) else {}
     if len(said) > 1:
@@ -218,7 +218,7 @@ SAMPLING = FieldKind(None, _sampling)
 
 def _calibration(value: Calibration | Words, name: str) -> Calibration:
     """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed."""
-    from sqrp_cli.programming.coverage.robustness import Calibration
+    from sqrp_cli.study.robustness import Calibration
 
     match value:
         case {"calibration": str() as said, "seed": seed} if isinstance(value, Words):
@@ -235,7 +235,7 @@ CALIBRATION = FieldKind(str, _calibration)
 
 def _pose_errors(said: str, name: str) -> tuple[float, float]:
     """A length [m] and an angle [rad], each with its unit; either may be left out."""
-    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
+    from sqrp_cli.files.units import ANGLE, LENGTH, read_quantity
 
     found: dict[Dimension, float] = {}
     for part in (one.strip() for one in said.split(",")):
@@ -292,7 +292,7 @@ PLANNER = FieldKind(str, _planner)
 
 def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
-    from sqrp_cli.programming.advice.moves import read_kinds
+    from sqrp_cli.search.moves import read_kinds
 
     said = value.split(",") if isinstance(value, str) else texts("kinds of changes").read(value, name)
     kinds = [one.strip() for one in said]
@@ -324,7 +324,7 @@ TOPICS = FieldKind(list[str], _topics)
 
 def _rate(value: object, name: str) -> float:
     """A rate of 1 to 2000 Hz, such as `100` or `50 Hz`."""
-    from sqrp_cli.knowledge.text.units import FREQUENCY, expected_quantity, read_quantity
+    from sqrp_cli.files.units import FREQUENCY, expected_quantity, read_quantity
 
     quantity = read_quantity(str(value))
     if quantity is None or quantity.dimension not in (None, FREQUENCY):
@@ -339,7 +339,7 @@ RATE = FieldKind(str, _rate)
 
 def _seconds(value: object, name: str) -> float:
     """A time above 0, such as `60` or `90 s`, in seconds."""
-    from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 
     quantity = read_quantity(str(value))
     if quantity is None or quantity.dimension not in (None, TIME) or not 0.0 < quantity.value < math.inf:

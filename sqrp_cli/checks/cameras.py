@@ -7,16 +7,16 @@ from math import atan, degrees, hypot, inf, tan
 
 import numpy as np
 
+from sqrp_cli.camera.camera import Camera, assumed_latency
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.placement import doubted_objects
 from sqrp_cli.errors import Problem
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.knowledge.camera.camera import Camera, assumed_latency
-from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.text.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
-from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import Mesh
 
 MOST_BENT = 3.0

@@ -8,30 +8,30 @@ from itertools import product
 
 import numpy as np
 
+from sqrp_cli.cell.mesh import mesh_unit
+from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.checks.cameras import sees_any, shown_objects
 from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects
 from sqrp_cli.errors import Infeasible, Place, Problem
+from sqrp_cli.files.frames import WORLD, frame_poses
+from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
-from sqrp_cli.knowledge.frames import WORLD, frame_poses
-from sqrp_cli.knowledge.mesh import mesh_unit
-from sqrp_cli.knowledge.skill.settings import Reference
-from sqrp_cli.knowledge.skill.skill import ToolMove
-from sqrp_cli.knowledge.text.units import shown_length
-from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
-from sqrp_cli.knowledge.workspace.workspace import Workspace, World
-from sqrp_cli.programming.advice.aiming import CAMERA_RADIUS, touched
-from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
-from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.candidate import Candidate
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import rehearsal
-from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
-from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.inverse_kinematics import known_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
+from sqrp_cli.skill.settings import Reference
+from sqrp_cli.skill.skill import ToolMove
+from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.program_update import world_after
+from sqrp_cli.study.sampling import Adaptive, first_samples
+from sqrp_cli.task.candidate import Candidate
+from sqrp_cli.task.feasibility import feasible_motion
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""

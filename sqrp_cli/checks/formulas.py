@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.knowledge.skill.skill import Requirement, Skill
 from sqrp_cli.logic.domain import Condition, Conjunction, Holds, Negation
 from sqrp_cli.logic.formula import (
     Always,
@@ -26,9 +25,10 @@ from sqrp_cli.logic.formula import (
 from sqrp_cli.logic.formula_check import ArgumentLists, argument_lists
 from sqrp_cli.logic.formula_time import operators
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.skill.skill import Requirement, Skill
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.task import Candidate
+    from sqrp_cli.task.task import Candidate
 
 
 Claim = tuple[str, tuple[str, ...] | None]

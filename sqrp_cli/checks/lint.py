@@ -10,17 +10,17 @@ from itertools import product
 
 import numpy as np
 
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.light import COLORS, hue_of, look_alike
+from sqrp_cli.cell.load import holding_skills
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks import cameras, formulas
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.frames import WORLD, FrameName
-from sqrp_cli.knowledge.light import COLORS, hue_of, look_alike
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import Grasp, Skill
-from sqrp_cli.knowledge.skill.target_box import BoxSpec
-from sqrp_cli.knowledge.workspace.load import holding_skills
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.files.frames import WORLD, FrameName
+from sqrp_cli.skill.skill import Grasp, Skill
+from sqrp_cli.skill.target_box import BoxSpec
 
 
 def lint(workspace: Workspace) -> tuple[Problem, ...]:

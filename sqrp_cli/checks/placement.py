@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem
+from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, box_corners, cross, pose, transform
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.text.units import shown_length
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import Box, Mesh
 
 MIN_OVERLAP = 1e-3

@@ -38,9 +38,9 @@ from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.cli.watch import EXECUTE
 from sqrp_cli.errors import ExitCode, InputError, expected_names, nearest
 from sqrp_cli.platform.interrupts import was_interrupted
+from sqrp_cli.show.terminal import progress_lines
+from sqrp_cli.show.terminal.progress_lines import Verbosity
 from sqrp_cli.shown import harmless, one_line
-from sqrp_cli.terminal import progress_lines
-from sqrp_cli.terminal.progress_lines import Verbosity
 
 app = typer.Typer(
     name="sqrp",
@@ -108,7 +108,7 @@ def execute(arguments: list[str]) -> int:
         _print_usage_error(error)
         return ExitCode.BAD_INPUT
     except InputError as error:
-        from sqrp_cli.terminal.console import print_problems
+        from sqrp_cli.show.terminal.console import print_problems
 
         print_problems(error.problems)
         return ExitCode.BAD_INPUT

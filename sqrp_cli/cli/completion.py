@@ -21,7 +21,7 @@ import typer
 from sqrp_cli.errors import InputError, bad_option, expected_names
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.cell.workspace import Workspace
 
 ASKED = "_SQRP_COMPLETE"
 """Environment variable with which a shell asks for proposals."""
@@ -90,7 +90,7 @@ def _words(line: str) -> tuple[list[str], bool]:
 
 def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
     """Tasks that go on as typed: the workspace's own, or one more word of a task."""
-    from sqrp_cli.programming.task import longer_tasks
+    from sqrp_cli.task.task import longer_tasks
 
     workspace = _workspace(ctx)
     if workspace is None:
@@ -100,7 +100,7 @@ def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def example_task(path: Path | None) -> str:
     """A task of the workspace at a path; empty without one that can be read."""
-    from sqrp_cli.programming.task import example_task
+    from sqrp_cli.task.task import example_task
 
     workspace = _readable(path)
     return example_task(workspace) if workspace else ""
@@ -108,7 +108,7 @@ def example_task(path: Path | None) -> str:
 
 def candidates(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the candidates of the command's task."""
-    from sqrp_cli.programming.task import read_task
+    from sqrp_cli.task.task import read_task
 
     workspace = _workspace(ctx)
     with suppress(InputError):
@@ -133,7 +133,7 @@ def codes(incomplete: str) -> list[str]:
 
 def schemas(incomplete: str) -> list[str]:
     """Names of schemas."""
-    from sqrp_cli.report.documents.schemas import NAMES
+    from sqrp_cli.show.documents.schemas import NAMES
 
     return _proposed(NAMES, incomplete)
 
@@ -143,8 +143,8 @@ def _workspace(ctx: typer.Context) -> Workspace | None:
 
 
 def _readable(path: Path | None) -> Workspace | None:
+    from sqrp_cli.cell.load import load_workspace
     from sqrp_cli.cli.start import Start
-    from sqrp_cli.knowledge.workspace.load import load_workspace
 
     with suppress(InputError, OSError):
         return load_workspace(Start.of(path, None).workspace) if path is not None else None

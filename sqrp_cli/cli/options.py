@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.api.program import OpenProgram
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.document import Document
 from sqrp_cli.errors import InputError, Place, Problem, bad_option
 from sqrp_cli.platform.memory import keep_all_so_far
@@ -116,7 +116,7 @@ def _is_given(value: object) -> bool:
 def check_report(path: Path) -> None:
     """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
     from sqrp_cli.platform.files import check_writable
-    from sqrp_cli.report.pages.assembly import check_libraries
+    from sqrp_cli.show.pages.assembly import check_libraries
 
     check_writable(path)
     check_libraries()
@@ -125,7 +125,7 @@ def check_report(path: Path) -> None:
 def answer(result: Document, *, as_json: bool, **how: bool) -> None:
     """Print a result, for people or as a document; how: see `Document.show`."""
     from sqrp_cli.cli.watch import is_shown_again
-    from sqrp_cli.terminal.console import say_raw
+    from sqrp_cli.show.terminal.console import say_raw
 
     if as_json:
         say_raw(result.to_json())
@@ -135,7 +135,7 @@ def answer(result: Document, *, as_json: bool, **how: bool) -> None:
 
 def _print_warnings(cell: OpenCell) -> None:
     """Raises InputError with the errors, if there are any."""
-    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.show.terminal.console import print_problems
 
     print_problems(problem for problem in cell.findings if problem.severity != "error")
     if cell.errors:
@@ -147,7 +147,7 @@ def page_is_written(file: Path, write: Callable[..., None], arguments: Sequence[
 
     write: takes the file; arguments: of the command, which the page shows; jobs: processes to use at most.
     """
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note, progress
 
     try:
         write(file, arguments=arguments, jobs=jobs, progress=progress)
@@ -160,6 +160,6 @@ def page_is_written(file: Path, write: Callable[..., None], arguments: Sequence[
 
 def note_late(text: str) -> None:
     """Print a line about what a run waits for; loads the console only then."""
-    from sqrp_cli.terminal.console import note
+    from sqrp_cli.show.terminal.console import note
 
     note(text)

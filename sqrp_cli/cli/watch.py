@@ -18,8 +18,8 @@ from sqrp_cli.records import dataclass
 if TYPE_CHECKING:
     from sqrp_cli.document import Document
     from sqrp_cli.figures import Figures
-    from sqrp_cli.programming.result import CandidateResult
-    from sqrp_cli.report.documents.explanation import CandidateStudy, Sample
+    from sqrp_cli.show.documents.explanation import CandidateStudy, Sample
+    from sqrp_cli.study.result import CandidateResult
 
 EXECUTE = "sqrp.execute"
 """Where a context keeps the function that runs a command line."""
@@ -74,8 +74,8 @@ def watched(context: typer.Context, refused: Mapping[str, object]) -> ExitCode:
     context: of the command. refused: options that are senseless with `--watch`, by name, with their values.
     What is wrong with a file is told, and the command waits for it to be saved again. Raises KeyboardInterrupt.
     """
-    from sqrp_cli.knowledge.text.input_file import noted_files
-    from sqrp_cli.terminal.console import note, say
+    from sqrp_cli.files.input_file import noted_files
+    from sqrp_cli.show.terminal.console import note, say
 
     if given := [name for name, value in refused.items() if value]:
         raise bad_option(f"--watch and {given[0]} exclude each other; give one of them")
@@ -139,7 +139,7 @@ def _stamp(path: Path) -> tuple[int, ...]:
 
 def print_changes(before: AnswerView, now: AnswerView) -> None:
     """The table again, with what was before an arrow where it differs; rows that are gone come last."""
-    from sqrp_cli.terminal.console import Column, plain, print_table, say
+    from sqrp_cli.show.terminal.console import Column, plain, print_table, say
 
     if before == now:
         say("No figure has changed.")
@@ -173,10 +173,10 @@ def _against(old: str, new: str) -> str:
 
 def view_of(answer: Document) -> AnswerView:
     """What of an answer is compared."""
-    from sqrp_cli.programming.result import Ranking
-    from sqrp_cli.report.documents.checks import Check
-    from sqrp_cli.report.documents.explanation import ExplainedAll, Explanation
-    from sqrp_cli.scoring.scorecard import Scorecard
+    from sqrp_cli.score.scorecard import Scorecard
+    from sqrp_cli.show.documents.checks import Check
+    from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.study.result import Ranking
 
     match answer:
         case Ranking():

@@ -7,9 +7,9 @@ from itertools import chain, pairwise
 
 import numpy as np
 
+from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory

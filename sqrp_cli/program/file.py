@@ -16,13 +16,13 @@ from typing import Any
 
 import yaml
 
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.understood import digest_of_understood, what_changed, with_skills
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.cell.workspace_file import shortest_path
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.understood import digest_of_understood, what_changed, with_skills
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import shortest_path
+from sqrp_cli.files.validation import validate
+from sqrp_cli.files.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.program.check import Keys, flaws, flaws_in

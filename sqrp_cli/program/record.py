@@ -14,14 +14,14 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.cell.understood import Plain
+from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
-from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
-from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.knowledge.text.entries import AsStored, Entry, Finite, Written
-from sqrp_cli.knowledge.text.units import read_quantity
-from sqrp_cli.knowledge.workspace.understood import Plain
-from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.files.entries import AsStored, Entry, Finite, Written
+from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
+from sqrp_cli.skill.settings import ANY, FASTEST
+from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]

@@ -1,1 +1,1 @@
-"""Sight: the compiled kernel of what cameras see of boxes, and its boundary."""
+"""Where everything is comes in; what each camera sees of each box, and what hides it, goes out."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from sqrp_cli.errors import bad_input, expected_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot.joint_tree import driving_joints
-from sqrp_cli.knowledge.robot.robot import AXES_OF_A_POSE
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.joint_tree import driving_joints
+from sqrp_cli.robot.robot import AXES_OF_A_POSE
+from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
 
 _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb|hand_(index|middle|ring|little|pinky)", re.IGNORECASE)
 """Words in the names of gripper joints."""

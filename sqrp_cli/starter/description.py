@@ -10,13 +10,8 @@ from difflib import SequenceMatcher
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
-from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot_xml import RobotSource
-from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
-from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel
-from sqrp_cli.knowledge.text.input_file import missing_file
-from sqrp_cli.knowledge.text.packages import (
+from sqrp_cli.files.input_file import missing_file
+from sqrp_cli.files.packages import (
     package_and_path,
     package_around,
     package_folder,
@@ -24,8 +19,13 @@ from sqrp_cli.knowledge.text.packages import (
     package_roots,
     resolve,
 )
-from sqrp_cli.knowledge.text.xml_file import read_xml
+from sqrp_cli.files.xml_file import read_xml
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.robot.robot_xml import RobotSource
+from sqrp_cli.robot.srdf import SrdfModel, read_srdf
+from sqrp_cli.robot.urdf import MeshReference, UrdfModel
 from sqrp_cli.starter.moveit_config import MoveitConfig, arm_tip, find_moveit, moveit_beside
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")

@@ -11,21 +11,21 @@ from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import naming, no_folder
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import study
-from sqrp_cli.programming.coverage.blind_spans import cause_totals
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.task import read_task
 from sqrp_cli.records import dataclass
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.blind_spans import cause_totals
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.task.task import read_task
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped skills and robots."""

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
-from sqrp_cli.knowledge.robot.srdf import SrdfModel
-from sqrp_cli.knowledge.robot.urdf import UrdfModel
-from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.xml_file import read_xml
-from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.xml_file import read_xml
+from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.srdf import SrdfModel
+from sqrp_cli.robot.urdf import UrdfModel
 
 ASSISTANT = ".setup_assistant"
 """The file in which MoveIt's setup assistant notes what it made the configuration of."""

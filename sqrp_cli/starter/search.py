@@ -12,17 +12,17 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transform
-from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
-from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import descend, halton, spread_starts
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.grips import grips
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.inverse_kinematics import all_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.pose_search import descend, halton, spread_starts
+from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.grips import grips
+from sqrp_cli.task.task import read_task
 
 LIFTS = (0.0, 0.15, 0.3, 0.45)
 """Heights of the root above the table to try, as shares of the reach: small arms need a pedestal to point down."""

@@ -21,7 +21,7 @@ from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Connections
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.result import Criterion
+    from sqrp_cli.study.result import Criterion
 
 
 IMAGE_SPACING = 0.2
@@ -164,7 +164,7 @@ class _Teller:
 
 
 def _advise(job: Search, say: _Teller) -> None:
-    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.ask.api.cell import OpenCell
 
     opened = OpenCell.read(job.path, job.seed, job.content)
     found = opened.advise(job.task, choose=job.chosen, jobs=job.jobs, progress=say.progress)
@@ -189,7 +189,7 @@ def _advise(job: Search, say: _Teller) -> None:
 
 
 def _place(job: Search, say: _Teller) -> None:
-    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.ask.api.cell import OpenCell
 
     opened = OpenCell.read(job.path, job.seed, job.content)
     found = opened.place(job.task, jobs=job.jobs, progress=say.progress)
@@ -204,8 +204,8 @@ def _place(job: Search, say: _Teller) -> None:
 
 def _write(job: Write, say: _Teller) -> None:
     """Append the chosen candidate as `rank --program` does."""
-    from sqrp_cli.api.cell import open_cell
-    from sqrp_cli.api.session import world_before
+    from sqrp_cli.ask.api.cell import open_cell
+    from sqrp_cli.ask.api.session import world_before
     from sqrp_cli.platform.files import check_not_read
 
     opened = open_cell(job.path, seed=job.seed)
@@ -234,7 +234,7 @@ class _Watching:
             return
         import cv2
 
-        from sqrp_cli.runtime.record.images import drawn
+        from sqrp_cli.run.record.images import drawn
 
         self._shown[frame.camera] = frame.t
         picture = drawn(frame.image, outlines, "")
@@ -269,8 +269,8 @@ class _Watching:
 
     def __call__(self, event: Any) -> None:  # noqa: ANN401 - an event of a run
         """Show what happens, not faster than it would."""
-        from sqrp_cli.runtime.record.events import EvidenceSeen, PrimitiveBegan, RunEnded, StateChanged, WholeState
-        from sqrp_cli.terminal.run_view import event_in_words
+        from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, RunEnded, StateChanged, WholeState
+        from sqrp_cli.show.terminal.run_view import event_in_words
 
         now = time.monotonic()
         self._began = now - event.t if self._began is None else self._began
@@ -307,8 +307,8 @@ class _Watching:
 
 
 def _play(job: Play, say: _Teller) -> None:
-    from sqrp_cli.api.program import open_program
-    from sqrp_cli.api.run_results import RunOutputs
+    from sqrp_cli.ask.api.program import open_program
+    from sqrp_cli.ask.api.run_results import RunOutputs
 
     opened = open_program(job.file, seed=job.seed)
     watching = _Watching(say, job.file, job.faults)

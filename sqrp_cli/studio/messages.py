@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem, bad_option
 from sqrp_cli.geometry import matrix_to_rpy
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.task import in_words
 from sqrp_cli.records import dataclass
-from sqrp_cli.report.documents.checks import ReportedProblem
-from sqrp_cli.report.pages.assembly import assembled, tidy
+from sqrp_cli.show.documents.checks import ReportedProblem
+from sqrp_cli.show.pages.assembly import assembled, tidy
 from sqrp_cli.studio.moves import Move, aim, way_up
+from sqrp_cli.task.task import in_words
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.result import Criterion
+    from sqrp_cli.study.result import Criterion
 
 
 def message(do: str, **fields: object) -> str:

@@ -10,14 +10,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat
 
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.edits import stated_look_at, with_base, with_camera, with_object
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError, bad_input, bad_option, expected_names
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.yaml_edit import with_values
 from sqrp_cli.geometry import Array, axis_rotation, inverse, look_at, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import with_values
-from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_base, with_camera, with_object
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.records import dataclass
 
 Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]

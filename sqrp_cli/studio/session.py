@@ -12,14 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
-from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, read_input
-from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_edit import changed_values, from_here, patch, with_values
-from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
+from sqrp_cli.files.input_file import YAML_ENDINGS, read_input
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.yaml_edit import changed_values, from_here, patch, with_values
+from sqrp_cli.files.yaml_file import MAX_BYTES
 from sqrp_cli.studio.jobs import Jobs, Play, Search, Write
 from sqrp_cli.studio.messages import (
     Apply,
@@ -45,7 +45,7 @@ from sqrp_cli.studio.rankings import Rankings, WorkerProcess
 from sqrp_cli.studio.server import Connections, Tell
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.result import Criterion
+    from sqrp_cli.study.result import Criterion
 
 LOOK_EVERY = 0.4
 """How often files are looked at for changes of others [s]."""
@@ -177,7 +177,7 @@ class Studio:
             case SetValue(path=path, value=value):
                 self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
             case AskTask(text=task, by=by):
-                from sqrp_cli.programming.task import read_task
+                from sqrp_cli.task.task import read_task
 
                 read_task(task, self._workspace)
                 self._task, self._by = task, by

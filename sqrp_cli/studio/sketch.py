@@ -12,17 +12,17 @@ import numpy as np
 from sqrp_cli.document import Record
 from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Mask
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.blind_spans import by_name
-from sqrp_cli.programming.coverage.observation import observation_of
-from sqrp_cli.programming.coverage.quality import qualities_over
-from sqrp_cli.programming.coverage.sampling import FixedStep, first_samples
-from sqrp_cli.programming.coverage.timeline import Rehearsal, SampledScene, Timeline
-from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
-from sqrp_cli.programming.whole_study import mean_quality
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.report.documents.explanation import Verdict
+from sqrp_cli.show.documents.explanation import Verdict
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.study.blind_spans import by_name
+from sqrp_cli.study.observation import observation_of
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.sampling import FixedStep, first_samples
+from sqrp_cli.study.timeline import Rehearsal, SampledScene, Timeline
+from sqrp_cli.study.whole_study import mean_quality
 
 SHORTEST, MOST = 0.1, 250
 """Least time between the instants of a sketch [s], and about how many there are at most."""

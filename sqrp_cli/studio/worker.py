@@ -16,32 +16,32 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.api.session import Session
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.api.session import Session
 from sqrp_cli.ask.requests import TaskRequest
+from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
-from sqrp_cli.programming.candidate import Candidate
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import rehearsal
-from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.pipeline import Assignment, described
-from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.programming.sensing.sight_memory import Seen, SightMemory
-from sqrp_cli.programming.ways.find import Plans, WantedWay
-from sqrp_cli.report.documents.playback import Positions
-from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.candidate_page import SceneModel, candidate_rows, played
-from sqrp_cli.report.pages.page import row
-from sqrp_cli.report.sentences import summary
+from sqrp_cli.show.documents.playback import Positions
+from sqrp_cli.show.documents.scene import ShowDocument
+from sqrp_cli.show.pages.candidate_page import SceneModel, candidate_rows, played
+from sqrp_cli.show.pages.page import row
+from sqrp_cli.show.sentences import summary
+from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Choose, Hold, Question, Rank, findings, message
 from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.sketch import Sketch, Steps
+from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.find import Plans, WantedWay
+from sqrp_cli.study.pipeline import Assignment, described
+from sqrp_cli.study.program_update import world_after
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.task.candidate import Candidate
+from sqrp_cli.task.feasibility import feasible_motion
 
 KEPT_PLANS = 64
 """Motions of so many candidates at most are kept for other cameras."""

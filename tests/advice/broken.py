@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_object
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.geometry import Array, look_at
-from sqrp_cli.knowledge.workspace.edits import stated_look_at, with_camera, with_object
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.grips import first_grip
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.task.grips import first_grip
+from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
 
 KINDS = ("position", "aim", "lens", "object")

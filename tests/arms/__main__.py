@@ -19,8 +19,8 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 
-from sqrp_cli.runtime.cell.requirements import check_simulator
-from sqrp_cli.terminal.console import Column, print_table
+from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.show.terminal.console import Column, print_table
 from tests.arms.arms import MatrixArm, arms_of_packages, linked_packages, written_arms
 from tests.arms.trial import ArmOutcome, kept, tried
 

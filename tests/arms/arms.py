@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.programming.robots import FEW_AXES, LINKAGES, SIX_AXES, joint, rounded, turning, written_urdf
+from tests.task.robots import FEW_AXES, LINKAGES, SIX_AXES, joint, rounded, turning, written_urdf
 
 
 @dataclass(frozen=True)

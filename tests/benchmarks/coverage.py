@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.sensing.limits import Cause
+from sqrp_cli.sight.limits import Cause
 from tests.benchmarks import oracle
 from tests.benchmarks.peers import EmbreePeer
 from tests.benchmarks.scene import BenchmarkScene, lattice, make_scene

@@ -9,11 +9,11 @@ from statistics import mean
 
 import numpy as np
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.coverage.robustness import Calibration
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.study.robustness import Calibration
 from tests.benchmarks.table import print_table
-from tests.programming.seen.compared import Compared, blind_time
 from tests.random_cell import Crowd, random_cell
+from tests.study.compared import Compared, blind_time
 
 OBJECTS, CAMERAS = 6, 4
 """Of a random cell."""

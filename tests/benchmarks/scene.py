@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.detector import Detector
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.files.frames import WORLD, FrameName
 from sqrp_cli.geometry import Array, look_at, pose, transform
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.frames import WORLD, FrameName
-from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
-from sqrp_cli.programming.sensing.sight_scene import shrink
-from sqrp_cli.programming.solids import Solid, load_solids
-from sqrp_cli.programming.targets import SoughtBox, Target
+from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Mesh, Part
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.sight_scene import shrink
+from sqrp_cli.sight.solids import Solid, load_solids
+from sqrp_cli.sight.targets import SoughtBox, Target
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 DETECTOR = Detector(kind="color", distance=(0.1, 3.0), max_incidence=np.pi, min_pixels=8.0)

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.camera.light import Light
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.cell_warnings import doubtful_meshes, lamps_inside, parts_outside_size
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix, transform
-from sqrp_cli.knowledge.light import Light
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.sight.solids import load_solid
 
 LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))
 SIZE = (0.06, 0.06, 0.08)

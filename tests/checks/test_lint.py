@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.knowledge.text.units import shown_length
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.files.units import shown_length
 from tests.cells import read_cases
 
 CASES = read_cases("lint.yaml")

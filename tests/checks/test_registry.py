@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 import sqrp_cli
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.workspace.load import load_workspace
 
 SOURCE = Path(sqrp_cli.__file__).parent
 CELL = Path(__file__).parents[1] / "cases" / "cell"

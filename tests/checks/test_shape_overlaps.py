@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.cell_warnings import overlapping_shapes
 from sqrp_cli.checks.placement import PlacedBox
 from sqrp_cli.geometry import Array, box_corners, pose, quaternion_to_matrix, transform
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import BOX_TRIANGLES, Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 SIDE = 0.1

@@ -9,7 +9,7 @@ from typing import Any
 from unittest import mock
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.runtime.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import Physics
 from tests.cells import shipped_cell, write_cell
 
 ROOT = Path(__file__).parents[2]

@@ -13,23 +13,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.api.cell import open_cell
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cli.commands import advise as advise_command
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.geometry import look_at
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.advice.advise import Adviser
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import study
-from sqrp_cli.programming.coverage.quality import interest_quality
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.timeline import observe
-from sqrp_cli.programming.feasibility import skill_use
-from sqrp_cli.programming.motion.plan_motion import plan_branches
-from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.grips import grips
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import plan_branches
+from sqrp_cli.search.advise import Adviser
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.quality import interest_quality
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.timeline import observe
+from sqrp_cli.task.feasibility import skill_use
+from sqrp_cli.task.grips import grips
+from sqrp_cli.task.task import read_task
 from tests.cli.browser import Opened
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.pages import carried
@@ -626,7 +626,7 @@ def test_where_a_row_is_about_another_way_the_page_says_which(sqrp, small, tmp_p
 
 def test_a_page_cannot_be_the_patch_nor_a_file_that_is_read(sqrp, own, tmp_path, monkeypatch):
     """All is refused before anything is computed."""
-    monkeypatch.setattr("sqrp_cli.api.advice.find_advice", None)
+    monkeypatch.setattr("sqrp_cli.ask.api.advice.find_advice", None)
     file, before = own / "workspace.yaml", (own / "workspace.yaml").read_bytes()
     same, missing = tmp_path / "one", tmp_path / "no" / "page.html"
     for arguments, word in (
@@ -701,7 +701,7 @@ def test_a_folder_that_cannot_be_used_is_refused(sqrp, tmp_path):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sqrp, own, tmp_path, monkeypatch):
-    monkeypatch.setattr("sqrp_cli.report.pages.search_pages.write_advice", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.show.pages.search_pages.write_advice", press_ctrl_c)
     page, before = tmp_path / "page.html", (own / "workspace.yaml").read_bytes()
     outcome = sqrp("advise", own, TASK, "--kinds", "way", "--report", page, "--apply", 1)
     assert outcome.code == 130

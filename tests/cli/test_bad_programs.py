@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.file import check_program, load_program
 from tests.cells import read_cases, read_cell, write_cell
 

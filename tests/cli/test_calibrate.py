@@ -10,11 +10,11 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from sqrp_cli.knowledge.camera.detector import Curve
-from sqrp_cli.knowledge.workspace.edits import with_curve
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
-from sqrp_cli.report.documents.schemas import schema_of
+from sqrp_cli.camera.detector import Curve
+from sqrp_cli.cell.edits import with_curve
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace_file import read_workspace_document
+from sqrp_cli.show.documents.schemas import schema_of
 from tests.detectors.frames import shots, write_frames, write_workspace
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pexpect
 import pytest
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.task.task import read_task
 
 PROGRAM = shutil.which("sqrp", path=str(Path(sys.executable).parent)) or ""
 SHELLS = [

@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from sqrp_cli.report.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_of
+from sqrp_cli.show.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_of
 
 CELLS = Path(__file__).parents[2] / "workspaces"
 TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.programming import pipeline
+from sqrp_cli.study import pipeline
 from tests.cli.ctrl_c import press_ctrl_c
 
 COMMANDS = ("check", "rank", "explain", "show", "schema")
@@ -353,7 +353,7 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_path, monkeypatch):
-    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.show.pages.candidate_page.write_ranking", press_ctrl_c)
     page = tmp_path / "page.html"
     outcome = sqrp("rank", watch, "watch cube", "--report", page)
     assert outcome.code == 130
@@ -364,7 +364,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_pat
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_program(sqrp, watch, tmp_path, monkeypatch):
-    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.show.pages.candidate_page.write_ranking", press_ctrl_c)
     program = tmp_path / "program.yaml"
     assert sqrp("rank", watch, "watch seen", "--report", tmp_path / "page.html", "--program", program).code == 130
     assert sqrp("program", program).code == 0
@@ -373,7 +373,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_program(sqrp, watch, tmp_pat
 @pytest.mark.usefixtures("heeded_ctrl_c")
 @pytest.mark.parametrize("command", ["check", "rank", "explain", "show", "score", "diff"])
 def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.knowledge.workspace.workspace_file.read_yaml", press_ctrl_c)
+    monkeypatch.setattr("sqrp_cli.cell.workspace_file.read_yaml", press_ctrl_c)
     more = {"rank": ["watch seen"], "explain": ["watch seen"], "diff": [watch]}.get(command, [])
     outcome = sqrp(command, watch, *more)
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
@@ -393,7 +393,7 @@ def test_ctrl_c_while_the_program_is_loaded_is_told_in_one_line(sqrp_process):
 def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
     # Every candidate waits, so that the signal certainly comes in between.
     program = (
-        "import signal, time\nfrom sqrp_cli.programming import pipeline\n"
+        "import signal, time\nfrom sqrp_cli.task import pipeline\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
         "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
@@ -497,7 +497,7 @@ def test_a_new_cell_whose_first_run_is_interrupted_stays_and_is_told(sqrp, monke
     def interrupted(*_arguments, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sqrp_cli.api.new_cell.first_run", interrupted)
+    monkeypatch.setattr("sqrp_cli.ask.api.new_cell.first_run", interrupted)
     outcome = sqrp("init", tmp_path / "cell")
     told = f"{tmp_path / 'cell'} is made, but its task was not run: sqrp check {tmp_path / 'cell'}\ninterrupted\n"
     assert (outcome.code, outcome.out) == (130, "")

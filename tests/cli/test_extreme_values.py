@@ -15,11 +15,11 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.text.source import KeyPath, dotted
-from sqrp_cli.knowledge.text.units import read_quantity
-from sqrp_cli.knowledge.text.yaml_file import read_yaml
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.files.source import KeyPath, dotted
+from sqrp_cli.files.units import read_quantity
+from sqrp_cli.files.yaml_file import read_yaml
 from tests.damage.cell import described_cell
 
 SKILL = "skills/pickup/skill.yaml"

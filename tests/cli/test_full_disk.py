@@ -88,8 +88,8 @@ KEEP = """
 import numpy as np
 from pathlib import Path
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.record.images import FrameFolder
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.record.images import FrameFolder
 noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
 try:
     folder = FrameFolder(Path({folder!r}))

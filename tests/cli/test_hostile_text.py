@@ -24,12 +24,12 @@ from sqrp_cli.document import as_text
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
-from sqrp_cli.runtime.record.events import VERSION, EvidenceSeen, FaultHappened, PrimitiveBegan, RunBegan, ShownAtom
-from sqrp_cli.runtime.record.log import LogWriter, read_log
-from sqrp_cli.scoring.ci_files import _text as in_markdown
+from sqrp_cli.run.record.events import VERSION, EvidenceSeen, FaultHappened, PrimitiveBegan, RunBegan, ShownAtom
+from sqrp_cli.run.record.log import LogWriter, read_log
+from sqrp_cli.score.ci_files import _text as in_markdown
+from sqrp_cli.show.terminal import console
+from sqrp_cli.show.terminal.run_view import LiveView
 from sqrp_cli.shown import one_line
-from sqrp_cli.terminal import console
-from sqrp_cli.terminal.run_view import LiveView
 from tests.cli.hostile import EVIL, IN_PATH, TASK, hostile_cell, is_harmless
 from tests.cli.test_run_replay import log_of
 

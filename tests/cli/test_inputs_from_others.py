@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.knowledge.text.json_file import json_document, json_name
-from sqrp_cli.scoring.baselines import baseline as baseline_file
+from sqrp_cli.files.json_file import json_document, json_name
+from sqrp_cli.score.baselines import baseline as baseline_file
 
 HUGE = 3 << 30
 DEEP = "[" * 100_000
@@ -89,7 +89,7 @@ def test_a_log_is_read_line_by_line_up_to_a_limit_of_each_and_of_all(sqrp, tmp_p
     log = tmp_path / "log"
     log.write_bytes(b"[" * 11_000_000)
     assert_refused(sqrp("run", "--replay", log), f"{log}:1: ", "1,000,000 lines of 10,000,000 bytes")
-    from sqrp_cli.runtime.record import log as module
+    from sqrp_cli.run.record import log as module
 
     monkeypatch.setattr(module, "MAX_LINES", 2)
     first = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": []}
@@ -142,7 +142,7 @@ def listening(answer: bytes) -> Iterator[int]:
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\1" + bytes(7), b"\xff" * 64], ids=repr)
 def test_a_listener_that_says_nothing_of_use_is_given_up_within_seconds(sqrp, watch, monkeypatch, answer):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("sqrp_cli.scoring.work.cluster.CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr("sqrp_cli.score.work.cluster.CONNECT_TIMEOUT", 1.0)
     with listening(answer) as port:
         before = time.monotonic()
         outcome = sqrp("score", watch, "--cluster", f"tcp://127.0.0.1:{port}")

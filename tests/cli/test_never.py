@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.camera.camera import ImageEntry
-from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
+from sqrp_cli.camera.camera import ImageEntry
+from sqrp_cli.cell.edits import NewCamera, with_cameras
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace_file import read_workspace_document
 from tests.cells import shipped_cell, write_cell
 from tests.conftest import Once
 

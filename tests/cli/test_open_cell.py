@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli import OpenCell, new_cell, open_cell, open_program, read_run
-from sqrp_cli.api.run_results import SimulatedRun
-from sqrp_cli.api.scores import ScoreRun
+from sqrp_cli.ask.api.run_results import SimulatedRun
+from sqrp_cli.ask.api.scores import ScoreRun
 from sqrp_cli.errors import InputError
-from sqrp_cli.programming.coverage.robustness import Calibration
-from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
+from sqrp_cli.study.robustness import Calibration
+from sqrp_cli.study.sampling import Adaptive, FixedCount
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 

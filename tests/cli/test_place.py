@@ -135,7 +135,7 @@ def test_where_the_least_stays_0_the_mean_is_said_to_have_decided(sqrp, occupied
 
 @pytest.mark.parametrize("wish", [["--want", "q_eoi 100 %"], ["--cameras", "2"]])
 def test_a_budget_below_the_cheapest_cameras_is_refused_before_anything_is_planned(sqrp, cell, monkeypatch, wish):
-    monkeypatch.setattr("sqrp_cli.programming.placing.table.VisibilityTable.plan", None)
+    monkeypatch.setattr("sqrp_cli.search.visibility_table.VisibilityTable.plan", None)
     poor = sqrp("place", cell, *wish, "--budget", "190", "--json")
     assert (poor.code, poor.out) == (2, "")
     assert "the cheapest two cameras cost 200, --budget is 190" in poor.err

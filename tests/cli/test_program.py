@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sqrp_cli.api import session
+from sqrp_cli.ask.api import session
 from sqrp_cli.program.file import check_unedited, load_program, save_program
 
 Document = dict[str, Any]

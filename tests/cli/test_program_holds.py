@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program, save_program
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.api.program import open_program
-from sqrp_cli.calibrating.labelled import of_program
+from sqrp_cli.ask.api.program import open_program
+from sqrp_cli.field.audit.frame_audit import audit, frames_of
+from sqrp_cli.field.calibrating.labelled import of_program
 from sqrp_cli.ros.bag import Bag, written
-from sqrp_cli.runtime.audit.frame_audit import audit, frames_of
-from sqrp_cli.runtime.record.bag_recorder import AS_PLANNED
+from sqrp_cli.run.record.bag_recorder import AS_PLANNED
 from tests.cli.slip_run import Cell, SlipRun
 
 

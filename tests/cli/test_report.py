@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pages import assembly
-from sqrp_cli.report.pages.assembly import packed
-from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
+from sqrp_cli.show.pages import assembly
+from sqrp_cli.show.pages.assembly import packed
+from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random, walk
 from tests.cli.hostile import hostile_cell
 
@@ -496,18 +496,18 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
 @pytest.fixture(scope="module")
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
-    from sqrp_cli.api.session import Session
+    from sqrp_cli.ask.api.session import Session
     from sqrp_cli.ask.requests import TaskRequest
-    from sqrp_cli.knowledge.workspace.load import load_workspace
-    from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.programming.pipeline import assess_all, described
-    from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.report.documents.explanation import CandidateStudy
-    from sqrp_cli.report.documents.playback import PlayedCandidate
-    from sqrp_cli.report.documents.scene import ShowDocument
-    from sqrp_cli.report.pages.assembly import tidy
-    from sqrp_cli.report.pages.candidate_page import SceneModel
+    from sqrp_cli.cell.load import load_workspace
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.show.documents.explanation import CandidateStudy
+    from sqrp_cli.show.documents.playback import PlayedCandidate
+    from sqrp_cli.show.documents.scene import ShowDocument
+    from sqrp_cli.show.pages.assembly import tidy
+    from sqrp_cli.show.pages.candidate_page import SceneModel
+    from sqrp_cli.study.pipeline import assess_all, described
+    from sqrp_cli.study.ranking import rank
+    from sqrp_cli.study.sampling import Adaptive
 
     session = Session.begin(Cell.load(load_workspace(watch)), TaskRequest("watch green"))
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 import yaml
 
-from sqrp_cli.runtime.record.events import Event, StepBegan
-from sqrp_cli.runtime.record.report import FaultRecord, RunReport
-from sqrp_cli.runtime.run.simulation import Simulation
-from sqrp_cli.terminal.run_view import LiveView
+from sqrp_cli.run.record.events import Event, StepBegan
+from sqrp_cli.run.record.report import FaultRecord, RunReport
+from sqrp_cli.run.simulation import Simulation
+from sqrp_cli.show.terminal.run_view import LiveView
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun

@@ -15,9 +15,9 @@ import pytest
 
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.report.pages.run_page import RunCell, write_run
-from sqrp_cli.runtime.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
-from sqrp_cli.runtime.record.report import Confusion, FaultRecord, RunReport, StepRecord
+from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
+from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRecord
+from sqrp_cli.show.pages.run_page import RunCell, write_run
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.slip_run import Moment, SlipRun
 from tests.cli.test_report import HOSTILE, SPELLED_OUT

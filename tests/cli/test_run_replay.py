@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
+from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
 
 LATE = "The images showed slip 0.020 s later than predicted at worst."
 

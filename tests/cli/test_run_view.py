@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from sqrp_cli.report.sentences import short_times
-from sqrp_cli.runtime.record.log import read_log
-from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
-from sqrp_cli.terminal import console
-from sqrp_cli.terminal.console import Column, print_table
-from sqrp_cli.terminal.run_view import LiveView, print_disagreements, print_prediction, print_run
+from sqrp_cli.run.record.log import read_log
+from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
+from sqrp_cli.show.sentences import short_times
+from sqrp_cli.show.terminal import console
+from sqrp_cli.show.terminal.console import Column, print_table
+from sqrp_cli.show.terminal.run_view import LiveView, print_disagreements, print_prediction, print_run
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"

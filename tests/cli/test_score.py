@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
-from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.terminal.score_table import column_titles
+from sqrp_cli.show.terminal.score_table import column_titles
+from sqrp_cli.study.pipeline import Assignment
 from tests.cli.ctrl_c import press_ctrl_c
 
 ROOT = Path(__file__).parents[2]
@@ -378,7 +378,7 @@ def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch)
 
 def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from sqrp_cli.scoring.work.results import Results\n"
+        "import sys; from pathlib import Path; from sqrp_cli.score.work.results import Results\n"
         "results = Results(Path(sys.argv[1])); print('ready', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", program, str(tmp_path / "results")]
@@ -404,7 +404,7 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     ],
 )
 def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
-    from sqrp_cli.scoring.work import cluster
+    from sqrp_cli.score.work import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
     outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
@@ -483,7 +483,7 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
 
 
 def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch) -> None:
-    monkeypatch.setattr("sqrp_cli.scoring.work.compute.open_computer", None)
+    monkeypatch.setattr("sqrp_cli.score.work.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)
     assert outcome.code == 0
     assert outcome.out == "Nothing that matters differs in the workspace.\n\nNo task gets better or worse.\n"
@@ -695,7 +695,7 @@ def test_where_nothing_can_be_scored_the_files_for_ci_are_written_nevertheless(s
 
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.programming.coverage.assessment.MAX_SAMPLES", 1)
+    monkeypatch.setattr("sqrp_cli.study.assessment.MAX_SAMPLES", 1)
     edit(own_watch, "far: 4 m", "far: 3.9 m")
     outcome = sqrp(command, watch, own_watch, "--samples", 10)
     assert (outcome.code, outcome.out) == (2, "")

@@ -6,7 +6,7 @@ import json
 
 import yaml
 
-from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.ask.api.cell import OpenCell
 
 
 def test_a_value_is_written_and_comments_stay(sqrp, own_watch):

@@ -21,7 +21,7 @@ print(code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.st
 
 HEAVY = (
     "pinocchio", "asyncio", "multiprocessing", "distributed", "mujoco", "cv2", "ompl", "rich.progress", "http.client",
-    "sqrp_cli.report.documents.scores", "sqrp_cli.scoring",
+    "sqrp_cli.show.documents.scores", "sqrp_cli.score",
 )  # fmt: skip
 """Modules that no ranking of cubes on a table needs."""
 

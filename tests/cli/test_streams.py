@@ -171,7 +171,7 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(
     def broken(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.load_workspace", broken)
+    monkeypatch.setattr("sqrp_cli.cell.load.load_workspace", broken)
     outcome = sqrp("show", watch)
     assert (outcome.code, outcome.out) == (code, "")
     assert words in outcome.err

@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.api.program import cameras_patch, open_program
-from sqrp_cli.api.results import read_result
+from sqrp_cli.ask.api.program import cameras_patch, open_program
+from sqrp_cli.ask.api.results import read_result
 from sqrp_cli.ask.values import silent
+from sqrp_cli.field.audit.bag_footage import BagFootage
+from sqrp_cli.field.audit.report import AuditDocument, AuditedPose
+from sqrp_cli.field.audit.survey import survey
+from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import inverse, pose
-from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.ros.bag import Bag
-from sqrp_cli.runtime.audit.bag_footage import BagFootage
-from sqrp_cli.runtime.audit.report import AuditDocument, AuditedPose
-from sqrp_cli.runtime.audit.survey import survey
-from sqrp_cli.runtime.record.report import Confusion
+from sqrp_cli.run.record.report import Confusion
 from tests.cli.slip_run import Cell
 from tests.recordings.make import CellPictures, Truth, record
 

@@ -18,10 +18,10 @@ from unittest import mock
 import pytest
 from rich.console import Console
 
-from sqrp_cli.programming import pipeline
-from sqrp_cli.runtime.record import events
-from sqrp_cli.terminal import console, progress_lines
-from sqrp_cli.terminal.run_view import LiveView
+from sqrp_cli.run.record import events
+from sqrp_cli.show.terminal import console, progress_lines
+from sqrp_cli.show.terminal.run_view import LiveView
+from sqrp_cli.study import pipeline
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green", "--ways", "fastest"),

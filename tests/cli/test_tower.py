@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pages.assembly import tidy
+from sqrp_cli.show.pages.assembly import tidy
 from tests.cli.pages import detail_in
 from tests.replay import Replay, assert_continuous, assert_limits, assert_straight
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sqrp_cli import open_cell
-from sqrp_cli.report.pages.assembly import tidy
+from sqrp_cli.show.pages.assembly import tidy
 from tests.cells import write_cell
 from tests.cli.conftest import Outcome
 from tests.cli.pages import detail_in

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Callable
 from random import Random
 
+from tests.cell.mesh.mesh_bombs import TRIANGLES
 from tests.damage.bombs import TEXT, Bomb, edited, replaced, whole
-from tests.knowledge.mesh.mesh_bombs import TRIANGLES
 
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
 """A cube with sides of 1."""

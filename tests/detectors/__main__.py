@@ -13,8 +13,8 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sqrp_cli.api.calibration import calibrate
-from sqrp_cli.calibrating.fit import DetectorLooks, judge, tell
+from sqrp_cli.ask.api.calibration import calibrate
+from sqrp_cli.field.calibrating.fit import DetectorLooks, judge, tell
 from tests.detectors.frames import shots, write_frames, write_workspace
 from tests.detectors.ranges import Case
 

@@ -13,14 +13,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, matrix_to_quaternion, pose
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.run.image import ImageArray
 from tests.cells import write_cell
-from tests.runtime.cell.scenes import ROOT
-from tests.runtime.perception.detector_limits import Stage, tilted
+from tests.run.cell.scenes import ROOT
+from tests.run.perception.detector_limits import Stage, tilted
 
 EXPOSURE = 0.02
 """Of every camera [s]."""
@@ -65,7 +65,7 @@ def write_workspace(folder: Path, detectors: dict[str, object] | None = None) ->
         "screen": {"type": "screen", "color": "black", "size": list(SCREEN)},
     }
     document = {
-        "robot": {"urdf": str(ROOT / "tests/runtime/cell/post.urdf"), "tool_frame": "tip", "home": {"turn": 0.0}},
+        "robot": {"urdf": str(ROOT / "tests/run/cell/post.urdf"), "tool_frame": "tip", "home": {"turn": 0.0}},
         "detectors": detectors
         or {
             "color": {

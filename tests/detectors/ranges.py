@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.calibrating.fit import DetectorLooks, fit
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.detector import BoxSights, Detector, MarkerRange
+from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker
+from sqrp_cli.field.calibrating.fit import DetectorLooks, fit
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.detector import BoxSights, Detector, MarkerRange
-from sqrp_cli.knowledge.markers import DICTIONARIES, ObjectMarker
-from sqrp_cli.runtime.perception.vision import find_markers
-from tests.runtime.cell.scenes import camera, thing
-from tests.runtime.perception.detector_limits import staged, tilted
+from sqrp_cli.run.perception.vision import find_markers
+from tests.run.cell.scenes import camera, thing
+from tests.run.perception.detector_limits import staged, tilted
 
 SPREAD = 1.7
 """How much nearer and farther than predicted markers are looked at."""

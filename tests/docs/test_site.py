@@ -12,7 +12,7 @@ import typer
 
 from sqrp_cli.checks.registry import rules
 from sqrp_cli.cli.app import app
-from sqrp_cli.report.documents.schemas import FILES, schema_of
+from sqrp_cli.show.documents.schemas import FILES, schema_of
 from tests.docs.page import ROOT
 
 

@@ -18,9 +18,9 @@ from pathlib import Path
 os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ["LP_NUM_THREADS"] = "0"
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.runtime.record.report import Confusion
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.run.record.report import Confusion
 from tests.light.cells import coloured_cell
 from tests.light.photos import Photos, Tally, best_of, step_of, without_colours
 

@@ -21,18 +21,18 @@ os.environ["LP_NUM_THREADS"] = "0"
 
 import numpy as np
 
+from sqrp_cli.camera.light import hue_of
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.light import hue_of
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.targets import SoughtBox, Target
-from sqrp_cli.runtime.cell.renderer import Renderer
-from sqrp_cli.runtime.cell.simulated_cell import Physics
-from sqrp_cli.runtime.perception.vision import color_mask
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.run.cell.renderer import Renderer
+from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.perception.vision import color_mask
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.targets import SoughtBox, Target
 from tests.light.cells import coloured_cell
 
 AGREE = 0.98

@@ -8,30 +8,30 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.record import Step
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.program_update import make_step, with_usual_images
-from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.cell.mujoco_model import build_model, quaternion
-from sqrp_cli.runtime.cell.renderer import Renderer
-from sqrp_cli.runtime.cell.simulated_cell import placed_objects
-from sqrp_cli.runtime.image import CameraImage
-from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
-from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
-from sqrp_cli.runtime.perception.evidence_buffer import fuse
-from sqrp_cli.runtime.perception.image_detector import ImageDetector
-from sqrp_cli.runtime.record.report import Confusion
-from sqrp_cli.runtime.robot_body import RobotBody
+from sqrp_cli.run.cell.engine import mujoco
+from sqrp_cli.run.cell.mujoco_model import build_model, quaternion
+from sqrp_cli.run.cell.renderer import Renderer
+from sqrp_cli.run.cell.simulated_cell import placed_objects
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
+from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
+from sqrp_cli.run.perception.evidence_buffer import fuse
+from sqrp_cli.run.perception.image_detector import ImageDetector
+from sqrp_cli.run.record.report import Confusion
+from sqrp_cli.run.robot_body import RobotBody
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.program_update import make_step, with_usual_images
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.verdict import verdict
+from sqrp_cli.task.task import read_task
 
 PERIOD = 0.1
 """Between two images [s]."""

@@ -18,15 +18,15 @@ import numpy as np
 
 from sqrp_cli import open_cell
 from sqrp_cli.ask.values import silent
+from sqrp_cli.cell.mounts import read_mounts
 from sqrp_cli.geometry import Mask
-from sqrp_cli.knowledge.workspace.mounts import read_mounts
-from sqrp_cli.programming.coverage.sampling import Adaptive, FixedStep, first_samples
-from sqrp_cli.programming.placing.place import CameraPlacer
-from sqrp_cli.programming.placing.problem import Problem, Requirements
-from sqrp_cli.programming.placing.result import PlaceDocument
-from sqrp_cli.programming.placing.table import PlaceQuestion
-from sqrp_cli.programming.sensing.observer import Observer, sees_all
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.search.place import CameraPlacer
+from sqrp_cli.search.placing_problem import Problem, Requirements
+from sqrp_cli.search.placing_result import PlaceDocument
+from sqrp_cli.search.visibility_table import PlaceQuestion
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
+from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
 
 ROOT = Path(__file__).parents[2]

@@ -17,7 +17,7 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.platform.processes import Pool, Worker, WorkerDied, forked, in_processes
-from sqrp_cli.runtime.image import NEEDED
+from sqrp_cli.run.image import NEEDED
 
 PATIENCE = 60.0
 """How long anything may take before it counts as hanging [s]."""

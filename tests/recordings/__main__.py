@@ -20,14 +20,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sqrp_cli.api.program import OpenProgram, open_program
+from sqrp_cli.ask.api.program import OpenProgram, open_program
 from sqrp_cli.ask.values import silent
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cli.main import run
+from sqrp_cli.field.audit.bag_footage import BagFootage
+from sqrp_cli.field.audit.report import AuditedCamera
+from sqrp_cli.field.audit.survey import survey
 from sqrp_cli.geometry import inverse
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.runtime.audit.bag_footage import BagFootage
-from sqrp_cli.runtime.audit.report import AuditedCamera
-from sqrp_cli.runtime.audit.survey import survey
 from tests.recordings.make import CellPictures, Truth, cases, record
 
 FOLDER = Path("build/recordings")

@@ -14,17 +14,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import axis_rotation, matrix_to_quaternion, pose
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program
 from sqrp_cli.ros.bag import BagWriter
-from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.cell.renderer import Renderer
-from sqrp_cli.runtime.cell.simulated_cell import placed_objects
-from sqrp_cli.runtime.monitor.nominal_step import NominalStep, planned_joints
-from sqrp_cli.runtime.record.packed_image import png_of
-from sqrp_cli.runtime.robot_body import RobotBody
+from sqrp_cli.run.cell.mujoco_model import build_model
+from sqrp_cli.run.cell.renderer import Renderer
+from sqrp_cli.run.cell.simulated_cell import placed_objects
+from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
+from sqrp_cli.run.record.packed_image import png_of
+from sqrp_cli.run.robot_body import RobotBody
 
 EPOCH = 1_700_000_000
 FINER = 2

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.sampling import FixedStep
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.study.sampling import FixedStep
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
 from tests.reproduction.page import Page
 from tests.reproduction.paper import (

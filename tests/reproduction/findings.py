@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.observer import Observer
 from tests.reproduction.layout_search import displaced
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported
 from tests.reproduction.screws import Screws

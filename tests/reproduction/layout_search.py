@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import displacement, look_at
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.solids import Solid
+from sqrp_cli.study.assessment import Study
 
 Random = np.random.Generator
 Mask = NDArray[np.bool_]

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 
 from sqrp_cli import open_cell
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.report.pictures.pictures import SHEET, write_pictures
+from sqrp_cli.show.pictures.pictures import SHEET, write_pictures
+from sqrp_cli.study.sampling import Sampling
 
 WIDTH, HEIGHT, MARGIN = 800, 120, 40
 """Of a time line [pixels]."""

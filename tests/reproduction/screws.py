@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.sampling import FixedStep
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.study.sampling import FixedStep
+from sqrp_cli.task.task import read_task
 from tests.reproduction.summary import Summary, feasible_study, hidden_by_the_robot
 
 WORKSPACE = Path("workspaces/screws")

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.sampling import FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.sampling import FixedCount, FixedStep, Sampling
+from sqrp_cli.task.task import read_task
 from tests.reproduction import screws, simulation
 from tests.reproduction.layout_search import Sight, Watched, anneal, nudged, off, random_camera, total
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported

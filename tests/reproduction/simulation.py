@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.knowledge.frames import FrameName
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.files.frames import FrameName
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, Sampling
-from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.result import CandidateResult
-from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
-from sqrp_cli.programming.targets import Target
-from sqrp_cli.programming.task import Candidate, read_task
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Adaptive, FixedCount, Sampling
+from sqrp_cli.task.task import Candidate, read_task
 from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot, seen_again
 
 WORKSPACE = Path("workspaces/tabletop")

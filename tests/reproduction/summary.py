@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.quality import qualities_over
-from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.timeline import observe
-from sqrp_cli.programming.sensing.limits import Cause
-from sqrp_cli.programming.task import Candidate
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.timeline import observe
+from sqrp_cli.task.task import Candidate
 
 
 @dataclass(frozen=True)

@@ -21,22 +21,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.api.program import LazyReplanner
+from sqrp_cli.ask.api.program import LazyReplanner
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.image_time import Onset, delays
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.program_update import make_step
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.find import BestWay, WantedWay, find_way
-from sqrp_cli.runtime.cell.requirements import check_simulator
-from sqrp_cli.runtime.record.report import RunReport
-from sqrp_cli.runtime.run.simulation import Simulation, slip_at
+from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.run.record.report import RunReport
+from sqrp_cli.run.simulation import Simulation, slip_at
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.find import BestWay, WantedWay, find_way
+from sqrp_cli.study.program_update import make_step
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.verdict import verdict
+from sqrp_cli.task.task import read_task
 from tests.slips.cells import TASK, make_cell
 
 FOLDER = Path("build/slips")

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Mask
-from sqrp_cli.programming.coverage.quality import average_quality
-from sqrp_cli.programming.coverage.sampling import MAX_STEP
-from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.sampling import MAX_STEP
+from sqrp_cli.study.stage import Samples
 from tests.slits.events import Event, events_of
 from tests.slits.rays import Rays, seen
 from tests.slits.slits import SlitCell, every_step, slit_cell, watched_box

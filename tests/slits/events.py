@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.geometry import Mask
-from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.study.stage import Samples
+from sqrp_cli.study.timeline import Timeline
 
 
 class Event(NamedTuple):

@@ -8,10 +8,10 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, Mask, inverse
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.sight.solids import Solid
+from sqrp_cli.skill.target_box import TargetBox
 
 SHRUNK = 1e-3
 """By how much a box is smaller on each side than it is stated [m]."""

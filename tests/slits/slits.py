@@ -11,14 +11,14 @@ import numpy as np
 from sqrp_cli import open_cell
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, box_corners, look_at, matrix_to_quaternion, transform
-from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.stage import Samples, Stage
-from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.skill.target_box import TargetBox
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.find import WantedWay, find_way
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.stage import Samples, Stage
+from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
 
 SHORTEST, LONGEST = 0.013, 0.144

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.robot.read_urdf import read_urdf
+from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.make import make_starter
 from tests.arms.arms import BOX, PEDESTAL, side, solid
-from tests.programming.robots import FEW_AXES, LINKAGES, ROBOTS, written_urdf
+from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, written_urdf
 
 
 def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cli.commands.init import _split
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
 

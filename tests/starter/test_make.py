@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError
+from sqrp_cli.files.packages import package_roots
 from sqrp_cli.geometry import matrix_to_rpy, rpy_to_matrix
-from sqrp_cli.knowledge.text.packages import package_roots
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import study
-from sqrp_cli.programming.coverage.sampling import FixedCount
-from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.starter.make import Starter, make_starter
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.sampling import FixedCount
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.task import read_task
 
 ROBOTS = "package://example-robot-data/robots/"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sqrp_cli.api.cell import open_cell
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, Starter, make_starter
 from sqrp_cli.starter.moveit_config import find_moveit

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.cell import Cell
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.starter.make import Starter, make_starter
-from tests.programming.robots import LINKAGES, SIX_AXES, joint, turning, written_urdf
+from tests.task.robots import LINKAGES, SIX_AXES, joint, turning, written_urdf
 
 pytestmark = pytest.mark.filterwarnings("error")
 

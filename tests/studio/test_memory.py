@@ -10,8 +10,8 @@ from multiprocessing import Pipe
 
 import pytest
 
-from sqrp_cli.api.cell import open_cell
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.studio import worker
 from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.moves import MOST_CHANGES, MOST_KEPT, Draft, DraftChange, Move, written

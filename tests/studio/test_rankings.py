@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document
 from sqrp_cli.studio.jobs import Offer
 from sqrp_cli.studio.messages import Asked, Hold, Rank
 from sqrp_cli.studio.moves import Move, written

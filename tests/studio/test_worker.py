@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sqrp_cli import open_cell
-from sqrp_cli.programming.coverage.sampling import FixedStep
-from sqrp_cli.report.pages.assembly import tidy
-from sqrp_cli.report.pages.candidate_page import played
+from sqrp_cli.show.pages.assembly import tidy
+from sqrp_cli.show.pages.candidate_page import played
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import SHORTEST, Sketch
 from sqrp_cli.studio.worker import _steps
+from sqrp_cli.study.sampling import FixedStep
 from tests.studio.started import ROOT
 
 

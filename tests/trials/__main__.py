@@ -19,10 +19,10 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program
-from sqrp_cli.runtime.cell.requirements import check_simulator
-from sqrp_cli.terminal.console import Column, print_table
+from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.show.terminal.console import Column, print_table
 from tests.trials.jobs import WORKSPACE, Counts, Job, Results, fingerprint, jobs_of, run, write_programs
 from tests.trials.lines import (
     Line,

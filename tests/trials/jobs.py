@@ -13,24 +13,24 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.program import LazyReplanner
+from sqrp_cli.ask.api.program import LazyReplanner
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.file import load_program, new_program, save_program
 from sqrp_cli.program.record import Step
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import study
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.program_update import make_step
-from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
-from sqrp_cli.runtime.record.log import LogWriter
-from sqrp_cli.runtime.record.report import RunReport
-from sqrp_cli.runtime.run.faults import InjectedFault
-from sqrp_cli.runtime.run.run import Recording
-from sqrp_cli.runtime.run.simulation import Simulation, header, instants, slip_at
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+from sqrp_cli.run.faults import InjectedFault
+from sqrp_cli.run.record.log import LogWriter
+from sqrp_cli.run.record.report import RunReport
+from sqrp_cli.run.run import Recording
+from sqrp_cli.run.simulation import Simulation, header, instants, slip_at
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.program_update import make_step
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.verdict import verdict
+from sqrp_cli.task.task import read_task
 
 ROOT = Path(__file__).parent.parent.parent
 WORKSPACE = ROOT / "workspaces" / "tabletop"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqrp_cli.runtime.record.report import Confusion, SweepDocument, SweptRun
+from sqrp_cli.run.record.report import Confusion, SweepDocument, SweptRun
 from tests.trials.jobs import Job
 
 Done = tuple[Job, dict[str, Any]]

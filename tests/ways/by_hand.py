@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli import open_cell
-from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.programming.result import CandidateResult, WayFigures
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.study.result import CandidateResult, WayFigures
 from tests.cells import ROOT, read_cell, write_cell
 from tests.random_cell import Crowd, random_cell
 

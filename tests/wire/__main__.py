@@ -207,7 +207,7 @@ def cell_time(cell: Served) -> float:
     """The time of a cell that is served, from its beginning [s]."""
     from sqrp_cli.ros.dds import DdsTransport
     from sqrp_cli.ros.messages import nanoseconds
-    from sqrp_cli.runtime.cell.ros_cell import CLOCK
+    from sqrp_cli.run.cell.ros_cell import CLOCK
 
     about = yaml.safe_load(cell.config.read_text())
     transport = DdsTransport(about.get("domain", 0), "127.0.0.1")

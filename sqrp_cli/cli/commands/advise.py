@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.cell import advised
 from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.api.cell import advised
 from sqrp_cli.ask.request import option
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
@@ -16,7 +16,7 @@ from sqrp_cli.cli.start import Start
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.result import AdviceDocument
+    from sqrp_cli.search.advice_result import AdviceDocument
 
 NAME = "advise"
 
@@ -48,7 +48,7 @@ class AdviseCommand(requests.AdviseRequest, requests.Paged, requests.Seeded, req
 def advise(context: Any, ask: AdviseCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Search, write what is to be written, and print."""
     from sqrp_cli.checks.cell_warnings import cell_warnings
-    from sqrp_cli.terminal.console import note, print_problems, progress
+    from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     workspace, after = Start.of(ask.workspace, ask.after)
     cell = open_to_write(workspace, ask.seed, [after], report=ask.report, patch=ask.patch, patches=PATCHES)
@@ -56,7 +56,7 @@ def advise(context: Any, ask: AdviseCommand) -> ExitCode:  # noqa: ANN401 - Type
     found = advised(cell, ask.but(after=after, progress=progress))
     interrupted = bool(found.interrupted)
     if ask.report is not None and not interrupted:
-        from sqrp_cli.report.pages.search_pages import write_advice
+        from sqrp_cli.show.pages.search_pages import write_advice
 
         interrupted = not page_is_written(ask.report, partial(write_advice, found), context.obj, ask.jobs)
     message = ""

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.program import audited, cameras_patch
 from sqrp_cli.ask import requests
+from sqrp_cli.ask.api.program import audited, cameras_patch
 from sqrp_cli.ask.request import option
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
@@ -34,11 +34,11 @@ class AuditCommand(requests.AuditRequest, requests.Printed, requests.OnProgram):
 
 def audit(_context: Any, ask: AuditCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Compare, write the patch, and print."""
-    from sqrp_cli.knowledge.text.yaml_edit import to_apply
+    from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.ros.bag import is_bag
-    from sqrp_cli.runtime.cell.requirements import check_packages
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.show.terminal.console import note, progress
 
     if is_bag(ask.program):
         mend = shlex.join(["sqrp", "audit", str(ask.recording), str(ask.program)])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.calibration import learned
 from sqrp_cli.ask import requests
+from sqrp_cli.ask.api.calibration import learned
 from sqrp_cli.ask.request import Command, option
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
@@ -32,8 +32,8 @@ class CalibrateCommand(requests.CalibrateRequest, requests.Printed, Command):
 
 def calibrate(_context: Any, ask: CalibrateCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Learn, write the patch, and print."""
-    from sqrp_cli.knowledge.text.yaml_edit import to_apply
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.files.yaml_edit import to_apply
+    from sqrp_cli.show.terminal.console import note, progress
 
     if ask.patch is not None:
         PATCHES.check(ask.patch)

@@ -60,11 +60,11 @@ class ServeCommand(requests.Seeded, requests.CellCommand):
 
 def serve(_context: Any, ask: ServeCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Serve until Ctrl-C."""
-    from sqrp_cli.api.robot import serve as serve_cell
-    from sqrp_cli.api.robot import served_as
+    from sqrp_cli.ask.api.robot import serve as serve_cell
+    from sqrp_cli.ask.api.robot import served_as
     from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
-    from sqrp_cli.runtime.cell.robot_file import as_yaml
-    from sqrp_cli.terminal.console import note
+    from sqrp_cli.run.cell.robot_file import as_yaml
+    from sqrp_cli.show.terminal.console import note
 
     config = ask.config
     if not ask.serve:

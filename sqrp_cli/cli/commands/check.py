@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.cell import OpenCell, checked
 from sqrp_cli.ask import requests
+from sqrp_cli.ask.api.cell import OpenCell, checked
 from sqrp_cli.ask.request import argument, option
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
@@ -17,7 +17,7 @@ from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
-    from sqrp_cli.report.documents.checks import Check
+    from sqrp_cli.show.documents.checks import Check
 
 NAME = "check"
 
@@ -37,8 +37,8 @@ class CheckCommand(requests.CheckRequest, requests.Watchable, requests.Seeded, r
 
 def check(context: Any, ask: CheckCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Check everything, and write the program if one is requested and there is something to do."""
-    from sqrp_cli.report.documents.checks import Check
-    from sqrp_cli.terminal.console import note, print_problems, say_command, say_raw
+    from sqrp_cli.show.documents.checks import Check
+    from sqrp_cli.show.terminal.console import note, print_problems, say_command, say_raw
 
     if ask.watch:
         return watched(context, {"--json": ask.json, "--program": ask.program})
@@ -72,9 +72,9 @@ def check(context: Any, ask: CheckCommand) -> ExitCode:  # noqa: ANN401 - Typer'
 
 
 def _found(workspace: Path, ask: CheckCommand) -> Check:
-    from sqrp_cli.api.session import add_steps, chosen_steps, world_before
-    from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.terminal.console import progress
+    from sqrp_cli.ask.api.session import add_steps, chosen_steps, world_before
+    from sqrp_cli.show.terminal.console import progress
+    from sqrp_cli.study.sampling import Adaptive
 
     cell = OpenCell.read(workspace, ask.seed)
     if cell.errors or ask.task is None:

@@ -29,14 +29,14 @@ class DiffCommand(requests.ScoreRequest, requests.Clustered, requests.Seeded, re
 
 def diff(_context: Any, ask: DiffCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Compare, and print what differs."""
-    from sqrp_cli.scoring.work.cluster import connected
+    from sqrp_cli.score.work.cluster import connected
 
     with connected(ask.cluster, note_late, ask.tls) as workers:
-        from sqrp_cli.api.scores import why_not_scored
-        from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.scoring.scorecard import Scorecard, difference, read_versions
-        from sqrp_cli.scoring.work.compute import Means, open_computer
-        from sqrp_cli.terminal.console import progress
+        from sqrp_cli.ask.api.scores import why_not_scored
+        from sqrp_cli.score.scorecard import Scorecard, difference, read_versions
+        from sqrp_cli.score.work.compute import Means, open_computer
+        from sqrp_cli.show.terminal.console import progress
+        from sqrp_cli.study.sampling import Adaptive
 
         means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
         old, new = read_versions(ask.before, ask.after)

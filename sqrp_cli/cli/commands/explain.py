@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.api.program import open_program
 from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.api.program import open_program
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import ParsedCommand, UsageError, command_of
@@ -20,10 +20,10 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, first_names, nearest
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.assessment import Study
-    from sqrp_cli.report.documents.explanation import Explanation
+    from sqrp_cli.cell.workspace import Workspace
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.show.documents.explanation import Explanation
+    from sqrp_cli.study.assessment import Study
 
 NAME = "explain"
 
@@ -79,12 +79,12 @@ class ExplainCommand(
 
 def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Explain a candidate, or a step of a program."""
-    from sqrp_cli.api.cell import explained as explain_candidates
+    from sqrp_cli.ask.api.cell import explained as explain_candidates
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.report.documents.explanation import Explanation
-    from sqrp_cli.terminal.console import print_problems, progress
-    from sqrp_cli.terminal.rank_table import print_ways
+    from sqrp_cli.show.documents.explanation import Explanation
+    from sqrp_cli.show.terminal.console import print_problems, progress
+    from sqrp_cli.show.terminal.rank_table import print_ways
 
     if ask.watch:
         return watched(context, {"--json": ask.json})
@@ -92,7 +92,7 @@ def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Ty
     if ask.all:
         check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
     if ask.images is not None:
-        from sqrp_cli.report.pictures.pictures import check_pictures
+        from sqrp_cli.show.pictures.pictures import check_pictures
 
         check_pictures(ask.images)
     if not ask.task:
@@ -116,7 +116,7 @@ def explain(context: Any, ask: ExplainCommand) -> ExitCode:  # noqa: ANN401 - Ty
 
 def _explain_program(ask: ExplainCommand) -> ExitCode:
     """Explain a step of a program, which stands where a workspace would."""
-    from sqrp_cli.knowledge.text.input_file import missing_file
+    from sqrp_cli.files.input_file import missing_file
     from sqrp_cli.program.file import is_program
 
     file = ask.workspace
@@ -132,10 +132,10 @@ def _explain_program(ask: ExplainCommand) -> ExitCode:
 
 def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:
     """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
-    from sqrp_cli.programming.advice.wish import wish_of
-    from sqrp_cli.programming.coverage.quality import falls_short
-    from sqrp_cli.programming.coverage.verdict import HELP
-    from sqrp_cli.terminal.console import say_command
+    from sqrp_cli.search.wish import wish_of
+    from sqrp_cli.show.terminal.console import say_command
+    from sqrp_cli.study.quality import falls_short
+    from sqrp_cli.study.verdict import HELP
 
     if HELP not in found.verdict:
         return
@@ -155,8 +155,8 @@ def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
-    from sqrp_cli.report.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.show.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
+    from sqrp_cli.show.terminal.console import note, progress
 
     cameras = cell.observer.cameras
     if large := [camera.name for camera in cameras if camera.width * camera.height > MOST_PIXELS]:

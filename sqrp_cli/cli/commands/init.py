@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.new_cell import made
 from sqrp_cli.ask import requests
+from sqrp_cli.ask.api.new_cell import made
 from sqrp_cli.ask.request import Command, flag
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.cli.options import answer, check_needed
@@ -30,8 +30,8 @@ class InitCommand(requests.InitRequest, requests.Printed, Command):
 
 def init(_context: Any, ask: InitCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Make it, run its task once, and print."""
-    from sqrp_cli.knowledge.workspace.workspace_file import WORKSPACE_FILE
-    from sqrp_cli.terminal.console import note, print_problems, progress
+    from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
+    from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     folder, given = _split([str(ask.folder), *(ask.arguments or ())])
     of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}

@@ -34,12 +34,12 @@ class PlaceCommand(
 
 def place(context: Any, ask: PlaceCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Search, write what is to be written, and print."""
-    from sqrp_cli.api.placing import find_placement
-    from sqrp_cli.programming.coverage.sampling import Adaptive
-    from sqrp_cli.scoring.work.cluster import connected
-    from sqrp_cli.scoring.work.compute import Means
-    from sqrp_cli.terminal.console import note, progress
-    from sqrp_cli.terminal.search_tables import Bounds
+    from sqrp_cli.ask.api.placing import find_placement
+    from sqrp_cli.score.work.cluster import connected
+    from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.search_tables import Bounds
+    from sqrp_cli.study.sampling import Adaptive
 
     patch = _only(ask.patch)
     cell = open_to_write(ask.workspace, ask.seed, [ask.mounts], report=ask.report, patch=patch, patches=PATCHES)
@@ -51,7 +51,7 @@ def place(context: Any, ask: PlaceCommand) -> ExitCode:  # noqa: ANN401 - Typer'
         note(f"the patch is in {patch}")
     interrupted = bool(found.interrupted)
     if ask.report is not None and not interrupted:
-        from sqrp_cli.report.pages.search_pages import write_placement
+        from sqrp_cli.show.pages.search_pages import write_placement
 
         write = partial(write_placement, found)
         interrupted = not page_is_written(ask.report, write, context.obj, ask.jobs)

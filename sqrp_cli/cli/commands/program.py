@@ -15,7 +15,7 @@ from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_own
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.program.record import Program
 
 NAME = "program"
@@ -68,8 +68,8 @@ def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - T
         check_excluded("--drop-last", {"--export": ask.export})
     check_needed("--export", ask.export, {"--rate": ask.rate})
     from sqrp_cli.program.file import load_program, made_for, save_program
-    from sqrp_cli.report.documents.programs import ProgramDocument
-    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.show.documents.programs import ProgramDocument
+    from sqrp_cli.show.terminal.console import note, print_problems
 
     notes = []
     found = load_program(file)
@@ -96,7 +96,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
 
     Raises InputError if the program was edited, or contradicts an unchanged workspace.
     """
-    from sqrp_cli.knowledge.workspace.load import load_workspace
+    from sqrp_cli.cell.load import load_workspace
     from sqrp_cli.program.file import check_program, check_unedited, find_workspace, stale
 
     try:
@@ -129,11 +129,11 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     if target.suffix.lower() in SUFFIXES:
-        from sqrp_cli.runtime.cell.requirements import check_packages
+        from sqrp_cli.run.cell.requirements import check_packages
 
         check_writable(target)
         check_packages()
-        from sqrp_cli.runtime.run.ground_truth import write_planned_run
+        from sqrp_cli.run.ground_truth import write_planned_run
 
         write_planned_run(target, program, workspace)
         return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
+from sqrp_cli.ask.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
 from sqrp_cli.ask.requests import RankRequest
 from sqrp_cli.ask.values import cores
+from sqrp_cli.cell.workspace import World
 from sqrp_cli.cli.options import open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Place, bad_input
-from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import check_writable
 from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.feasibility import Possibility, possibilities
-from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.suggestion import Suggester, best_suggestion, check_candidate
-from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.records import dataclass
-from sqrp_cli.report.documents.checks import PlannedStep
-from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.terminal.check_table import print_suggested
-from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
+from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
+from sqrp_cli.show.documents.checks import PlannedStep
+from sqrp_cli.show.documents.programs import ProgramDocument
+from sqrp_cli.show.terminal.check_table import print_suggested
+from sqrp_cli.show.terminal.console import Column, ask, note, print_problems, print_table, progress, say
+from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.task.feasibility import Possibility, possibilities
+from sqrp_cli.task.task import Task, read_task
 
 
 def make_program(path: Path) -> ExitCode:

@@ -17,8 +17,8 @@ from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.session import Session
-    from sqrp_cli.programming.result import CandidateResult, Ranking
+    from sqrp_cli.ask.api.session import Session
+    from sqrp_cli.study.result import CandidateResult, Ranking
 
 NAME = "rank"
 
@@ -45,11 +45,11 @@ class RankCommand(
 
 def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Assess, rank, write what is to be written, and print."""
-    from sqrp_cli.api.session import Session, check_choice, world_before
+    from sqrp_cli.ask.api.session import Session, check_choice, world_before
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import check_distinct
-    from sqrp_cli.terminal.console import note, print_problems, say_command
+    from sqrp_cli.show.terminal.console import note, print_problems, say_command
 
     if ask.watch:
         return watched(context, {"--json": ask.json, "--program": ask.program})
@@ -71,7 +71,7 @@ def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's 
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(found, ask)
     if ask.report is not None and not interrupted:
-        from sqrp_cli.report.pages.candidate_page import write_ranking
+        from sqrp_cli.show.pages.candidate_page import write_ranking
 
         write = partial(write_ranking, found, session.assignment)
         if not page_is_written(ask.report, write, context.obj, ask.jobs):
@@ -87,7 +87,7 @@ def rank(context: Any, ask: RankCommand) -> ExitCode:  # noqa: ANN401 - Typer's 
 
 def _lacks_a_precondition(session: Session) -> bool:
     """Whether a candidate of one step only waits for what other skills may establish."""
-    from sqrp_cli.programming.feasibility import unmet_preconditions
+    from sqrp_cli.task.feasibility import unmet_preconditions
 
     one_step = (one for one in session.task.candidates if not one.steps)
     return any(unmet_preconditions(session.cell, one, session.assignment.world) for one in one_step)
@@ -95,8 +95,8 @@ def _lacks_a_precondition(session: Session) -> bool:
 
 def _assess(session: Session, jobs: int) -> tuple[list[CandidateResult], bool]:
     """The assessments of all candidates, or at Ctrl-C of the finished ones; and whether it was interrupted."""
-    from sqrp_cli.api.session import assess
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.ask.api.session import assess
+    from sqrp_cli.show.terminal.console import note, progress
 
     assessments: list[CandidateResult] = []
     try:
@@ -112,7 +112,7 @@ def _write_chosen(found: Ranking, ask: RankCommand) -> tuple[ExitCode, str]:
 
     Returns the exit code and a message.
     """
-    from sqrp_cli.api.session import add_steps, choose_candidate, steps_of
+    from sqrp_cli.ask.api.session import add_steps, choose_candidate, steps_of
 
     chosen, program, session = choose_candidate(found.candidates, ask.choose), ask.program, found.session
     if not chosen.feasible:

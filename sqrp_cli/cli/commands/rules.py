@@ -31,7 +31,7 @@ class RulesCommand(requests.Printed, Command):
 def show_rules(_context: Any, ask: RulesCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Print findings."""
     from sqrp_cli.checks.registry import rule_of, rules
-    from sqrp_cli.report.documents.checks import RulesDocument
+    from sqrp_cli.show.documents.checks import RulesDocument
 
     chosen = list(rules().values()) if ask.code is None else [rule_of(ask.code)]
     answer(RulesDocument(rules=chosen), as_json=ask.json)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sqrp_cli.api.program import DEFAULT_RUNS, LoggedRun
-from sqrp_cli.api.run_results import RunOutputs
 from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun
+from sqrp_cli.ask.api.run_results import RunOutputs
 from sqrp_cli.ask.request import Command, argument, option
 from sqrp_cli.ask.values import FLAG, PATH
 from sqrp_cli.cli.command import command_of
@@ -30,10 +30,10 @@ from sqrp_cli.cli.options import (
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.program import OpenProgram
-    from sqrp_cli.api.robot import RobotSession
-    from sqrp_cli.api.run_results import SimulatedRun
-    from sqrp_cli.runtime.record.events import Listener
+    from sqrp_cli.ask.api.program import OpenProgram
+    from sqrp_cli.ask.api.robot import RobotSession
+    from sqrp_cli.ask.api.run_results import SimulatedRun
+    from sqrp_cli.run.record.events import Listener
 
 
 NAME = "run"
@@ -105,8 +105,8 @@ def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's co
     if ask.robot is not None:
         found = run_on_robot(ask.program, ask.robot, ask, outputs)
     else:
-        from sqrp_cli.runtime.cell.requirements import check_simulator
-        from sqrp_cli.terminal.console import print_problems
+        from sqrp_cli.run.cell.requirements import check_simulator
+        from sqrp_cli.show.terminal.console import print_problems
 
         opened = program_with_warnings(ask.program, ask.seed)
         if not ask.sim:
@@ -120,7 +120,7 @@ def run(context: Any, ask: RunCommand) -> ExitCode:  # noqa: ANN401 - Typer's co
         with _shown_live(opened, as_json=ask.json) as listeners:
             found = opened.run_into(outputs, injected, listeners=listeners, witnessed=outputs.page is not None)
     if ask.dry_run and found.done and not ask.json:
-        from sqrp_cli.terminal.console import say
+        from sqrp_cli.show.terminal.console import say
 
         say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
         return ExitCode.OK
@@ -133,8 +133,8 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
 
     stopped: what is said then of the robot.
     """
-    from sqrp_cli.terminal.console import note
-    from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
+    from sqrp_cli.show.terminal.console import note
+    from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
 
     finished = FinishedSteps([step.short_task for step in opened.program.steps])
     try:
@@ -154,8 +154,8 @@ def _replay(log: Path, ask: RunCommand, arguments: Sequence[str]) -> ExitCode:
     A program leads to the workspace, for a page with 3D playback.
     """
     from sqrp_cli.platform.files import check_not_read
-    from sqrp_cli.terminal.console import note
-    from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
+    from sqrp_cli.show.terminal.console import note
+    from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
 
     LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
     opened = None if ask.program is None else read_program(ask.program)
@@ -175,8 +175,8 @@ def _replay(log: Path, ask: RunCommand, arguments: Sequence[str]) -> ExitCode:
 
 def _sweep(opened: OpenProgram, slip: str, ask: RunCommand) -> ExitCode:
     """Many runs of a program, each with a slip at another instant; at Ctrl-C those that are finished are shown."""
-    from sqrp_cli.runtime.run.faults import parse_sweep
-    from sqrp_cli.terminal.console import progress
+    from sqrp_cli.run.faults import parse_sweep
+    from sqrp_cli.show.terminal.console import progress
 
     parse_sweep(slip, opened.program.steps, "--sweep")
     swept = opened.sweep(slip, ask.n or DEFAULT_RUNS, progress=progress)
@@ -188,8 +188,8 @@ def _sweep(opened: OpenProgram, slip: str, ask: RunCommand) -> ExitCode:
 
 def _show(run: SimulatedRun, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     """Write the page, if one is wanted, and print how a run went. arguments: of the command."""
-    from sqrp_cli.terminal.console import note
-    from sqrp_cli.terminal.run_view import wall_time
+    from sqrp_cli.show.terminal.console import note
+    from sqrp_cli.show.terminal.run_view import wall_time
 
     if page is not None:
         run.write_page(page, arguments)
@@ -207,9 +207,9 @@ def run_on_robot(program: Path, robot: Path, ask: RunCommand, outputs: RunOutput
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
-    from sqrp_cli.api.robot import open_robot
-    from sqrp_cli.terminal.console import ask as ask_user
-    from sqrp_cli.terminal.console import print_problems, say
+    from sqrp_cli.ask.api.robot import open_robot
+    from sqrp_cli.show.terminal.console import ask as ask_user
+    from sqrp_cli.show.terminal.console import print_problems, say
 
     if ask.json and not ask.dry_run and not ask.yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
@@ -239,7 +239,7 @@ def run_on_robot(program: Path, robot: Path, ask: RunCommand, outputs: RunOutput
 
 def _check(session: RobotSession, robot: Path, *, as_json: bool) -> None:
     """Compare the cell with the program, and print what was compared. Raises InputError where it differs."""
-    from sqrp_cli.terminal.console import Column, note, print_table, say
+    from sqrp_cli.show.terminal.console import Column, note, print_table, say
 
     note("watching the cell ...")
     checks = session.robot.check()

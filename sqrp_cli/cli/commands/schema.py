@@ -33,8 +33,8 @@ def schema(_context: Any, ask: SchemaCommand) -> ExitCode:  # noqa: ANN401 - Typ
     """Print a schema."""
     import json
 
-    from sqrp_cli.report.documents.schemas import schema_of
-    from sqrp_cli.terminal.console import say_raw
+    from sqrp_cli.show.documents.schemas import schema_of
+    from sqrp_cli.show.terminal.console import say_raw
 
     say_raw(json.dumps(schema_of(ask.name), indent=2))
     return ExitCode.OK

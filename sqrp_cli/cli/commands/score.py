@@ -17,9 +17,9 @@ from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.scores import ScoreRun
-    from sqrp_cli.scoring.scorecard import Expected, Scorecard
-    from sqrp_cli.scoring.work.compute import Means
+    from sqrp_cli.ask.api.scores import ScoreRun
+    from sqrp_cli.score.scorecard import Expected, Scorecard
+    from sqrp_cli.score.work.compute import Means
 
 NAME = "score"
 
@@ -86,7 +86,7 @@ class ScoreCommand(
 
 def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Score all, or variants of one, once the options agree and the outputs can be written."""
-    from sqrp_cli.scoring.work.cluster import connected
+    from sqrp_cli.score.work.cluster import connected
 
     if ask.watch:
         refused = {"--json": ask.json, "--vary": ask.vary, "--save-baseline": ask.save_baseline}
@@ -104,14 +104,14 @@ def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer'
     if ask.report is not None:
         check_report(ask.report)
     with connected(ask.cluster, note_late, ask.tls) as workers:
-        from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.scoring.work.compute import Means
+        from sqrp_cli.score.work.compute import Means
+        from sqrp_cli.study.sampling import Adaptive
 
         means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
         if ask.vary:
             return _vary(ask, means)
-        from sqrp_cli.scoring.baselines.baseline import load_baseline
-        from sqrp_cli.scoring.scorecard import Expected
+        from sqrp_cli.score.baselines.baseline import load_baseline
+        from sqrp_cli.score.scorecard import Expected
 
         check_not_read(ask.outputs.values(), [ask.baseline])
         known = None if ask.baseline is None else load_baseline(ask.baseline, means.sampling)
@@ -125,8 +125,8 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
     could be scored, and the rest as errors.
     """
-    from sqrp_cli.api.scores import ScoreRun, nothing_scored, why_not_scored
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.ask.api.scores import ScoreRun, nothing_scored, why_not_scored
+    from sqrp_cli.show.terminal.console import note, progress
 
     findings = None
     try:
@@ -139,7 +139,7 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
             if not findings.interrupted:
                 run.write(findings, junit=ask.junit, summary=ask.summary, baseline=ask.save_baseline)
         if ask.report is not None and findings.results and not findings.interrupted:
-            from sqrp_cli.report.pages.candidate_page import write_scores
+            from sqrp_cli.show.pages.candidate_page import write_scores
 
             write_scores(run.cells, findings, means, ask.report, arguments=arguments, progress=progress)
             note(f"open {ask.report} in a browser")
@@ -159,7 +159,7 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
 
 def _findings(run: ScoreRun) -> Scorecard:
     """Score; prints warnings on the way."""
-    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.show.terminal.console import note, print_problems
 
     for cell in run.cells:
         print_problems(problem for problem in cell.problems if problem.severity == "warning")
@@ -188,12 +188,12 @@ def exit_code(findings: Scorecard) -> ExitCode:
 
 def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
     """Score variants, print them and write the best as a patch."""
-    from sqrp_cli.api.scores import nothing_scored, why_not_scored
+    from sqrp_cli.ask.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.scoring.score import find_workspaces, short_names, wanted_of
-    from sqrp_cli.scoring.sweep import grid_shape, read_variants, read_variation, sweep, variants
-    from sqrp_cli.scoring.work.compute import open_computer
-    from sqrp_cli.terminal.console import note, print_problems, progress
+    from sqrp_cli.score.score import find_workspaces, short_names, wanted_of
+    from sqrp_cli.score.sweep import grid_shape, read_variants, read_variation, sweep, variants
+    from sqrp_cli.score.work.compute import open_computer
+    from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     variations = [read_variation(text) for text in ask.vary]
     drawn = variants(variations, ask.draws, means.seed)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.request import argument
 from sqrp_cli.cli.command import command_of
 from sqrp_cli.errors import ExitCode, InputError, bad_option
@@ -27,10 +27,10 @@ class SetCommand(requests.CellCommand):
 
 def set_values(_context: Any, ask: SetCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
     """Write the values, if the result is a workspace."""
-    from sqrp_cli.knowledge.text.yaml_edit import with_values
-    from sqrp_cli.knowledge.workspace.workspace_file import read_workspace_document, replace_workspace, workspace_file
-    from sqrp_cli.programming.task import impossible_tasks
-    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
+    from sqrp_cli.files.yaml_edit import with_values
+    from sqrp_cli.show.terminal.console import note, print_problems
+    from sqrp_cli.task.task import impossible_tasks
 
     file = workspace_file(ask.workspace)
     document = read_workspace_document(file)

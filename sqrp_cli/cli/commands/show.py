@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.api.cell import OpenCell
-from sqrp_cli.api.results import is_result, read_result
 from sqrp_cli.ask import requests
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.api.results import is_result, read_result
 from sqrp_cli.ask.request import argument
 from sqrp_cli.ask.values import PATH
 from sqrp_cli.cli.command import command_of
@@ -34,7 +34,7 @@ def show(_context: Any, ask: ShowCommand) -> ExitCode:  # noqa: ANN401 - Typer's
         answer(read_result(ask.workspace), as_json=ask.json)
         return ExitCode.OK
     from sqrp_cli.checks.cell_warnings import cell_warnings
-    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.show.terminal.console import print_problems
 
     cell = OpenCell.read(ask.workspace)
     scene = cell.scene()

@@ -34,10 +34,10 @@ def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typ
     import threading
     import webbrowser
 
-    from sqrp_cli.report.pages.assembly import check_libraries
+    from sqrp_cli.show.pages.assembly import check_libraries
+    from sqrp_cli.show.terminal.console import note, say_raw
     from sqrp_cli.studio.rankings import WorkerProcess
     from sqrp_cli.studio.server import check_server
-    from sqrp_cli.terminal.console import note, say_raw
 
     def ready(address: str) -> None:
         say_raw(address)
@@ -51,8 +51,8 @@ def studio(_context: Any, ask: StudioCommand) -> ExitCode:  # noqa: ANN401 - Typ
     worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
     try:
         opened = open_with_warnings(ask.workspace, ask.seed)
-        from sqrp_cli.programming.task import read_task
         from sqrp_cli.studio.session import Studio
+        from sqrp_cli.task.task import read_task
 
         known = opened.workspace
         if ask.task is None and not known.tasks and not known.skills:

@@ -1,0 +1,247 @@
+"""Advice about a task: what is asked of the search, and the workspace file with a change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sqrp_cli.ask.api.session import Session, assess, check_choice, choose_candidate
+from sqrp_cli.camera.camera import assumed_latency
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
+from sqrp_cli.cell.workspace_file import read_again, replace_workspace
+from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.yaml_edit import patch
+from sqrp_cli.geometry import inverse, read_only
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.work.results import KeptSearches, Results
+from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, AdvisedFigures, KindOutcome
+from sqrp_cli.search.advise import Adviser
+from sqrp_cli.search.aiming import Aim
+from sqrp_cli.search.moves import KINDS, ProposedChange
+from sqrp_cli.search.question import Effects, Question, TaskWays, is_fastest
+from sqrp_cli.search.suggestion import Suggester, with_first_steps
+from sqrp_cli.search.wish import Wish, read_wish, wish_of
+from sqrp_cli.study.find import Plans
+from sqrp_cli.study.pipeline import assess_all
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.task.candidate import THEN
+from sqrp_cli.task.grips import first_grip
+from sqrp_cli.task.task import Candidate, in_words, read_task
+
+if TYPE_CHECKING:
+    from sqrp_cli.ask.requests import AdviseRequest
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.skill.settings import MotionValue
+
+
+@dataclass(frozen=True, eq=False)
+class AdvisedCell:
+    """A cell whose workspace file changes may be written into."""
+
+    session: Session
+    content: bytes | None
+    """The text of the workspace file where it was not read from the disk."""
+    wish: Wish
+    candidate: Candidate
+    """That advice is about."""
+
+    @cached_property
+    def file(self) -> SourceDocument:
+        """The workspace file. Raises InputError where it has changed since it was read."""
+        workspace = self.session.workspace
+        return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
+
+    def write(self, content: bytes) -> None:
+        """Write the workspace file, unless it says that already. Raises InputError where it cannot be written."""
+        if content != self.file.content:
+            replace_workspace(self.file, content)
+
+    def with_patch(self, one: AdviceFound) -> AdviceFound:
+        """An advice with the workspace file that says it, and the difference; or why none does."""
+        try:
+            content = self.changed(one.proposed)
+        except InputError as error:
+            return replace(one, content=error, unwritten=error.problems[0].message)
+        if content == self.file.content:
+            return replace(one, content=content, unwritten="the workspace says it already")
+        return replace(one, content=content, patch=patch(self.file, content))
+
+    def changed(self, change: ProposedChange) -> bytes:
+        """The workspace file with a change. Raises InputError for what it does not say itself."""
+        workspace = self.session.workspace
+        if change.unwritten:
+            raise bad_option(change.unwritten)
+        if change.parameters is not None:
+            own = _key(self.candidate)
+            listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
+            alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
+            return with_task(self.file, self._task(change.parameters), self.wish.thresholds, instead_of=alone)
+        if change.X_WO is not None:
+            stated = workspace.objects[change.target]
+            now = self.session.assignment.world.X_WO.get(change.target)
+            if stated.X_WO is None or now is None or not np.array_equal(stated.X_WO, now):
+                message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
+                raise bad_option(message, mend="change the program that puts it there")
+            return with_object(self.file, change.target, change.X_WO @ inverse(stated.X_FO))
+        assert change.aim is not None  # noqa: S101 - it goes with the camera
+        present = workspace.cameras.get(change.placed.name)
+        if present is not None:
+            return with_camera(self.file, present, change.placed, change.aim.point)
+        return with_further_camera(self.file, change.placed, change.like, change.aim.point)
+
+    def _task(self, parameters: Mapping[str, MotionValue]) -> str:
+        """The text of a task that says a way, and has this candidate alone."""
+        texts = []
+        for number, step in enumerate(self.candidate.steps or (self.candidate,), 1):
+            own = parameters
+            if self.candidate.steps:
+                start = f"{number}."
+                own = {name.removeprefix(start): one for name, one in parameters.items() if name.startswith(start)}
+            text, workspace = step.task, self.session.workspace
+            if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
+                text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
+            unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
+            stated = {name: value for name, value in own.items() if any(one.get(name) != value for one in unsaid)}
+            said = in_words(step.skill, stated)
+            texts.append(" ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())]))
+        return THEN.join(texts)
+
+
+def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) -> AdviceDocument:
+    """The least changes that meet a wish; at Ctrl-C what was found so far.
+
+    content: of the workspace file, where it is not that on the disk. Raises InputError for a wish or a choice that
+    cannot be read, and for a folder that cannot be used.
+    """
+    session = Session.begin(cell, ask)
+    plans, workspace = Plans((session.cell, session.assignment.sampling)), session.workspace
+    assignment = replace(session.assignment, plans=plans)
+    session = replace(session, assignment=assignment)
+    world, sampling, fixed = assignment.world, assignment.sampling, assignment.wanted.fastest
+    with closing(Results(ask.out)) as results:
+        check_choice(session.task, ask.choose)
+        expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
+        wish = wish_of(expected) if ask.want is None else read_wish(ask.want)
+        assessments = list(assess(session, ask.jobs, ask.progress))
+        chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
+        best = next(one for one in assessments if one.candidate is chosen)
+        aims = {name: stated_look_at(workspace, name) for name in workspace.cameras}
+        question = Question(
+            task=session.task.text,
+            cell=session.cell,
+            world=world,
+            sampling=sampling,
+            fastest=first_grip(best.candidate),
+            best=best,
+            assessments=assessments,
+            wish=wish,
+            aims={
+                name: Aim(read_only(aim.point), read_only(aim.up), stated=True)
+                for name, aim in aims.items()
+                if aim is not None
+            },
+            effects=Effects(session.cell, world, sampling, lambda: _listed(session, assessments, best, ask.jobs)),
+            plans=plans,
+            kinds=ask.kinds,
+            fixed=fixed,
+            jobs=ask.jobs,
+        )
+        adviser = Adviser(question)
+        advised = AdvisedCell(session, content, wish, best.candidate)
+        found = AdviceDocument(
+            workspace=workspace.name,
+            task=session.task.text,
+            want=wish,
+            candidate=best.candidate.name,
+            way=adviser.way.parameters,
+            met=wish.met(adviser.before),
+            before=AdvisedFigures.of(adviser.before),
+            best=AdvisedFigures.of(best) if wish.met(best) else None,
+            ways="fastest" if fixed else "best",
+            starts_fastest=is_fastest(adviser.before),
+            assumed=assumed_latency(workspace.cameras.values()),
+            session=advised,
+            start=adviser.before,
+        )
+        if found.met:
+            return found
+        if not best.feasible and not best.candidate.steps:
+            suggester = Suggester(session.cell, world, jobs=ask.jobs)
+            found = replace(found, first=suggester.suggest(best.candidate).words or None)
+        about = (
+            workspace.digest,
+            session.task.text,
+            best.candidate.name,
+            vars(wish),
+            {"sampling": type(sampling).__name__, **asdict(sampling)},
+            session.cell.seed,
+            fixed,
+            dict(world.X_WO),
+            dict(world.joints),
+            world.held,
+            world.X_TO,
+            sorted(map(str, world.facts)),
+        )
+        kept = None if results.folder is None else KeptSearches(results, about, workspace.skills)
+        outcomes: list[KindOutcome] = []
+        interrupted = None
+        try:
+            with ask.progress(f"Searching for {wish}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
+                for outcome in adviser.outcomes(kept):
+                    outcomes.append(outcome)
+                    advance(1)
+        except KeyboardInterrupt:
+            interrupted = True
+    advice = tuple(advised.with_patch(one) for outcome in outcomes for one in outcome.advice)
+    near = [outcome.nearest for outcome in outcomes if outcome.nearest is not None]
+    nearest = min(near, key=lambda one: wish.shortfall(one.found), default=None)
+    return replace(
+        found,
+        advice=advice,
+        kinds=tuple(outcomes),
+        nearest=None if advice else nearest,
+        interrupted=interrupted,
+    )
+
+
+def _listed(
+    session: Session, assessments: Sequence[CandidateResult], chosen: CandidateResult, jobs: int
+) -> tuple[TaskWays, ...]:
+    """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
+
+    Tasks that need others first are done with these, as `score` does.
+
+    assessments: of the task that was asked for. chosen: the one that advice is about, which alone counts of a task that
+    the workspace does not list.
+    """
+    workspace, assignment = session.workspace, session.assignment
+    facts = assignment.world.facts
+    known = {_key(one.candidate): one.way for one in assessments}
+    found = []
+    for listed in workspace.tasks:
+        task = read_task(listed.task, workspace, facts)
+        if listed.feasible is not False:
+            task = with_first_steps(task, workspace, facts)
+        candidates = task.candidates
+        if assignment.wanted.fastest:
+            ways = tuple(map(first_grip, candidates))
+        else:
+            missing = [one for one in candidates if _key(one) not in known]
+            known |= {_key(one.candidate): one.way for one in assess_all(assignment, missing, jobs)}
+            ways = tuple(replace(known[_key(one)], name=one.name) for one in candidates)
+        found.append(TaskWays(listed.task, ways))
+    if all(task.text != session.task.text for task in found):
+        found.append(TaskWays(session.task.text, (chosen.way,)))
+    return tuple(found)
+
+
+def _key(candidate: Candidate) -> str:
+    """What tells candidates apart."""
+    return repr((candidate.skill.name, sorted(candidate.binding.items()), sorted(candidate.values.items())))

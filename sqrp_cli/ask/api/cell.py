@@ -1,0 +1,236 @@
+"""A cell, read once, and its methods: rank, explain, check, score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sqrp_cli.ask import values
+from sqrp_cli.ask.request import question
+from sqrp_cli.ask.requests import (
+    AdviseRequest,
+    CheckRequest,
+    ExplainRequest,
+    PlaceRequest,
+    RankRequest,
+    ScoreRequest,
+    TaskRequest,
+)
+from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from sqrp_cli.cell.workspace import Workspace
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.score.scorecard import Scorecard
+    from sqrp_cli.search.advice_result import AdviceDocument
+    from sqrp_cli.search.placing_result import PlaceDocument
+    from sqrp_cli.show.documents.checks import Check
+    from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.show.documents.scene import ShowDocument
+    from sqrp_cli.study.result import Ranking
+
+
+def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
+    """Read a workspace: its folder, or its YAML file.
+
+    seed: of everything that planning draws at random. Raises InputError, with file, line and column, for a workspace
+    that cannot be used.
+    """
+    cell = OpenCell.read(values.PATH.read(path, "path"), values.count(0).read(seed, "seed"))
+    if cell.errors:
+        raise InputError(*cell.errors)
+    return cell
+
+
+def ranked(cell: OpenCell, ask: RankRequest) -> Ranking:
+    """The candidates of a task in order."""
+    from sqrp_cli.ask.api.session import Session, assess
+
+    session = Session.begin(cell.cell, ask)
+    return session.ranking(list(assess(session, ask.jobs, ask.progress)), ask)
+
+
+def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll:
+    """When each camera sees each literal, and what is in the way when it does not.
+
+    `choose` None compares all candidates.
+    """
+    from sqrp_cli.ask.api.session import Session, assess, at_step, check_choice, check_one_step, choose_candidate
+    from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll
+    from sqrp_cli.study.ranking import rank
+
+    session, choose = Session.begin(cell.cell, ask), ask.choose
+    check_choice(session.task, "best" if choose is None else choose)
+    whole = bool(session.task.candidates[0].steps)
+    if ask.step is not None and not whole:
+        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{ask.task}` is a task of one step")
+    if choose is None:
+        check_one_step(session)
+    ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
+    place, chosen = None, ranking
+    if choose is not None:
+        chosen = (choose_candidate(ranking, choose),)
+        if whole:
+            session, one, place = at_step(session, chosen[0], ask.step, ask.called("step"))
+            ranking = chosen = (one,)
+    found = []
+    with ask.progress("Looking up causes", len(chosen)) as advance:
+        for one in chosen:
+            found.append(session.assignment.explain(one))
+            advance(1)
+    if choose is not None:
+        return session.explanation(found[0], ranking, place)
+    sampling = session.assignment.sampling
+    studies = [CandidateStudy.of_study(session.cell, one.study, one.result, sampling) for one in found]
+    return ExplainedAll(
+        workspace=cell.workspace.name, task=ask.task, candidates=studies, explained=found, ranking=ranking
+    )
+
+
+def advised(cell: OpenCell, ask: AdviseRequest) -> AdviceDocument:
+    """The least changes that let the cameras see enough: of the motion, of objects, of cameras."""
+    from sqrp_cli.ask.api.advice import find_advice
+
+    return find_advice(cell.cell, ask, cell.content)
+
+
+def checked(cell: OpenCell, ask: CheckRequest) -> Check:
+    """Whether the workspace is sound, and which candidates can be done, why the others cannot, and what to do first."""
+    from sqrp_cli.ask.api.session import Session
+    from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
+    from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
+    from sqrp_cli.checks.formulas import intervals_outside
+    from sqrp_cli.logic.planner import find_plan
+    from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
+    from sqrp_cli.show.documents.checks import Check
+    from sqrp_cli.task.grips import first_grip
+    from sqrp_cli.task.task import example_task, impossible_tasks
+
+    name, path = cell.workspace.name, str(cell.path.parent if cell.path.name == WORKSPACE_FILE else cell.path)
+    if cell.errors:
+        return Check.of(path, name, ask.task, cell.findings)
+    if ask.task is None:
+        doubts = (*cell.findings, *impossible_tasks(cell.workspace), *_doubts(cell.cell))
+        return Check.of(path, name, None, doubts, example=example_task(cell.workspace))
+    session = Session.begin(cell.cell, TaskRequest(ask.task, after=ask.after))
+    candidates = session.task.candidates
+    suggester = Suggester(session.cell, session.assignment.world, ask.planner or find_plan, ask.jobs, len(candidates))
+    found = []
+    with ask.progress(f"Checking {ask.task}", len(candidates)) as advance:
+        for candidate in candidates:
+            found.append(check_candidate(candidate, suggester))
+            advance(1)
+    wanted = not any(one.feasible for one in found) if ask.plan is None else ask.plan
+    suggested = best_suggestion(found, suggester) if wanted else ()
+    first = [first_grip(one.candidate) for one in found if one.feasible][:1]
+    steps = (step for one in first for step in one.steps or (one,))
+    swept = swept_cameras(session.cell, session.assignment.world, steps)
+    problems = (*cell.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
+    return Check.of(path, name, ask.task, problems, found, suggested)
+
+
+def _doubts(cell: Cell) -> Iterator[Problem]:
+    """Warnings that need the geometry of the cell, among them contacts of the robot at home.
+
+    A contact is no error, because a program may have left the robot elsewhere.
+    """
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+
+    yield from cell_warnings(cell)
+    contact = cell.collision.contact_in(cell.initial_world)
+    if contact:
+        message = f"at home {contact} before anything moves, so no task can begin there"
+        mend = "change the home position, or move what is in its way"
+        place = cell.workspace.places.get("robot.home")
+        yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
+
+
+def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:
+    """All tasks of the workspace."""
+    from sqrp_cli.score.score import read_cells
+    from sqrp_cli.score.scorecard import score_cells
+    from sqrp_cli.score.work.compute import Means, open_computer
+    from sqrp_cli.study.sampling import Adaptive
+
+    with open_computer(Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, cell.seed)) as computer:
+        return score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCell:
+    """A cell, with a method for each question about it.
+
+    path: as it was given. seed: of everything that planning draws at random.
+
+    A question takes the fields of its request (see `sqrp_cli.ask.requests`) and raises InputError for input that cannot
+    be used. What cannot be done is a result with reasons, not an exception.
+    """
+
+    path: Path
+    workspace: Workspace
+    seed: int = 0
+    content: bytes | None = None
+    """The text of the workspace file where it was not read from the disk."""
+
+    def __repr__(self) -> str:
+        cell = self.workspace
+        return (
+            f"OpenCell({cell.name}: {len(cell.cameras)} cameras, {len(cell.objects)} objects, {', '.join(cell.skills)})"
+        )
+
+    @classmethod
+    def read(cls, path: Path, seed: int = 0, content: bytes | None = None) -> OpenCell:
+        """A workspace, even one with problems. Raises InputError if it cannot be read at all.
+
+        content: instead of that of its file.
+        """
+        from sqrp_cli.cell.load import load_workspace
+
+        return cls(path, load_workspace(path, content), seed, content)
+
+    @cached_property
+    def findings(self) -> tuple[Problem, ...]:
+        """Warnings about the workspace; with errors, only `check` and `scene` work."""
+        from sqrp_cli.checks.lint import lint
+
+        return (*self.workspace.warnings, *lint(self.workspace))
+
+    @property
+    def errors(self) -> tuple[Problem, ...]:
+        """The findings that keep the cell from being used."""
+        return tuple(problem for problem in self.findings if problem.severity == "error")
+
+    @cached_property
+    def cell(self) -> Cell:
+        """Robot model, collision scene and cameras, made once. Raises InputError for a mesh that cannot be used."""
+        from sqrp_cli.motion.cell import Cell
+
+        return Cell.load(self.workspace, self.seed)
+
+    rank = question(RankRequest, ranked)
+    explain = question(ExplainRequest, explained)
+    advise = question(AdviseRequest, advised)
+    check = question(CheckRequest, checked)
+    score = question(ScoreRequest, scored)
+
+    def place(self, *tasks: str, **how: Any) -> PlaceDocument:  # noqa: ANN401 - of the fields of a request
+        """Find where cameras should go for some tasks, by default all that the workspace lists, with a proof.
+
+        how: the other fields of a `PlaceRequest`.
+        """
+        from sqrp_cli.ask.api.placing import find_placement
+        from sqrp_cli.score.work.compute import Means
+        from sqrp_cli.study.sampling import Adaptive
+
+        ask = PlaceRequest(tasks=tasks, **how)
+        means = Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, self.seed)
+        return find_placement(self.cell, ask, means=means, progress=ask.progress, content=self.content)
+
+    def scene(self) -> ShowDocument:
+        """The workspace as understood."""
+        from sqrp_cli.show.documents.scene import ShowDocument
+
+        return ShowDocument.of(self.cell)

@@ -1,0 +1,87 @@
+"""A new workspace, and its first run: its task ranked, written as a program and run once in the simulated cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.ask.api.program import open_program
+from sqrp_cli.ask.requests import InitRequest
+from sqrp_cli.ask.values import silent
+from sqrp_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from sqrp_cli.ask.requests import Progress
+    from sqrp_cli.run.record.events import Event
+    from sqrp_cli.show.documents.scene import FirstRun, NewCell
+
+
+def made(ask: InitRequest) -> NewCell:
+    """A new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
+
+    The arm is that of `urdf`, else that of which the configuration in `moveit` was made, else one that comes with the
+    package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    """
+    from sqrp_cli.show.documents.scene import NewCell
+    from sqrp_cli.starter.description import OwnRobot
+    from sqrp_cli.starter.make import make_starter
+    from sqrp_cli.starter.search import MOST_STANDS
+
+    folder, is_own = Path(ask.folder), ask.urdf is not None or ask.moveit is not None
+    roots = tuple(map(Path, ask.package_roots))
+    moveit = None if ask.moveit is None else Path(ask.moveit)
+    own = OwnRobot(None if ask.urdf is None else str(ask.urdf), dict(ask.arguments or {}), roots, moveit)
+    with ask.progress("Looking for what the arm can reach", MOST_STANDS) as advance:
+        found = make_starter(folder, own if is_own else None, ask.tip, advance)
+    tried = first_run(found.folder, found.task, ask.progress) if ask.run and found.task is not None else None
+    return NewCell(
+        workspace=str(found.folder),
+        tool_link=found.tip,
+        objects=list(found.cubes),
+        task=found.task,
+        run=tried,
+        path=str(folder),
+        own_arm=is_own,
+        problems=found.warnings,
+    )
+
+
+def new_cell(*given: Any, **named: Any) -> NewCell:  # noqa: ANN401 - of the fields of a request
+    """Make a new workspace; it takes the fields of an `InitRequest`."""
+    return made(InitRequest(*given, **named))
+
+
+def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun | None:
+    """Run the best candidate of a task of the workspace in a folder, and keep nothing of it.
+
+    None where there is no simulator, or no candidate is feasible.
+    """
+    from sqrp_cli.run.cell.requirements import check_simulator
+    from sqrp_cli.show.documents.scene import FirstRun
+
+    try:
+        check_simulator()
+    except InputError:
+        return None
+    ranking = open_cell(folder).rank(task, progress=progress)
+    if ranking.best is None:
+        return None
+    seconds = max(1, int(ranking.best.time or 0.0))
+    title = "Running the task in simulation, in seconds (not with --no-run)"
+    with progress(title, seconds) as advance, TemporaryDirectory(dir=folder) as drafts:
+        program, passed = Path(drafts) / "first.yaml", 0
+
+        def count(event: Event) -> None:
+            nonlocal passed
+            now = min(int(event.t), seconds)
+            advance(now - passed)
+            passed = now
+
+        ranking.write(program)
+        report = open_program(program).run(witnessed=False, listeners=[count])
+    promised = report.total.tp + report.total.fp
+    return FirstRun(
+        outcome=report.outcome, reason=report.reason, time=report.time, promised=promised, seen=report.total.tp
+    )

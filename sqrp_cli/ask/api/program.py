@@ -1,0 +1,461 @@
+"""A program, to run in the simulated cell, replay from a log, or compare with recorded frames."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.ask import values
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.request import question
+from sqrp_cli.ask.requests import AuditRequest, RunRequest
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, expected_names
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+    from sqrp_cli.ask.requests import Progress
+    from sqrp_cli.cell.workspace import Workspace, World
+    from sqrp_cli.field.audit.footage import Footage
+    from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
+    from sqrp_cli.program.record import Program, Step
+    from sqrp_cli.run.faults import InjectedFault
+    from sqrp_cli.run.record.bag_recorder import BagRecorder
+    from sqrp_cli.run.record.events import Event, Listener, ProgramStep, RunBegan
+    from sqrp_cli.run.record.images import ImageRecorder, Screen
+    from sqrp_cli.run.record.report import RunReport, SweepDocument
+    from sqrp_cli.run.run import Recording, Spectator
+    from sqrp_cli.run.simulation import Simulation
+    from sqrp_cli.show.documents.explanation import Explanation
+    from sqrp_cli.study.program_update import StepReplanner
+
+PROGRAM = "program.yaml"
+"""The program in a folder of frames that a run keeps."""
+
+DEFAULT_RUNS = 20
+"""Runs of a sweep."""
+
+
+def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
+    """Read a program and the workspace that it was made for.
+
+    seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
+    fit its workspace as it is now.
+    """
+    program = OpenProgram.read(values.PATH.read(path, "path"), values.count(0).read(seed, "seed"))
+    if program.cell.errors:
+        raise InputError(*program.cell.errors)
+    program.check()
+    return program
+
+
+def run(opened: OpenProgram, ask: RunRequest) -> SimulatedRun:
+    """A run in the simulated cell, watched through camera images alone.
+
+    Raises InputError, before anything is written, where an output would replace an input or another output.
+    """
+    from sqrp_cli.ask.api.run_results import RunOutputs
+
+    outputs = RunOutputs.of(ask)
+    outputs.check_names()
+    injected = opened.read_faults(ask.faults)
+    return opened.run_into(outputs, injected, listeners=ask.listeners, witnessed=ask.witnessed)
+
+
+def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
+    """A recording against what the program predicts.
+
+    Cameras that have moved, or whose clocks are wrong, are found first; images are compared at the times that follow.
+    """
+    from sqrp_cli.run.cell.requirements import check_packages
+
+    check_packages()
+    from sqrp_cli.field.audit.frame_audit import audit
+
+    program, workspace = opened.program, opened.workspace
+    footage = opened.footage(Path(ask.recording), ask.topics or {})
+    unsurveyed, cameras = None, {}
+    try:  # without an OpenGL that draws, nothing is known of cameras
+        from sqrp_cli.field.audit.survey import survey
+
+        cameras = survey(program, workspace, footage, ask.progress)
+    except InputError as error:
+        if error.problems[0].code != "no-opengl":
+            raise
+        unsurveyed = error.problems[0].message
+    with ask.progress(f"Looking at {ask.recording}", len(footage.frames)) as advance:
+        found = audit(program, workspace, footage, cameras, ask.threshold, lambda: advance(1))
+    patch = ""
+    with suppress(InputError):
+        patch = cameras_patch(workspace, cameras)
+    return replace(found, unsurveyed=unsurveyed, patch=patch)
+
+
+def cameras_patch(workspace: Workspace, cameras: Mapping[str, AuditedCamera]) -> str:
+    """The change of the workspace file that puts cameras where they are; empty where none has moved.
+
+    Raises InputError where the file does not say itself where such a camera is.
+    """
+    from sqrp_cli.cell.edits import with_camera
+    from sqrp_cli.cell.workspace_file import read_workspace_document
+    from sqrp_cli.files.yaml_edit import patch
+    from sqrp_cli.files.yaml_file import parse_yaml
+    from sqrp_cli.geometry import read_only
+
+    document = read_workspace_document(workspace.whole_file.file)
+    content = document.content
+    for name, one in cameras.items():
+        if one.pose is not None and one.pose.moved:
+            moved = replace(workspace.cameras[name], X_FC=read_only(one.pose.pose))
+            content = with_camera(parse_yaml(document.path, content), workspace.cameras[name], moved, None)
+    return patch(document, content)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenProgram:
+    """A program to run, sweep or audit. What goes wrong in a run is a result; bad input raises InputError."""
+
+    path: Path
+    program: Program
+    cell: OpenCell
+    seed: int = 0
+    """Of everything that a run draws at random."""
+
+    def __repr__(self) -> str:
+        steps = ", ".join(step.short_task for step in self.program.steps)
+        return f"OpenProgram({self.path.name} for {self.workspace.name}: {steps})"
+
+    @classmethod
+    def read(cls, path: Path, seed: int = 0) -> OpenProgram:
+        """A program and its current workspace, whether or not they still fit."""
+        from sqrp_cli.program.file import find_workspace, load_program
+
+        program = load_program(path)
+        return cls(path, program, OpenCell.read(find_workspace(program, path)), seed)
+
+    def check(self) -> None:
+        """Raises InputError for a program that has no steps or does not fit its workspace."""
+        from sqrp_cli.program.file import check_program
+
+        check_program(self.program, self.path, self.workspace)
+        if not self.program.steps:
+            raise bad_input("no-steps", "this program has no steps", Place(self.path))
+
+    def check_ran(self, ran: Sequence[Step] | Sequence[ProgramStep], what: str, place: Place, mend: str) -> None:
+        """Raises InputError where steps that were run are not its own; what: tells of that run, at a place."""
+        runs = [[(one.skill, dict(one.parameters), one.time) for one in steps] for steps in (ran, self.program.steps)]
+        if runs[0] != runs[1]:
+            same = set.intersection(*({*parameters.items()} for run in runs for _, parameters, _ in run))
+            told: list[list[str]] = [[], []]
+            for words, steps in zip(told, runs, strict=True):
+                for skill, parameters, time in steps:
+                    own = [f"{name}={value}" for name, value in parameters.items() if (name, value) not in same]
+                    words.append(" ".join([skill, *own, f"of {time:.2f} s"]))
+            was, now = map(", ".join, told)
+            message = f"{what} not of a run of {self.path} as it is now: that was {was}; now it is {now or 'empty'}"
+            raise bad_input("other-program", message, place, mend=mend)
+
+    @property
+    def workspace(self) -> Workspace:
+        """The workspace that it was made for."""
+        return self.cell.workspace
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that it was read from."""
+        return [self.path, *(file.path for file in self.workspace.files.values())]
+
+    @property
+    def warnings(self) -> list[Problem]:
+        """Warnings about formulas that monitors cannot judge because the motion itself contradicts them."""
+        from sqrp_cli.run.monitor.step_monitor import contradictions
+        from sqrp_cli.run.robot_body import RobotBody
+        from sqrp_cli.show.sentences import short_times
+
+        mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
+        found = contradictions(self.program, RobotBody.load(self.workspace.robot))
+        return [
+            Problem("against-the-plan", short_times(text), Place(self.path), severity="warning", mend=mend)
+            for text in found
+        ]
+
+    def read_faults(
+        self, faults: Sequence[str], option: str = "faults", *, served: bool = False
+    ) -> list[InjectedFault]:
+        """Faults read from texts; random instants are the same each time.
+
+        option: what gives them, for messages. served: whether they happen to a cell that is served to others. Raises
+        InputError for a text that is no fault of this program.
+        """
+        import numpy as np
+
+        from sqrp_cli.run.faults import parse_fault
+
+        values.texts("texts such as ['slip@a4+0.4']").read(faults, option)
+        rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
+        return [parse_fault(text, steps, cameras, rng, option, served=served) for text in faults]
+
+    def explain(self, step: int | None = None, *, option: str = "step") -> Explanation:
+        """Explain a step, from 1; by default the one that is seen worst. See `OpenCell.explain`.
+
+        option: what gives the step, for messages. Raises InputError if there is no such step.
+        """
+        from sqrp_cli.ask.api.session import Session
+        from sqrp_cli.motion.cell import Cell
+        from sqrp_cli.study.pipeline import Assignment
+        from sqrp_cli.study.program_update import candidate_of
+        from sqrp_cli.study.ranking import rank
+        from sqrp_cli.study.whole_study import StepShown, worst_seen
+        from sqrp_cli.task.candidate import Task
+
+        steps = self.program.steps
+        if step is None:
+            step = 1 + worst_seen(steps)
+        if values.count(1).read(step, option) > len(steps):
+            upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
+            raise bad_option(f"{option} is {step}, but {self.path} has {upto}")
+        cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
+        assignment = Assignment(cell=cell, world=chosen.before)
+        candidate = candidate_of(chosen, cell)
+        task = Task(chosen.short_task, candidate.skill, (candidate,))
+        ranking = rank([assignment.assess(candidate)], "q_eoi")
+        place = StepShown(step, len(steps), None)
+        return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, place)
+
+    run = question(RunRequest, run)
+    audit = question(AuditRequest, audited)
+
+    def run_into(
+        self,
+        outputs: RunOutputs,
+        injected: Sequence[InjectedFault] = (),
+        *,
+        listeners: Sequence[Listener],
+        witnessed: bool = True,
+        screen: Screen | None = None,
+        spectator: Spectator | None = None,
+        elsewhere: Callable[[Recording], RunReport] | None = None,
+    ) -> SimulatedRun:
+        """As `run`, with what it writes. Raises InputError where that would replace a file that was read.
+
+        screen: shows the images with what is seen in them, instead of a film. spectator: somebody who may cause faults.
+        elsewhere: runs it in another cell, to which no faults can be made to happen.
+        """
+        from sqrp_cli.ask.api.run_results import SimulatedRun
+        from sqrp_cli.platform.files import check_writable
+        from sqrp_cli.program.file import made_for, save_program
+        from sqrp_cli.run.record.events import FaultInjected
+        from sqrp_cli.run.record.log import LogWriter
+        from sqrp_cli.show.pages.run_page import RunCell
+
+        workspace = self.workspace
+        outputs.check_not_read(self.files)
+        perform = elsewhere or partial(self._simulation().run, injected)
+        from sqrp_cli.run.run import Recording
+        from sqrp_cli.run.simulation import header
+
+        for path in filter(None, (outputs.film, outputs.log)):
+            check_writable(path)
+        events: list[Event] = []
+        with ExitStack() as closing:  # closes the others even if one fails to close
+            recorder, gallery = _recorders(workspace, outputs, screen, closing)
+            writer = None
+            if outputs.log is not None:
+                writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
+                closing.callback(writer.close)
+            heard: list[Listener] = [one for one in (writer, *listeners, events.append, recorder) if one is not None]
+            states = witnessed or writer is not None or recorder is not None
+            if outputs.frames is not None:
+                save_program(made_for(self.program, outputs.frames / PROGRAM, workspace), outputs.frames / PROGRAM)
+            report = perform(Recording(heard, gallery, states=states, spectator=spectator))
+            if writer is not None:
+                writer.finish(report)
+        happened = Counter(event.fault for event in events if isinstance(event, FaultInjected))
+        return SimulatedRun(
+            **vars(report),
+            cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
+            events=events,
+            never_happened=list((Counter(fault.text for fault in injected) - happened).elements()),
+            inputs=self.files,
+            outputs=outputs,
+        )
+
+    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent) -> SweepDocument:
+        """Run the program `count` times with a slip at other instants of a primitive action.
+
+        slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
+        """
+        from sqrp_cli.run.faults import parse_sweep
+        from sqrp_cli.run.record.report import SweepDocument, SweptRun
+
+        values.text("a slip and where, such as `slip@a4`").read(slip, "slip")
+        values.count(1).read(count, "count")
+        values.PROGRESS.read(progress, "progress")
+        simulation = self._simulation()
+        from sqrp_cli.run.simulation import sweep
+
+        place, primitive = parse_sweep(slip, self.program.steps, "slip")
+        runs: list[SweptRun] = []
+        with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
+            runs.extend(sweep(simulation, place.number, primitive, count, lambda: advance(1)))  # keeps the finished
+        slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
+        tasks = [step.short_task for step in self.program.steps]
+        return SweepDocument.of(self.workspace.name, slip, place.number, tasks, runs, count, slowest)
+
+    def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
+        """A recording of the program's run, of any kind; topics: see `audit`.
+
+        Raises InputError for what is none, and for frames beside which lies another program that was run.
+        """
+        from sqrp_cli.field.audit.bag_footage import BagFootage
+        from sqrp_cli.field.audit.footage import FolderFootage
+        from sqrp_cli.program.file import load_program
+        from sqrp_cli.ros.bag import check_kind, is_bag
+
+        unknown = [name for name in topics if name not in self.workspace.cameras]
+        if unknown:
+            message = f"there is no camera {unknown[0]}; {expected_names(unknown[0], list(self.workspace.cameras))}"
+            raise bad_input("unknown-camera", message)
+        check_kind(path)
+        if path.exists() and is_bag(path):
+            return BagFootage(self.program, self.workspace, path, topics)
+        if (kept := path / PROGRAM).is_file():
+            mend = f"name the program that was run: {kept}"
+            self.check_ran(load_program(kept).steps, "these frames are", Place(path), mend)
+        return FolderFootage(self.program, self.workspace, path)
+
+    def _simulation(self) -> Simulation:
+        from sqrp_cli.run.cell.requirements import check_simulator
+
+        check_simulator()
+        from sqrp_cli.run.simulation import Simulation
+
+        return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
+
+
+def read_run(log: str | Path) -> SimulatedRun:
+    """A run read from its log. Raises InputError for anything but the log of a complete run."""
+    logged = LoggedRun.read(values.PATH.read(log, "log"))
+    if (run := logged.replay()) is None:
+        raise logged.no_report
+    return run
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedRun:
+    """The log of a run; its header is read. events: the rest of it, which can be read once.
+
+    program: that was run; it knows where everything stands.
+    """
+
+    log: Path
+    header: RunBegan
+    events: Iterator[Event]
+    program: OpenProgram | None = None
+
+    @classmethod
+    def read(cls, log: Path, opened: OpenProgram | None = None) -> LoggedRun:
+        """Raises InputError for anything but a log, or a program whose steps are not those of the log."""
+        from sqrp_cli.run.record.events import RunBegan
+        from sqrp_cli.run.record.log import read_log
+
+        events = read_log(log)
+        header = next(events)
+        assert isinstance(header, RunBegan)  # noqa: S101 - as `read_log` makes sure
+        logged = cls(log, header, events, opened)
+        if opened is not None and header.steps:
+            opened.check_ran(header.steps, "this log is", Place(log, 1), logged._replay)
+        return logged
+
+    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
+        """The run, None if it was interrupted; listeners: called with each event."""
+        from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+        from sqrp_cli.run.record.events import RunReported
+        from sqrp_cli.show.pages.run_page import RunCell
+
+        report, kept = None, []
+        for event in self.events:
+            if isinstance(event, RunReported):
+                report = event.report
+                continue
+            kept.append(event)
+            for listener in listeners:
+                listener(event)
+        if report is None:
+            return None
+        header, workspace = self.header, None if self.program is None else self.program.workspace
+        why_flat = ""  # of its page: without the workspace there are no shapes, nor if that has changed since
+        if workspace is None:
+            mend = "sqrp run PROGRAM --replay LOG --report FILE"
+            why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
+        elif workspace.name != header.workspace:
+            why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
+        elif header.digest not in (workspace.digest, workspace.file_digest):
+            why_flat = "the workspace of this program is not as it was in the run"
+        cell = RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
+        inputs = [self.log, *([] if self.program is None else self.program.files)]
+        known = {**vars(report), "workspace": header.workspace}
+        return SimulatedRun(**known, cell=cell, events=kept, never_happened=(), inputs=inputs, outputs=RunOutputs())
+
+    @property
+    def no_report(self) -> InputError:
+        """The error where a run that was interrupted is not enough."""
+        message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
+        return bad_input("no-log", message, Place(self.log), mend=self._replay)
+
+    @property
+    def _replay(self) -> str:
+        """The command that shows the run without its program."""
+        return shlex.join(["sqrp", "run", "--replay", str(self.log)])
+
+
+class LazyReplanner:
+    """A replanner that loads the planning code only when a step is planned again."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._planner: StepReplanner | None = None
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """As `program.Replanner` says."""
+        from sqrp_cli.motion.cell import Cell
+        from sqrp_cli.study.program_update import StepReplanner
+
+        if self._planner is None:
+            self._planner = StepReplanner(Cell.load(self._workspace))
+        return self._planner.replan(step, world)
+
+
+def _recorders(
+    workspace: Workspace, outputs: RunOutputs, screen: Screen | None, closing: ExitStack
+) -> tuple[BagRecorder | None, ImageRecorder | None]:
+    """Writers of a run for ROS tools, if the film's name is that of a recording, and of its images.
+
+    The images go into that recording or a film, and into a folder. A recording leaves nothing behind if all fails.
+    """
+    recorder = None
+    if outputs.film is not None and outputs.is_recording:
+        from sqrp_cli.ros.bag import BagWriter
+        from sqrp_cli.run.record.bag_recorder import BagRecorder
+        from sqrp_cli.run.robot_body import RobotBody
+
+        body, writer = RobotBody.load(workspace.robot), BagWriter(outputs.film)
+        closing.callback(writer.discard)
+        recorder = BagRecorder(writer, workspace, body)
+    if outputs.film is None and outputs.frames is None and screen is None:
+        return recorder, None
+    from sqrp_cli.run.record.images import Film, FrameFolder, ImageRecorder
+
+    rate = max(camera.rate for camera in workspace.cameras.values())
+    folder = FrameFolder(outputs.frames) if outputs.frames is not None else None
+    filmed = outputs.film is not None and recorder is None
+    reel = Film(outputs.film, list(workspace.cameras), rate) if filmed and outputs.film is not None else screen
+    gallery = ImageRecorder(folder, reel, recorder)
+    closing.callback(gallery.close)
+    return recorder, gallery

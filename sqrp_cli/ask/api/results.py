@@ -1,0 +1,82 @@
+"""Results of questions about a cell: a ranking, an explanation, a check, scores, a scene.
+
+Each is a typed document that shows itself as the terminal does.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+
+from sqrp_cli.ask import values
+from sqrp_cli.document import Document
+from sqrp_cli.errors import Place, bad_input
+
+KINDS: Mapping[str, str] = {
+    "rank": "sqrp_cli.study.result:Ranking",
+    "explain": "sqrp_cli.show.documents.explanation:Explanation",
+    "explain --all": "sqrp_cli.show.documents.explanation:ExplainedAll",
+    "advise": "sqrp_cli.search.advice_result:AdviceDocument",
+    "place": "sqrp_cli.search.placing_result:PlaceDocument",
+    "check": "sqrp_cli.show.documents.checks:Check",
+    "rules": "sqrp_cli.show.documents.checks:RulesDocument",
+    "program": "sqrp_cli.show.documents.programs:ProgramDocument",
+    "run": "sqrp_cli.run.record.report:RunReport",
+    "run --sweep": "sqrp_cli.run.record.report:SweepDocument",
+    "audit": "sqrp_cli.field.audit.report:AuditDocument",
+    "calibrate": "sqrp_cli.field.calibrating.report:CalibrateDocument",
+    "score": "sqrp_cli.score.scorecard:Scorecard",
+    "diff": "sqrp_cli.score.scorecard:Scorecard",
+    "score --vary": "sqrp_cli.score.sweep:Sweep",
+    "show": "sqrp_cli.show.documents.scene:ShowDocument",
+    "init": "sqrp_cli.show.documents.scene:NewCell",
+}
+"""Of each `document` its record."""
+
+LARGEST = 1 << 30
+"""Most bytes of a file with a result."""
+
+
+def is_result(path: Path) -> bool:
+    """Whether a file begins as a result of `--json` does, sound or not."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return re.match(rb'\s*\{\s*"schema"\s*:', file.read(1000)) is not None
+
+
+def read_result(path: str | Path) -> Document:
+    """A result that a command wrote with `--json`: its record, which `show` prints as the command did.
+
+    Raises InputError for a file that is none, or of which no version of this program can make a record.
+    """
+    from pydantic import ValidationError
+
+    from sqrp_cli.files.input_file import read_text
+    from sqrp_cli.files.json_file import json_name, parse_json
+
+    file = values.PATH.read(path, "path")
+    text = read_text(file, LARGEST)
+    data = parse_json(file, text)
+    kind = data.get("document") if isinstance(data, dict) else None
+    again = "run its command again, with --json"
+    if not isinstance(kind, str) or kind not in KINDS:
+        told = "does not say which command wrote it" if kind is None else f"is of `{kind}`"
+        message = f"this {told}, so no table can be drawn from it; expected the JSON of {', '.join(KINDS)}"
+        raise bad_input("no-result", message, Place(file), mend=again)
+    module, name = KINDS[kind].split(":")
+    record: type[Document] = getattr(import_module(module), name)
+    try:
+        found = record.read(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = json_name(tuple(part for part in first["loc"] if isinstance(part, int) or part.isidentifier()))
+        message = f"this is no result of `sqrp {kind}` of this version: {where}: {first['msg'].lower()}"
+        raise bad_input("no-result", message, Place(file), mend=again) from None
+    if not record.VIEW:
+        raise bad_input(
+            "no-result", f"no table of `sqrp {kind}` can be drawn from its JSON alone", Place(file), mend=again
+        )
+    return found

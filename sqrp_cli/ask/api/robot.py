@@ -1,0 +1,129 @@
+"""A program on a real robot, and the simulated cell served to others: both by messages of ROS."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.api.program import LazyReplanner, OpenProgram
+from sqrp_cli.errors import bad_input, bad_option
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+    from sqrp_cli.run.cell.robot_file import RobotFile
+    from sqrp_cli.run.record.events import Listener
+    from sqrp_cli.run.robot_run import ConnectedRobot
+
+LOOPBACK = "127.0.0.1"
+"""The network on which a cell is served if nobody says otherwise: this computer alone."""
+
+LISTENED = 0.7
+"""For how long it is listened whether another cell is served [s]: to be heard takes 0.3 s."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSession:
+    """A program, connected to the robot on which it is to run."""
+
+    opened: OpenProgram
+    robot: ConnectedRobot
+
+    def run(self, outputs: RunOutputs, listeners: Sequence[Listener], *, moves: bool) -> SimulatedRun:
+        """Run the program: the robot moves. moves: whether it does, or images are only looked at where it starts."""
+        perform = partial(self.robot.run, LazyReplanner(self.opened.workspace), moves=moves)
+        return self.opened.run_into(outputs, listeners=listeners, witnessed=moves, elsewhere=perform)
+
+
+@contextmanager
+def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[RobotSession]:
+    """A robot as a file says how to reach it; when left, it stands. speed: of the program, as a share of what it says.
+
+    Raises InputError for a file that does not fit, and without a connection.
+    """
+    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.run.cell.robot_file import read_robot_file
+    from sqrp_cli.run.robot_run import connected
+
+    check_packages()
+    file = read_robot_file(path, opened.workspace, opened.program)
+    with connected(opened.program, opened.workspace, file, speed) as robot:
+        yield RobotSession(replace(opened, program=robot.program), robot)
+
+
+def served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
+    """How `run --robot` reaches a cell that is served; domain, network: of ROS 2, by default a free one on loopback."""
+    from sqrp_cli.field.serve.cell_server import served_file
+
+    return served_file(cell.workspace, joints, _free_domain() if domain is None else domain, network or LOOPBACK)
+
+
+def serve(
+    cell: OpenCell,
+    program: OpenProgram | None,
+    file: RobotFile,
+    faults: Sequence[str],
+    seed: int,
+    *,
+    ready: Callable[[], None],
+    tell: Callable[[str], None],
+    factor: float = 1.0,
+) -> None:
+    """Serve a cell until Ctrl-C. program: where it starts and what faults are about; None: the cell's home.
+
+    ready: called once it can be reached. tell: says what happens. factor: how fast its time passes at most.
+    """
+    from sqrp_cli.run.cell.requirements import check_simulator
+
+    check_simulator()
+    from sqrp_cli.field.serve.cell_server import CellServer, Faults
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+
+    injected = [] if program is None else program.read_faults(faults, "--fault", served=True)
+    steps = () if program is None else program.program.steps
+    world = steps[0].before if steps else Cell.load(cell.workspace, seed).initial_world
+    joints = list(file.joints or {}) if program is None else program.program.joints
+    from sqrp_cli.ros.dds import DdsTransport
+
+    transport = DdsTransport(file.domain, file.network)
+    try:
+        # Raises InputError where somebody else sends the time: nobody could tell two clocks, and two arms, apart.
+        from sqrp_cli.run.cell.ros_cell import CLOCK
+
+        inbox = transport.subscribe(CLOCK)
+        transport.wait(LISTENED)
+        if inbox.count:
+            message = f"somebody else, such as another cell, sends `/clock` {file.where}"
+            raise bad_input("no-network", message, mend="--domain N, with another number")
+        with SimulatedCell(cell.workspace, world, seed) as simulated:
+            simulated.frames(list(cell.workspace.cameras))  # the processes that draw are ready then
+            server = CellServer(simulated, cell.workspace, file, transport, Faults(injected, steps, joints), tell)
+            ready()
+            server.serve(lambda: False, factor)
+    finally:
+        transport.close()
+
+
+def _free_domain() -> int:
+    """ROS_DOMAIN_ID, or the first domain that no participant on this computer is in, by the first port of each."""
+    named = os.environ.get("ROS_DOMAIN_ID")
+    if named is not None:
+        if not named.isdigit() or int(named) > 232:
+            raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
+        return int(named)
+    for domain in range(100):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((LOOPBACK, 7400 + 250 * domain + 10))
+            except OSError:
+                continue
+            return domain
+    return 0

@@ -1,0 +1,271 @@
+"""A task in a cell: its world and candidates, the chosen candidate, and the program step that it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sqrp_cli.ask import values
+from sqrp_cli.camera.camera import assumed_latency
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.files import alone, check_writable, real_path
+from sqrp_cli.program.check import flaws
+from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
+from sqrp_cli.program.record import Program
+from sqrp_cli.records import dataclass
+from sqrp_cli.show.documents.explanation import CandidateStudy, Explanation
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.pipeline import Assignment, Explained, assess_all, described, recalibrated, sampling_done
+from sqrp_cli.study.program_update import make_step, with_usual_images
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.result import CandidateResult, Ranking
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.whole_study import StepShown, worst_seen
+from sqrp_cli.task.grips import first_grip
+from sqrp_cli.task.task import Task, read_task
+
+if TYPE_CHECKING:
+    from sqrp_cli.ask.requests import RankRequest, TaskRequest
+    from sqrp_cli.score.scorecard import Progress
+    from sqrp_cli.search.suggestion import SuggestedStep
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A task in a cell."""
+
+    task: Task
+    assignment: Assignment
+
+    @property
+    def workspace(self) -> Workspace:
+        """The cell's workspace."""
+        return self.cell.workspace
+
+    @property
+    def cell(self) -> Cell:
+        """The cell."""
+        return self.assignment.cell
+
+    @property
+    def named(self) -> str:
+        """The task and the workspace, for display."""
+        return f"{self.task.text} in {self.workspace.name}"
+
+    @classmethod
+    def begin(cls, cell: Cell, ask: TaskRequest) -> Session:
+        """Read the task, and load the world to start from: that in which the program `after` ends, or the workspace's.
+
+        Raises InputError for input that cannot be used.
+        """
+        world, inquiry = cell.initial_world, ask.inquiry
+        if ask.after is not None:
+            program = load_program(Path(ask.after))
+            check_program(program, Path(ask.after), cell.workspace)
+            world = program.steps[-1].after if program.steps else world
+        task = read_task(ask.task, cell.workspace, world.facts)
+        if inquiry.wanted.fastest:
+            task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
+        return cls(task, Assignment(**vars(inquiry), cell=cell, world=world))
+
+    def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
+        """What is found of the candidates, ranked; interrupted: whether some are missing."""
+        assignment = self.assignment
+        drawn = None
+        if assignment.calibration is not None:
+            drawn = recalibrated(found, ask.by, assignment.calibration)
+        return Ranking(
+            workspace=self.workspace.name,
+            task=self.task.text,
+            by=ask.by,
+            ways=ask.ways,
+            sampling=sampling_done(assignment.sampling, found),
+            calibration=drawn,
+            interrupted=interrupted or None,
+            of=len(self.task.candidates),
+            assumed=assumed_latency(self.cell.observer.cameras),
+            candidates=tuple(map(described, rank(found, ask.by))),
+            session=self,
+        )
+
+    def explanation(
+        self, explained: Explained, ranking: Sequence[CandidateResult], place: StepShown | None = None
+    ) -> Explanation:
+        """What is found about one candidate of a ranking; place: which step it is, of a task of several."""
+        step: dict[str, Any] = {}
+        if place is not None:
+            step = {"step": place.number, "of_steps": place.steps}
+            if (whole := place.whole) is not None:
+                step |= {"whole": whole.candidate.name, "rank": whole.rank, "pareto": whole.pareto}
+        study = CandidateStudy.of_study(self.cell, explained.study, explained.result, self.assignment.sampling)
+        about = {"workspace": self.workspace.name, "task": self.task.text, "explained": explained, "ranking": ranking}
+        return Explanation(**{**vars(study), **step, **about})
+
+    def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
+        """Append a candidate of a ranking to a program file; see `Ranking.write`."""
+        file = values.PATH.read(path, "path")
+        values.text("the name of a candidate, or `best`").read(choose, "choose")
+        check_choice(self.task, choose)
+        chosen = choose_candidate(ranking.candidates, choose)
+        if not chosen.feasible:
+            raise bad_option(f"{chosen.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
+        add_steps(self.cell, steps_of(self, chosen), self.assignment.sampling, file)
+
+
+def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
+    """The assessments of all candidates, in order, with the progress shown."""
+    with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
+        for assessment in assess_all(session.assignment, session.task.candidates, jobs):
+            yield assessment
+            advance(1)
+
+
+def check_choice(task: Task, choice: str) -> None:
+    """Raises InputError for a name that no candidate has, or a place in no ranking, before any of them is computed."""
+    names = [candidate.name for candidate in task.candidates]
+    if choice == "best" or any(_is_meant(name, choice) for name in names):
+        return
+    if choice.isdecimal():
+        if not 1 <= int(choice) <= len(names):
+            upto = f" to {len(names)} (what cannot be done comes last)" if len(names) > 1 else ""
+            message = f"there is no place {choice} in a ranking of {len(names)} candidate{'s' * (len(names) != 1)}"
+            message += f"; expected 1{upto}, or the name of one"
+            raise bad_input("unknown-candidate", message)
+    else:
+        raise bad_input("unknown-candidate", f"there is no candidate `{choice}`; {expected_names(choice, names)}")
+
+
+def choose_candidate(ranking: Sequence[CandidateResult], choice: str) -> CandidateResult:
+    """The candidate that `choice` means: the first in the ranking, the first whose name has all its words, or a place.
+
+    Candidates that cannot be done follow those that can, without a place of their own.
+    """
+    if choice == "best":
+        return ranking[0]
+    named = (ranked for ranked in ranking if _is_meant(ranked.candidate.name, choice))
+    return next(named, None) or ranking[int(choice) - 1]
+
+
+def _is_meant(name: str, choice: str) -> bool:
+    words = set(choice.split())
+    return bool(words) and words <= set(name.split())
+
+
+def world_before(after: Path | None, program: Path | None) -> Path | None:
+    """The program after which a task starts: an appended step starts where its program ends.
+
+    Raises InputError if that contradicts `--after`, or if the program cannot be written.
+    """
+    if program is None:
+        return after
+    check_writable(program)
+    if not program.exists():
+        return after
+    if after is not None and real_path(after) == real_path(program):
+        message, mend = (
+            "--after and --program both name this file",
+            "leave out --after: the next step starts where it ends",
+        )
+        raise bad_input("would-overwrite", message, Place(program), mend=mend)
+    if after is not None:
+        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
+        raise bad_option(message, mend="leave out --after, or name a new file after --program")
+    return program
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenStep:
+    """A feasible candidate to append to a program, with its task and the world that it starts from."""
+
+    task: str
+    assessment: CandidateResult
+    world: World
+
+
+def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
+    """What a feasible candidate appends to a program: a step, or several."""
+    assignment = session.assignment
+    if not chosen.candidate.steps:
+        return [ChosenStep(session.task.text, chosen, assignment.world)]
+    done = assignment.steps_done(chosen.candidate)
+    return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in done]
+
+
+class StepInWorld(NamedTuple):
+    """A step of a task of several as a task of its own."""
+
+    session: Session
+    """In the world that the steps before it leave."""
+    result: CandidateResult
+    """By itself: the only one of its task."""
+    place: StepShown
+
+
+def at_step(session: Session, chosen: CandidateResult, number: int | None, option: str) -> StepInWorld:
+    """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
+
+    number: from 1; None for the step that is seen worst. option: what gives it, for messages. Raises InputError if
+    there is no such step.
+    """
+    done = session.assignment.steps_done(chosen.candidate)
+    if number is None:
+        number = 1 + worst_seen([one.assessment for one in done])
+    if not 1 <= number <= len(done):
+        name = chosen.candidate.name
+        raise bad_option(f"{option} is {number}, expected a step of {name}: 1 to {len(done)}")
+    step = done[number - 1]
+    candidate = step.assessment.candidate
+    task = Task(candidate.task, candidate.skill, (candidate,))
+    one = Session(task, replace(session.assignment, world=step.before))
+    result = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+    place = StepShown(number, len(chosen.candidate.steps), chosen)
+    return StepInWorld(one, result, place)
+
+
+def check_one_step(session: Session) -> None:
+    """Raises InputError for a task of several steps where only one can be looked at."""
+    if session.task.candidates[0].steps:
+        message = f"`{session.task.text}` has several steps, and --all looks at one"
+        mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
+        raise bad_option(message, mend=mend)
+
+
+def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
+    """The steps of a suggestion, all of which are feasible."""
+    return [ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
+
+
+def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
+    """Append steps to a program file, all or none; it is created if it does not exist. Returns the program.
+
+    Raises InputError if the file has changed meanwhile, so that the steps do not begin where it ends.
+    """
+    cameras = tuple(camera.name for camera in cell.observer.cameras)
+    added = []
+    for chosen in steps:
+        found = study(cell, chosen.assessment.way, chosen.world, sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
+        step = make_step(chosen.task, found, chosen.assessment, cameras)
+        added.append(with_usual_images(step, found, cell.observer))
+    with alone(path):
+        program = _program_at(path, cell).with_steps(added)
+        if any(flaws(program)):
+            message = "this program has changed meanwhile, and the new step does not begin where it ends now"
+            raise bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
+        program = made_for(program, path, cell.workspace)
+        save_program(program, path)
+    return program
+
+
+def _program_at(path: Path, cell: Cell) -> Program:
+    """The program of a file, or one without steps where there is no such file."""
+    if not path.exists():
+        return new_program(cell.workspace, cell.model.joints, path)
+    program = load_program(path)
+    check_program(program, path, cell.workspace)
+    return program

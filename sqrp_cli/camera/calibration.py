@@ -1,0 +1,281 @@
+"""Camera intrinsics from the calibration files that people have.
+
+Recognised by content: ROS camera_info (files of `camera_calibration` and of drivers, printed messages, `ost.txt`),
+OpenCV FileStorage (YAML, XML, JSON), Kalibr camchains, VINS (camodocal), COLMAP `cameras.txt`, and files with several.
+What a format says of a camera is a `StatedLens`; all the rest is common to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera import calibration_formats as formats
+from sqrp_cli.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
+from sqrp_cli.files.source import KeyPath, SourceDocument
+from sqrp_cli.files.validation import misspelt, validate
+from sqrp_cli.geometry import read_only
+
+_MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
+    "plumb_bob": ("plumb_bob", (5,)),
+    "rational_polynomial": ("rational_polynomial", (8,)),
+    "equidistant": ("equidistant", (4,)),
+    "radtan": ("plumb_bob", (4, 5)),
+    "brown_conrady": ("plumb_bob", (4, 5)),
+    "fisheye": ("equidistant", (4,)),
+    "equi": ("equidistant", (4,)),
+    "kannala_brandt": ("equidistant", (4,)),
+    "opencv": ("plumb_bob", (4,)),
+    "full_opencv": ("rational_polynomial", (8,)),
+    "pinhole_full": ("rational_polynomial", (8,)),
+    "opencv_fisheye": ("equidistant", (4,)),
+    "simple_radial": ("plumb_bob", (1,)),
+    "radial": ("plumb_bob", (2,)),
+    "simple_radial_fisheye": ("equidistant", (1,)),
+    "radial_fisheye": ("equidistant", (2,)),
+    "none": ("none", (0,)),
+    "pinhole": ("none", (0,)),
+    "simple_pinhole": ("none", (0,)),
+}
+"""Names of distortion models, in lower case, with the model and how many of its first coefficients a file states.
+
+The first three are ROS's; radtan and equi Kalibr's; fisheye OpenCV's; the others COLMAP's and camodocal's.
+"""
+
+_OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
+"""Default model by number of coefficients, for files that name no model."""
+
+P_KEYS = ("projection_matrix", "P", "p")
+"""Names of the projection matrix of the rectified image."""
+
+MOST_SCALED = 5.0
+"""Largest factor by which rectification scales the focal lengths."""
+
+MOST_MOVED = 0.2
+"""Largest shift of the principal point by rectification, as a share of the image."""
+
+MOST_CAMERAS_NESTED = 3
+"""Levels of a file in which cameras are looked for."""
+
+
+class CameraCalibration(NamedTuple):
+    """What a camera calibration file says of a camera."""
+
+    intrinsics: Intrinsics
+    document: SourceDocument
+    """Of the whole file."""
+    part: SourceDocument
+    """What is about this camera."""
+
+
+def read_calibration(
+    path: Path, wanted: CalibrationFile | None = None, asked: str = "calibration"
+) -> CameraCalibration:
+    """Intrinsics from a camera calibration file in one of the formats that this module reads.
+
+    wanted: which camera of the file, and the size of its image if the file lacks it; asked: the key of the workspace
+    that says so. The projection matrix, if any, belongs to the rectified image and is not used: cameras see through
+    their lens. Raises InputError, with the line, for missing keys, unknown models, wrong lengths, impossible matrices,
+    and where file and workspace contradict each other.
+    """
+    wanted = wanted or CalibrationFile(file=str(path))
+    text = formats.read_calibration_text(path, formats.TOP_KEYS)
+    part, title, model = _chosen(text, wanted, asked)
+    camera = validate(part, model)
+    width, height = _size(camera, part, wanted, asked)
+    stated = camera.lens(part)
+    K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    if K[0, 0] <= 0 or K[1, 1] <= 0:
+        message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
+        raise part.error("wrong-value", stated.K_at, message)
+    if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
+        message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
+        raise part.error("wrong-value", stated.K_at, message)
+    distortion_model, coefficients = _distortion(part, stated)
+    intrinsics = Intrinsics(
+        width=width,
+        height=height,
+        matrix=read_only(K),
+        distortion_model=distortion_model,
+        distortion=read_only(coefficients),
+        lens_file=title,
+    )
+    _check_principal_point(part, stated.K_at, intrinsics)
+    return CameraCalibration(intrinsics, text.document, part)
+
+
+class _Found(NamedTuple):
+    """A camera of a file."""
+
+    part: SourceDocument
+    title: str
+    """Of its format, and its name."""
+    model: type[formats.StatedCamera]
+
+
+def _chosen(text: formats.CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
+    """The wanted camera of a file."""
+    document, found = text.document, dict(_cameras(text.document.data, ()))
+    if () in found or not found:
+        if not found and not any(key in document.data for key in formats.TOP_KEYS):
+            raise InputError(formats.no_calibration(document.path))
+        known, own = found.get((), formats.CAMERA_INFO), _own_name(document.data)
+        if wanted.camera not in (None, own):
+            raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
+        return _Found(document, _title(known, document, text.syntax), known.model)
+    names = {}  # a camera of a list is called by its own name, any other by its key
+    for at in found:
+        own = _own_name(document.at(at)) if isinstance(at[-1], int) else None
+        names[own or str(at[-1])] = at
+    if wanted.camera is None and len(names) > 1:
+        message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
+        mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
+        raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
+    name = wanted.camera or next(iter(names))
+    if name not in names:
+        raise InputError(_unknown_camera(document, name, list(names), asked))
+    part = formats.part_of(document, names[name])
+    known = found[names[name]]
+    return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
+
+
+def _unknown_camera(document: SourceDocument, name: str, names: Sequence[str], asked: str) -> Problem:
+    held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
+    close = nearest(name, names)
+    message = f"`{asked}.camera`: found `{name}`, but {held}" + (f"; did you mean `{close}`?" if close else "")
+    mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
+    return Problem("unknown-camera", message, Place(document.path), mend=mend)
+
+
+def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, formats.CalibrationFormat]]:
+    """The cameras in a file, with the path of each."""
+    if isinstance(data, dict):
+        known = formats.format_of(data)
+        if known is not None:
+            yield at, known
+            return
+    if len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _cameras(value, (*at, key))
+
+
+def _title(known: formats.CalibrationFormat, part: SourceDocument, syntax: str) -> str:
+    """The name of a format as people know it."""
+    if known is not formats.CAMERA_INFO:
+        return known.title
+    matrix = next((part.data[key] for key in formats.K_KEYS if key in part.data), None)
+    of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
+    return f"OpenCV FileStorage ({syntax})" if of_opencv else f"ROS camera_info ({syntax})"
+
+
+def _own_name(camera: Mapping[str, Any]) -> str | None:
+    """What a camera calls itself."""
+    keys = ("camera_name", "name", "id")
+    return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
+
+
+def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
+    """That of the image, from the file or the workspace, which must not contradict each other."""
+    stated = PixelSize.of(wanted.width, wanted.height)
+    at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
+    if camera.size is None and at:
+        missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
+        message = f"the file lacks the key `{missing}`{misspelt(missing, part.data)}"
+        raise bad_input("missing-key", message, part.key_place(at))
+    size = camera.size or stated
+    if size is None:
+        message = "the file does not say how large the image is"
+        mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
+        raise bad_input("missing-key", message, Place(part.path), mend=mend)
+    if stated not in (None, size):
+        message = f"the file is of an image of {size} pixels, `{asked}` of {stated}"
+        mend = "leave `width` and `height` out, or name the calibration of that image size"
+        raise part.error("image-size", at, message, mend)
+    return size
+
+
+def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
+    """A warning about a projection matrix that does not fit the camera matrix in the same calibration file.
+
+    The projection matrix describes the rectified image, which has the same size: `camera_calibration` scales the focal
+    lengths to keep more or less of the image, and hardly moves its centre.
+    """
+    document, K = found.part, found.intrinsics.matrix
+    key = next((key for key in P_KEYS if key in document.data), "")
+    entry = document.data.get(key)
+    numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
+    if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
+        return
+    if not any(numbers):  # as drivers write an unknown one
+        return
+    P = np.array(numbers, dtype=float).reshape(3, 4)
+    size = np.array([found.intrinsics.width, found.intrinsics.height])
+    focal, known, why = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]], ""
+    lengths = f"found focal lengths {focal[0]:g} and {focal[1]:g}"
+    if (focal <= 0).any():
+        why = f"{lengths}, expected positive ones"
+    elif not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
+        why = f"{lengths}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
+    elif (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
+        why = (
+            f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), `camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) "
+            f"in an image of {size[0]} x {size[1]} pixels"
+        )
+    if why:
+        message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
+        mend = "is the file put together from two cameras?"
+        yield replace(document.problem("doubtful-projection", (key,), message, mend), severity="warning")
+
+
+def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    """Raises InputError where the image that a workspace states at `path` is of no camera."""
+    coefficients, model = (*path, "distortion", "coefficients"), image.distortion_model
+    _check_count(document, coefficients, model, len(image.distortion), (DISTORTION_LENGTHS[model],))
+    _check_principal_point(document, path, image)
+
+
+def _check_principal_point(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    cx, cy = image.matrix[:2, 2]
+    if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
+        message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"
+        mend = "check `cx` and `cy`; is the calibration that of another image size?"
+        raise document.error("principal-point-outside", path, message, mend)
+
+
+def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
+    if count not in expected:
+        counts = " or ".join(map(str, expected))
+        message = f"found {count} distortion coefficients, expected {counts} for `{name}`"
+        raise document.error("wrong-length", path, message)
+
+
+def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
+    """The distortion model and all of its coefficients."""
+    _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
+    count = len(stated.D)
+    while count > max(counts) and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
+        count -= 1
+    if not stated.model and count == 4:
+        message = "with 4 distortion coefficients the file must say `distortion_model`"
+        how = "add `distortion_model: radtan` (k1, k2, p1, p2) or `distortion_model: fisheye` (k1, k2, k3, k4)"
+        raise document.error("missing-key", stated.D_at, message, how)
+    if not stated.model and count not in _OPENCV_MODELS:
+        message, mend = f"found {len(stated.D)} distortion coefficients, expected 4, 5 or 8", None
+        if count > 8:
+            message += f", with zeros after them; number {count} is {stated.D[count - 1]:g}"
+            mend = "calibrate without OpenCV's flags `CALIB_THIN_PRISM_MODEL` and `CALIB_TILTED_MODEL`"
+        raise document.error("wrong-length", stated.D_at, message, mend)
+    if not stated.model:
+        return _OPENCV_MODELS[count], list(stated.D[:count])
+    if stated.model.lower() not in _MODELS:
+        expected = expected_names(stated.model, stated.models)
+        message = f"found `{stated.model}`, which is no known distortion model; {expected}"
+        raise document.error("unknown-distortion-model", stated.model_at, message)
+    model, counts = _MODELS[stated.model.lower()]
+    _check_count(document, stated.D_at, stated.model, count, counts)
+    return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]

@@ -1,0 +1,312 @@
+"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files; the catalogue.
+
+Numbers are in SI units and angles in radians, whatever the unit in a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from math import radians, tan
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.files.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time
+from sqrp_cli.files.units import ANGLE, FREQUENCY, LARGEST, PIXELS
+from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
+from sqrp_cli.records import dataclass
+
+DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
+
+DISTORTION_LENGTHS: dict[DistortionModel, int] = {"none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+"""Number of coefficients of each distortion model, in the order of ROS camera calibration files."""
+
+MAX_PIXELS = 200_000_000
+"""Most pixels of an image; industrial cameras have up to 150 million."""
+
+PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
+FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]
+Gain = Annotated[float, In(None, 1e-6, 1e6)]
+Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
+
+
+class PixelSize(NamedTuple):
+    """Of an image [pixels]."""
+
+    width: int
+    height: int
+
+    @classmethod
+    def of(cls, width: int | None, height: int | None) -> PixelSize | None:
+        """A size that may be stated; None unless both numbers are."""
+        return None if width is None or height is None else cls(width, height)
+
+    @property
+    def short(self) -> str:
+        """As in `640x480`."""
+        return f"{self.width}x{self.height}"
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height}"
+
+
+def check_pixels(width: int, height: int) -> None:
+    """Raises PydanticCustomError for an image of more than `MAX_PIXELS`."""
+    if width * height > MAX_PIXELS:
+        message = f"found {width:,} x {height:,} = {width * height:,} pixels, expected at most {MAX_PIXELS:,}"
+        raise PydanticCustomError("image-too-large", message)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Intrinsics:
+    """Camera matrix, distortion and image size; pixel (0, 0) is the centre of the first pixel."""
+
+    width: int
+    """Columns of the image [pixels]."""
+    height: int
+    """Rows of the image [pixels]."""
+    matrix: Array
+    """The intrinsic matrix K [pixels], shape (3, 3)."""
+    distortion_model: DistortionModel
+    distortion: Array
+    """As in ROS `sensor_msgs/CameraInfo`: k1, k2, p1, p2, k3, ..."""
+    lens_file: str | None = None
+    """Format of the calibration file that says so, with the camera's name in it; None: the workspace does."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensing(Stored):
+    """Range, frame rate and latency of a camera, taken unchanged from the workspace file."""
+
+    near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
+    far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
+    rate: Annotated[Frequency, Field(description="Images per second.")]
+    latency: Time | None = None
+    """From exposure to the image being available; 0 s is assumed where it is left out."""
+    exposure: Annotated[Time, Field(description="How long the shutter is open; what moves meanwhile is blurred.")] = 0.0
+
+    gain: Gain | None = None
+    """Brightness of its images in the light that the cell states; default 1."""
+
+    @property
+    def brightness(self) -> float:
+        """Of its images, relative to the light."""
+        return 1.0 if self.gain is None else self.gain
+
+    @property
+    def lag(self) -> float:
+        """From exposure to the image being available [s]: the latency, 0 where none is stated."""
+        return self.latency or 0.0
+
+    @property
+    def response(self) -> float:
+        """Longest time from an event until an image of it is available [s]: one frame period and the latency."""
+        return 1.0 / self.rate + self.lag
+
+
+def assumed_latency(cameras: Iterable[Sensing]) -> str:
+    """That a latency is assumed of cameras, in words; empty where all state theirs."""
+    names = [getattr(camera, "name", "a camera") for camera in cameras if camera.latency is None]
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return f"no latency of {shown} is stated: 0 ms is assumed" if names else ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Seat:
+    """Where a camera is."""
+
+    frame: str
+    """`world`, or the link that carries the camera."""
+    X_FC: Array
+    """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
+    pose_file: str | None = None
+    """Format of the file that says so; None: the workspace does."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Camera(Seat, Sensing, Intrinsics):
+    """A camera with its calibration, place and sensing range."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for an invalid pose and for figures that are not finite; `far` may be infinite."""
+        what = f"camera `{self.name}`"
+        check_poses(what, self.X_FC)
+        check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistortionEntry(Stored):
+    """Lens distortion as in ROS camera calibration files."""
+
+    model: DistortionModel
+    """plumb_bob (5), rational_polynomial (8) or equidistant (4 coefficients)."""
+    coefficients: list[Number]
+    """In the order of ROS: k1, k2, p1, p2, k3, ..."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageEntry(Stored):
+    """The image of a camera: its size, and either a field of view or the focal lengths."""
+
+    width: PixelCount
+    """Columns of the image."""
+    height: PixelCount
+    """Rows of the image."""
+    horizontal_fov: FieldOfView | None = None
+    """Angle from the left to the right edge without lens distortion; square pixels."""
+    fx: FocalLength | None = None
+    """Focal length along x."""
+    fy: FocalLength | None = None
+    """Focal length along y; default fx."""
+    cx: Number | None = None
+    """Principal point; default the middle of the image, (width - 1) / 2."""
+    cy: Number | None = None
+    """Principal point; default the middle of the image, (height - 1) / 2."""
+    distortion: DistortionEntry | None = None
+    """Default: none."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that contradict each other."""
+        check_pixels(self.width, self.height)
+        if (self.horizontal_fov is None) == (self.fx is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
+        if self.horizontal_fov is not None and self.fy is not None:
+            raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
+
+    def intrinsics(self) -> Intrinsics:
+        """The intrinsics; pixels are square unless `fy` is given. The number of coefficients is not checked."""
+        fx = self.fx if self.fx is not None else 0.5 * self.width / tan(0.5 * (self.horizontal_fov or 0.0))
+        fy = self.fy if self.fy is not None else fx
+        cx = self.cx if self.cx is not None else 0.5 * (self.width - 1)
+        cy = self.cy if self.cy is not None else 0.5 * (self.height - 1)
+        lens = self.distortion or DistortionEntry(model="none", coefficients=[])
+        return Intrinsics(
+            width=self.width,
+            height=self.height,
+            matrix=read_only([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+            distortion_model=lens.model,
+            distortion=read_only(lens.coefficients),
+        )
+
+
+def image_of(camera: Intrinsics) -> ImageEntry:
+    """The entry that gives these intrinsics."""
+    K, lens = camera.matrix, list(map(float, camera.distortion))
+    distortion = None
+    if camera.distortion_model != "none":
+        distortion = DistortionEntry(model=camera.distortion_model, coefficients=lens)
+    return ImageEntry(
+        width=camera.width,
+        height=camera.height,
+        fx=float(K[0, 0]),
+        fy=float(K[1, 1]),
+        cx=float(K[0, 2]),
+        cy=float(K[1, 2]),
+        distortion=distortion,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationFile(Stored):
+    """A camera of a calibration file."""
+
+    file: Text
+    """Relative to this file, or package://."""
+    camera: Annotated[Text, BeforeValidator(lambda name: str(name) if type(name) is int else name)] | None = None
+    """Its name in the file, if that has several, such as `cam1`."""
+    width: PixelCount | None = None
+    """Columns of the image, if the file does not say."""
+    height: PixelCount | None = None
+    """Rows of the image, if the file does not say."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for a width without a height."""
+        if (self.width is None) != (self.height is None):
+            raise PydanticCustomError("conflicting-keys", "`width` and `height` go together")
+        if self.width is not None and self.height is not None:
+            check_pixels(self.width, self.height)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFile(Stored):
+    """A camera's pose in a file."""
+
+    file: Text
+    """Relative to this file, or package://; of a recording in a folder, the folder."""
+    camera: Text | None = None
+    """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CameraEntry(Sensing):
+    """A camera: where it is and how it makes an image, stated, or by files that others wrote."""
+
+    frame: Text | None = None
+    """`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is a link that the
+    URDF calls `world`. With `hand_eye`: instead of the link that the file names."""
+    pose: CameraPose | None = None
+    """Pose of the optical frame (z forward, x right, y down) in `frame`."""
+    hand_eye: MappingOr[PoseFile, Text] | None = None
+    """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
+    static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."""
+    convention: Literal["optical", "body"] = "optical"
+    """Axes of the stated orientation; body: x forward, y left, z up."""
+    image: ImageEntry | None = None
+    """Size and field of view or focal lengths of the image."""
+    calibration: MappingOr[CalibrationFile, Text] | None = None
+    """A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as `{file, camera, width,
+    height}` where it has several cameras or no image size."""
+
+    @property
+    def pose_file(self) -> PoseFile | None:
+        """The file with the pose, if there is one."""
+        return PoseFile(file=self.hand_eye) if isinstance(self.hand_eye, str) else self.hand_eye
+
+    @property
+    def calibration_file(self) -> CalibrationFile | None:
+        """The calibration file, if there is one."""
+        return CalibrationFile(file=self.calibration) if isinstance(self.calibration, str) else self.calibration
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that contradict each other."""
+        if (self.pose is None) == (self.hand_eye is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
+        if (self.image is None) == (self.calibration is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
+        if self.convention == "body" and self.pose is not None and self.pose.look_at is not None:
+            raise PydanticCustomError(
+                "conflicting-keys",
+                "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
+            )
+
+
+CATALOGUE = Path(__file__).with_name("catalogue.yaml")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CatalogueEntry(Sensing):
+    """A camera with a lens, as their makers describe them."""
+
+    camera: Text
+    """Maker, model, sensor."""
+    lens: Text
+    """Maker, model, focal length."""
+    source: Text
+    """Where the figures are from."""
+    image: Annotated[ImageEntry, Field(description="Size and focal length of the image.")]
+
+
+@cache
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """The entries by name."""
+    from sqrp_cli.files.yaml_file import read_yaml
+
+    return TypeAdapter(dict[Name, CatalogueEntry]).validate_python(read_yaml(CATALOGUE).data)

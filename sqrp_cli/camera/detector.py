@@ -1,0 +1,355 @@
+"""Detection algorithms: their limits, how likely they see a box, and how far away a camera reads a marker.
+
+Numbers are in SI units, angles in radians. Also the kinds of detectors that installed packages bring: only their names
+are read here, and nothing of a package runs before it is to look at an image. And when one of colours calls a part
+held, gone or in a place, for what predicts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from itertools import product
+from math import cos, pi, radians, sqrt
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import PlainValidator, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.camera.camera import Intrinsics
+from sqrp_cli.camera.markers import DICTIONARIES, Marker
+from sqrp_cli.errors import expected_names
+from sqrp_cli.files.entries import In, Number, Pixels, Range, Stored, completed, refused
+from sqrp_cli.files.source import describe
+from sqrp_cli.files.units import ANGLE, LARGEST_LENGTH, SHARE
+from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
+
+Steepness = Annotated[float, In(None, 0.0, 1000.0)]
+MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
+
+LEAST_FEATURE = 1e-3
+"""A size in pixels and a cosine below this count as this, so that they have logarithms."""
+
+
+class BoxSights(NamedTuple):
+    """How cameras see boxes: arrays of one shape, one entry per look."""
+
+    pixels: Array
+    """Square root of the area of the box in the image [pixels]."""
+    incidence: Array
+    """Angle between the box's normal and the direction to the camera, 0 for a box without one [rad]."""
+    distance: Array
+    """From the camera to the box's centre [m]."""
+    visible: Array
+    """Share of the box's silhouette that nothing hides, in 0..1."""
+    blur: Array
+    """How far the box's centre moves in the image while the shutter is open [pixels]."""
+
+    def features(self) -> Array:
+        """What the coefficients of a curve are about, in the order of `COEFFICIENTS`, shape (5, ...).
+
+        Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, visible, -blur / pixels.
+        """
+        size = np.maximum(self.pixels, LEAST_FEATURE)
+        cosine = np.maximum(np.cos(self.incidence), LEAST_FEATURE)
+        return np.stack([np.log(size), np.log(cosine), -self.distance, self.visible, -self.blur / size])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve(Stored):
+    """How likely a detector sees a box: most / (1 + exp(-z)), where z is `bias` plus the terms below.
+
+    A limit of the detector counts where the curve has no term for what it limits; without terms, all do.
+    """
+
+    bias: Number
+    """Of z."""
+    pixels: Steepness | None = None
+    """Times ln of the size in the image, the square root of its area in pixels; replaces `min_pixels`."""
+    incidence: Steepness | None = None
+    """Times ln of the cosine of the angle to the box's normal; replaces `max_incidence`."""
+    distance: Steepness | None = None
+    """Times minus the distance in metres; replaces `distance`."""
+    visible: Steepness | None = None
+    """Times the visible share, in 0..1; replaces `min_visible`."""
+    blur: Steepness | None = None
+    """Times minus the blur by motion, as a share of the size in the image."""
+    most: MostLikely = 1.0
+    """The probability in the best of views."""
+
+    @property
+    def terms(self) -> dict[str, float]:
+        """The coefficients that it has, by name."""
+        return {name: value for name in COEFFICIENTS if (value := getattr(self, name)) is not None}
+
+    def probability(self, sights: BoxSights) -> Array:
+        """How likely the detector sees each box, in 0..1."""
+        weights = np.array([getattr(self, name) or 0.0 for name in COEFFICIENTS])
+        z = self.bias + np.tensordot(weights, sights.features(), axes=1)
+        return self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
+
+
+COEFFICIENTS = BoxSights._fields
+"""The terms that a curve may have."""
+
+
+MODULE_PIXELS, PER_BIT = 1.59, 0.19
+"""Pixels along a module of a marker that is read in nine of ten images, if each side has one bit and none may be wrong;
+by n bits along a side, of which b in all may be wrong, 1.59 (n / (1 + b))^0.19: of more bits one is lost more often."""
+
+LEAST_SIDE = 0.011
+"""Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
+outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
+
+STEEPEST = radians(80.0)
+"""The largest angle at which markers are read [rad]."""
+
+
+class MarkerRange(NamedTuple):
+    """Between which distances a camera reads a marker that faces it, in the middle of the image [m]."""
+
+    near: float
+    """Where its black square, unturned, fills the image in one direction."""
+    far: float
+    """Up to here nine of ten images show it."""
+
+    @classmethod
+    def of(cls, camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> MarkerRange:
+        """The range of a marker for a camera; incidence: turned by an angle [rad]."""
+        fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
+        near = marker.side * max(fx / camera.width, fy / camera.height)
+        return cls(near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence)))
+
+
+def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
+    """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
+
+    incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
+    """
+    return _least_side(camera, dictionary, incidence) * np.sqrt(np.maximum(np.cos(incidence), cos(STEEPEST)))
+
+
+def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
+    """The longer side in the image of the smallest marker that is read [pixels].
+
+    A bit is read by the distance h of its module's edges in the image. Of a marker turned by an angle of cosine k about
+    an axis at phi to them, h^2 is in proportion to k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-2
+    is (1 + k^2) / 2 k^2. Outlines are passed over by their perimeter.
+    """
+    code = DICTIONARIES[dictionary]
+    shorter = np.maximum(np.cos(incidence), cos(STEEPEST))  # the shorter side of a turned marker, to the longer one
+    module = MODULE_PIXELS * ((code.modules - 2) / (1 + code.corrected)) ** PER_BIT
+    read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
+    found: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    return found
+
+
+def marker_ranges(
+    cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]
+) -> dict[str, dict[str, MarkerRange]]:
+    """The range of each marker for each camera, by their names."""
+    return {
+        name: {called: MarkerRange.of(camera, marker) for called, marker in markers.items()}
+        for name, camera in cameras.items()
+    }
+
+
+def widest(ranges: Mapping[str, Mapping[str, MarkerRange]]) -> MarkerRange | None:
+    """The nearest and the farthest of several ranges; None of none."""
+    every = [one for of_camera in ranges.values() for one in of_camera.values()]
+    return MarkerRange(min(one.near for one in every), max(one.far for one in every)) if every else None
+
+
+GROUP = "sqrp.detectors"
+"""The group of entry points: the name of each is a kind of detector, its object makes one for a camera."""
+
+
+@cache
+def installed_detectors() -> Mapping[str, EntryPoint]:
+    """The entry point of each kind, by its name; of several packages with one name, the first by the package's name."""
+    found = sorted(entry_points(group=GROUP), key=lambda one: (one.name, package_of(one)), reverse=True)
+    return {one.name: one for one in found}
+
+
+def package_of(entry: EntryPoint) -> str:
+    """The name of the package that brings an entry point."""
+    return entry.dist.name if entry.dist is not None else entry.module
+
+
+LEAST_VISIBLE = 0.001
+"""A box of which less than this share is visible is never seen."""
+
+BESIDE = 0.95
+"""Share of a marker's box from which on images usually show it, though a part of the robot covers some of its edge."""
+
+BUILT_IN = ("aruco", "color")
+"""The kinds of detectors that need no other package."""
+
+
+def _kind(value: object) -> str:
+    """Raises PydanticCustomError for what is no kind of detector."""
+    if value in BUILT_IN:
+        return str(value)
+    known = (*BUILT_IN, *installed_detectors())
+    if not isinstance(value, str) or value not in known:
+        hint = f"{expected_names(str(value), known)}; installed packages bring more as entry points `{GROUP}`"
+        raise refused("wrong-value", f"found {describe(value)}, which is no detector; {hint}")
+    return value
+
+
+DetectorKind = Annotated[
+    str, PlainValidator(_kind), WithJsonSchema({"anyOf": [{"enum": list(BUILT_IN)}, {"type": "string"}]})
+]
+Incidence = Annotated[float, In(ANGLE, radians(0.1), pi)]
+VisibleShare = Annotated[float, In(SHARE, LEAST_VISIBLE, 1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorTraits(Stored):
+    """What a workspace file says of a detection algorithm, and what is taken unchanged."""
+
+    kind: DetectorKind
+    """What it detects: `aruco` (markers), `color`, or a kind that an installed package brings."""
+    max_incidence: Incidence
+    """Largest angle between a box's normal and the direction to the camera."""
+    min_visible: VisibleShare = 1.0
+    """Least share of the box that must be seen."""
+    curve: Curve | None = None
+    """How likely it sees a box, by how a camera sees it; the limits go on deciding what is covered."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorEntry(DetectorTraits):
+    """A detection algorithm, and the limits within which it is reliable."""
+
+    distance: Range | None = None
+    """Nearest and farthest distance from the camera. Of `aruco` by default from the markers and lenses of the cell."""
+    min_pixels: Pixels | None = None
+    """Least size in the image: square root of the area in pixels. Of `aruco` by default from the dictionaries."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError, a ValueError, for an empty range, and for limits that only markers give."""
+        if self.distance is not None and self.distance[0] >= self.distance[1]:
+            raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")
+        missing = [name for name in ("distance", "min_pixels") if getattr(self, name) is None]
+        if missing and self.kind != "aruco":
+            names = " and ".join(f"`{name}`" for name in missing)
+            raise refused("missing-key", f"a detector of kind `{self.kind}` needs {names}; only markers give their own")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detector(DetectorTraits):
+    """The limits within which a detection algorithm is reliable."""
+
+    distance: tuple[float, float]
+    """Nearest and farthest distance from the camera [m]."""
+    min_pixels: float
+    """Least size in the image: square root of the area in pixels."""
+    dictionaries: tuple[str, ...] = ()
+    """Of the cell's markers, for a detector of them."""
+    is_usual: bool = False
+    """Whether the size at which markers are read counts, not `min_pixels`: see `usual`."""
+
+    @classmethod
+    def of(cls, entry: DetectorEntry, cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]) -> Detector:
+        """A detector as a file states it, in a cell with cameras and markers by name.
+
+        Where the file leaves it to them: the distances at which any camera reads any of the markers, and the size at
+        which every camera reads each of them, also at the largest angle. Raises ValueError where there are none.
+        """
+        distance, least = entry.distance, entry.min_pixels
+        dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
+        if distance is None or least is None:
+            reads = widest(marker_ranges(cameras, markers))
+            if reads is None:
+                raise ValueError("there is no marker, or no camera, that gives the detector its limits")
+            looks = product(cameras.values(), dictionaries)
+            smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
+            distance, least = distance or (reads.near, reads.far), smallest if least is None else least
+        return completed(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
+
+    @property
+    def usual(self) -> Detector:
+        """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
+
+        One of colours judges what the image's edge leaves of a part as it does what others leave, see `judges_rest`. Of
+        other detectors, and of those with a curve, no more is known than what is stated.
+        """
+        if self.curve is not None:
+            return self
+        if self.kind == "color":
+            return replace(self, min_visible=self.judging.min_visible, is_usual=True)
+        if not self.dictionaries:
+            return self
+        visible = min(self.min_visible, BESIDE)
+        return replace(self, distance=(0.0, LARGEST_LENGTH), max_incidence=STEEPEST, min_visible=visible, is_usual=True)
+
+    def smallest(self, camera: Intrinsics, incidence: Array) -> Array:
+        """The least size of boxes in the image that are seen at angles [rad], the same shape [pixels]."""
+        if not self.is_usual or not self.dictionaries:
+            return np.full(incidence.shape, self.min_pixels)
+        found: Array = np.max([least_pixels(camera, one, incidence) for one in self.dictionaries], axis=0)
+        return found
+
+    @property
+    def judges_rest(self) -> bool:
+        """Whether what the image's edge leaves of a box counts as what a part does that hides some of it."""
+        return self.is_usual and self.kind == "color"
+
+    @property
+    def gates(self) -> Detector:
+        """With the limits alone that its curve has no term for: outside them it sees nothing."""
+        terms = {} if self.curve is None else self.curve.terms
+        return replace(
+            self,
+            distance=(0.0, LARGEST_LENGTH) if "distance" in terms else self.distance,
+            max_incidence=pi if "incidence" in terms else self.max_incidence,
+            min_pixels=0.0 if "pixels" in terms else self.min_pixels,
+            min_visible=LEAST_VISIBLE if "visible" in terms else self.min_visible,
+        )
+
+    @property
+    def judging(self) -> Detector:
+        """With the limits within which it judges images, though nobody relies on it: one of colours takes what it gets.
+
+        See `BORDER`, too. Of other detectors no more is known than what is stated.
+        """
+        if self.kind != "color":
+            return self
+        return replace(
+            self,
+            distance=(0.0, LARGEST_LENGTH),
+            max_incidence=pi,
+            min_pixels=LEAST_PIXELS,
+            min_visible=float(np.clip(self.min_visible, LEAST_SHARE, MOST_SHARE)),
+            curve=None,
+        )
+
+
+LEAST_PIXELS = 4.0
+"""Least square root of the area of a silhouette that can be judged by colour [pixels]."""
+
+LEAST_SHARE, MOST_SHARE = 0.35, 0.5
+"""Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
+detector requires to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
+background: at its edges, and where it meets the robot."""
+
+BORDER = 1.8
+"""Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
+taken to be a pixel wider than it is, and pixels at its edge show both."""
+
+FULL, EMPTY = 0.6, 0.1
+"""A box is filled if it shows at least this share of the colour that its object would show, empty if at most this.
+An object that is not held counts as in a place that is filled by more than half of the former."""
+
+SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
+"""How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
+
+ALIKE = 0.02
+"""Places explain an image equally well if they differ by no more than this share of the part's silhouette; the nearest
+to where the tool would show it counts."""

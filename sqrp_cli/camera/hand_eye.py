@@ -1,0 +1,453 @@
+"""Camera poses from the files that people have, recognised by content.
+
+These are results of easy_handeye (ROS 1 and 2), static transforms, and recordings with `/tf_static`. easy_handeye says
+which frame carries the camera: the robot's effector (eye in hand) or its base (eye on base); its transform is the pose
+of the tracking frame, usually the camera's optical frame, in that.
+
+Static transforms are TF messages in YAML (`ros2 topic echo /tf_static`), launch files and commands of
+`static_transform_publisher`, such as MoveIt's hand-eye calibration writes. Launch files are read as text: nothing in
+them is executed.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice, pairwise, takewhile
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from sqrp_cli.camera.camera import Seat
+from sqrp_cli.errors import InputError, Place, bad_input, expected_names
+from sqrp_cli.files.entries import ForeignEntry, Length, Number, Text
+from sqrp_cli.files.input_file import decoded, read_input
+from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.files.units import as_number
+from sqrp_cli.files.validation import validate
+from sqrp_cli.files.xml_file import Element, parse_xml
+from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.records import dataclass
+from sqrp_cli.ros.bag import Bag, is_bag
+
+TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
+
+MOST_MESSAGES = 10_000
+"""Most messages that are read; each node that publishes static transforms sends one."""
+
+PUBLISHER = "static_transform_publisher"
+
+LARGEST_TRANSLATION = 1e4
+"""Largest coordinate [m]."""
+
+_DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
+
+_SHELL = ("&", "&&", ";", "|", "||")
+"""What ends a command."""
+
+_POSITION = ("x", "y", "z")
+_RPY = ("roll", "pitch", "yaw")
+_QUATERNION = ("qx", "qy", "qz", "qw")
+
+
+class StaticTransform(NamedTuple):
+    """The pose of a frame in its parent."""
+
+    parent: str
+    child: str
+    X_PC: Array
+    """Shape (4, 4)."""
+    place: Place
+
+    @classmethod
+    def of(cls, stamped: Any, place: Place) -> StaticTransform | None:  # noqa: ANN401 - of a file, or a ROS message
+        """What a `geometry_msgs/TransformStamped` says; None if its quaternion is not of length 1."""
+        t, r = stamped.transform.translation, stamped.transform.rotation
+        R = unit_quaternion((r.x, r.y, r.z, r.w))
+        frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
+        return None if R is None else cls(*frames, pose(R, (t.x, t.y, t.z)), place)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandEye(Seat):
+    """Where a camera is by a file."""
+
+    camera_frame: str
+    """The frame at pose `X_FC`, as the file calls it."""
+    place: Place
+    """Where the file names the frame that carries it."""
+    content: bytes = b""
+    """What was read of the file."""
+    document: SourceDocument | None = None
+    """Its keys and values, of easy_handeye."""
+
+
+class _Vector(ForeignEntry):
+    x: Length
+    y: Length
+    z: Length
+
+
+class _Quaternion(ForeignEntry):
+    x: Number
+    y: Number
+    z: Number
+    w: Number
+
+
+class _Transform(ForeignEntry):
+    """`geometry_msgs/Transform`."""
+
+    translation: _Vector
+    rotation: _Quaternion
+
+
+class _Header(ForeignEntry):
+    frame_id: Text
+
+
+class _Stamped(ForeignEntry):
+    header: _Header
+    child_frame_id: Text
+    transform: _Transform
+
+
+class _Message(ForeignEntry):
+    transforms: list[_Stamped] = Field(min_length=1)
+
+
+def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
+    """The rotation matrix of x, y, z, w; None if that is not of length 1, to 1 %."""
+    length = sum(value * value for value in quaternion) ** 0.5
+    return None if abs(length - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
+
+
+class _Parameters(ForeignEntry):
+    eye_on_hand: bool | None = None
+    calibration_type: Literal["eye_in_hand", "eye_on_base"] | None = None
+    robot_base_frame: Text | None = None
+    robot_effector_frame: Text | None = None
+    tracking_base_frame: Text
+
+
+class _Transformation(_Vector):
+    qx: Number
+    qy: Number
+    qz: Number
+    qw: Number
+
+
+class _Result(ForeignEntry):
+    transformation: _Transformation | None = None
+    transform: _Transform | None = None
+
+
+class _File(_Result):
+    parameters: _Parameters
+
+
+class _FlatFile(_Result, _Parameters):
+    """The format of early versions: the parameters beside the transformation."""
+
+
+_STAMPED = ("transforms", "child_frame_id")
+_KEYS = ("parameters", "transform", "transformation", "tracking_base_frame", "header", *_STAMPED)
+
+
+def read_hand_eye(
+    path: Path, camera: str | None = None, carriers: Collection[str] = (), asked: str = "hand_eye"
+) -> HandEye:
+    """The pose of a camera in a file of one of the formats that this module reads.
+
+    camera: its frame, where the file has several. carriers: frames that may carry it, such as the robot's links; of
+    static transforms one after the other, the camera is in the first of these. asked: the key of the workspace that
+    says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
+    is not 1.
+    """
+    pose_file, content, transforms = "/tf_static of a recording", b"", None
+    if is_bag(path):
+        transforms = read_bag(path)
+    else:
+        content = read_input(path, MAX_BYTES)
+        text = decoded(path, content)
+        pose_file, transforms = "static_transform_publisher", read_launch(path, content, text)
+        if transforms is None and re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
+            pose_file, transforms = "TF messages", read_messages(path, text)
+    if transforms is None:
+        document = parse_yaml(path, content, keys=_KEYS)
+        if not any(key in document.data for key in _KEYS):
+            message = (
+                "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
+            )
+            raise bad_input("unknown-calibration", message, Place(document.path))
+        if "tracking_base_frame" in document.data:
+            flat = validate(document, _FlatFile)
+            return _hand_eye(document, flat, flat, ())
+        file = validate(document, _File)
+        return _hand_eye(document, file, file.parameters, ("parameters",))
+    seat = camera_seat(transforms, path, camera, carriers, asked)
+    # A recording may be large: of that, what was read.
+    read = content or repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
+    return replace(seat, pose_file=pose_file, content=read)
+
+
+def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
+    """A result of easy_handeye; owner: path of the parameters."""
+
+    def lacks(owner: KeyPath, key: str) -> InputError:
+        who = f"`{dotted(owner)}`" if owner else "the file"
+        return bad_input("missing-key", f"{who} lacks the key {key}", document.key_place(owner))
+
+    in_hand = parameters.eye_on_hand
+    if parameters.calibration_type is not None:
+        in_hand = parameters.calibration_type == "eye_in_hand"
+    if in_hand is None:
+        raise lacks(owner, "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)")
+    key = "robot_effector_frame" if in_hand else "robot_base_frame"
+    frame = parameters.robot_effector_frame if in_hand else parameters.robot_base_frame
+    if frame is None:
+        raise lacks(owner, f"`{key}`, the frame that carries the camera")
+    path: KeyPath
+    if result.transform is not None:
+        t, r = result.transform.translation, result.transform.rotation
+        position, quaternion, path = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w), ("transform", "rotation")
+    elif result.transformation is not None:
+        f = result.transformation
+        position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
+    else:
+        raise lacks((), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
+    R = unit_quaternion(quaternion)
+    if R is None:
+        length = sum(value * value for value in quaternion) ** 0.5
+        raise document.error("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
+    return HandEye(
+        frame=frame.lstrip("/"),
+        place=document.value_place((*owner, key)),
+        camera_frame=parameters.tracking_base_frame,
+        X_FC=read_only(pose(R, position)),
+        pose_file="easy_handeye",
+        content=document.content,
+        document=document,
+    )
+
+
+def camera_seat(
+    transforms: Sequence[StaticTransform], path: Path, wanted: str | None, carriers: Collection[str], asked: str
+) -> HandEye:
+    """The pose of a camera's frame in the first frame above it that is among the carriers, else in the topmost.
+
+    wanted: the camera's frame; None: the only one without frames on it, or the only one of these that is optical.
+    asked: the key of the workspace that says so. Raises InputError, with the frames that there are.
+    """
+    above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
+    frame = "" if wanted is None else wanted.lstrip("/")
+    if wanted is None:
+        leaves = [child for child in above if child not in parents]
+        found = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
+        if len(found) != 1:
+            names = found or leaves
+            listed = ", ".join(f"`{name}`" for name in names[:10])
+            mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
+            message = f"which frame is the camera's? The file has {listed}"
+            raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
+        frame = found[0]
+    if frame not in above:
+        message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
+        raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
+    X, at, last = np.eye(4), frame, above[frame]
+    for _ in range(len(above) + 1):
+        if at not in above or (at in carriers and at != frame):
+            return HandEye(frame=at, camera_frame=frame, X_FC=read_only(X), place=last.place)
+        last = above[at]
+        X, at = last.X_PC @ X, last.parent
+    raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
+
+
+def read_messages(path: Path, text: str) -> list[StaticTransform]:
+    """Transforms of TF messages in YAML, one or several (`---`)."""
+    found, line = list[StaticTransform](), 0
+    for part in _DOCUMENTS.split(text):
+        if part.strip() and not all(row.lstrip().startswith("#") for row in part.split("\n") if row.strip()):
+            document = parse_yaml(path, ("\n" * line + part).encode())
+            stamped: list[tuple[KeyPath, _Stamped]] = []
+            if "transforms" in document.data:
+                listed = validate(document, _Message).transforms
+                stamped += [(("transforms", index), one) for index, one in enumerate(listed)]
+            else:
+                stamped.append(((), validate(document, _Stamped)))
+            for at, one in stamped:
+                transform = StaticTransform.of(one, document.value_place((*at, "header", "frame_id")))
+                if transform is None:
+                    message = "the quaternion is not of length 1 (order x, y, z, w)"
+                    raise document.error("not-a-rotation", (*at, "transform", "rotation"), message)
+                found.append(transform)
+        line += part.count("\n")
+    return found
+
+
+def read_launch(path: Path, content: bytes, text: str) -> list[StaticTransform] | None:
+    """Transforms that a launch file or script publishes; None for a file that has none.
+
+    Nodes whose conditions are false with the defaults of the launch arguments are left out. Raises InputError, with the
+    line, for arguments and conditions that only a launch could know.
+    """
+    if PUBLISHER not in text:
+        return None
+    if text.lstrip().startswith("<"):
+        root = parse_xml(path, content, "launch")
+        stated = [one for one in root.inside() if one.tag == "arg"]
+        defaults = {one.attributes.get("name", ""): one.attributes.get("value", one.attributes.get("default"))
+                    for one in stated}  # fmt: skip
+        return [_of_words(one.text("args").split(), one.place) for one in _of_xml(root, defaults)]
+    if re.search(r"^[ \t]*(from|import)\s", text, re.MULTILINE):
+        return list(_of_python(path, text))
+    found = []
+    for number, line in enumerate(text.replace("\\\n", "  ").splitlines(), 1):
+        if PUBLISHER in line and not line.lstrip().startswith("#"):
+            try:
+                words = shlex.split(line.split(PUBLISHER, 1)[1], comments=True)
+            except ValueError as error:
+                raise bad_input("wrong-value", f"cannot be split: {error}", Place(path, number)) from None
+            found.append(_of_words([*takewhile(lambda word: word not in _SHELL, words)], Place(path, number, 1)))
+    return found
+
+
+def _of_xml(holder: Element, defaults: Mapping[str, str | None]) -> Iterator[Element]:
+    """The nodes that publish, in groups too, whose conditions hold."""
+    for one in holder.children:
+        publishes = PUBLISHER in (one.attributes.get("type"), one.attributes.get("exec"))
+        if not publishes and all(PUBLISHER not in inner.attributes.values() for inner in one.inside()):
+            continue
+        if all(_holds(one.attributes[word], word == "if", defaults, one.place)
+               for word in ("if", "unless") if word in one.attributes):  # fmt: skip
+            yield from (one,) if publishes else _of_xml(one, defaults)
+
+
+def _holds(text: str, wanted: bool, defaults: Mapping[str, str | None], place: Place) -> bool:
+    """Whether a condition, such as `$(arg sim)`, is as wanted with the defaults of the arguments."""
+    found = re.fullmatch(r"\$\((?:arg|var)\s+([^\s()]+)\)", text.strip())
+    value = defaults.get(found[1]) if found else text
+    if value is None or value.strip().lower() not in ("true", "false", "1", "0"):
+        message = f"whether this transform is published depends on `{text[:60]}`, which is not known before a launch"
+        mend = "give the argument a default, or write the transform that holds into a file of its own"
+        raise bad_input("ambiguous-entry", message, place, mend=mend)
+    return (value.strip().lower() in ("true", "1")) == wanted
+
+
+def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
+    """Nodes of a launch file in Python, which is parsed and not executed."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        raise bad_input("python-syntax", "this is no Python that can be parsed", Place(path, line)) from None
+    calls = [call for call in ast.walk(tree) if isinstance(call, ast.Call)]
+    assigned = {target.id: ast.unparse(one.value) for one in ast.walk(tree) if isinstance(one, ast.Assign)
+                for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
+    defaults: dict[str, str | None] = {}
+    around: dict[ast.Call, list[ast.expr]] = {}
+    for call in calls:  # the outer ones first
+        given = {keyword.arg: keyword.value for keyword in call.keywords}
+        name, default = next(iter(call.args), given.get("name")), given.get("default_value")
+        if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
+            defaults[str(name.value)] = str(default.value)
+        if "condition" in given:
+            for inner in ast.walk(call):
+                if isinstance(inner, ast.Call):
+                    around.setdefault(inner, []).append(given["condition"])
+    for call in calls:
+        given = {keyword.arg: keyword.value for keyword in call.keywords}
+        executable = given.get("executable", given.get("node_executable"))
+        if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
+            place = Place(path, call.lineno, call.col_offset + 1)
+            if not all(_python_holds(condition, assigned, defaults, place) for condition in around.get(call, ())):
+                continue
+            stated = given.get("arguments")
+            if not isinstance(stated, ast.List | ast.Tuple):
+                message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
+                raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
+            yield _of_words([_word(path, item) for item in stated.elts], place)
+
+
+def _python_holds(
+    condition: ast.expr, assigned: Mapping[str, str], defaults: Mapping[str, str | None], place: Place
+) -> bool:
+    """Whether `IfCondition(LaunchConfiguration(...))`, or the opposite, holds with the defaults of the arguments."""
+    text = ast.unparse(condition)
+    for _ in range(2):  # both may be variables
+        text = re.sub(r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), text)
+    found = re.fullmatch(r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+", text)
+    if found is None:
+        return _holds(text, True, defaults, place)
+    asked = f"$(var {found[2]})" if "LaunchConfiguration" in text else found[2]
+    return _holds(asked, found[1] == "If", defaults, place)
+
+
+def _word(path: Path, item: ast.expr) -> str:
+    negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
+    plain = item.operand if isinstance(item, ast.UnaryOp) and negative else item
+    if isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float):
+        return f"{'-' if negative else ''}{plain.value}"
+    message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
+    place = Place(path, item.lineno, item.col_offset + 1)
+    raise bad_input("wrong-value", message, place, mend="write the value itself")
+
+
+def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
+    """The transform of the publisher's arguments: with options, or in its older order."""
+    if any(word.startswith("--frame-id") for word in words):
+        split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
+        options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
+        for name in ("frame_id", "child_frame_id"):
+            if name not in options:
+                raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
+        return _transform(options, options["frame_id"], options["child_frame_id"], place)
+    numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
+    count, frames = len(words) - 2, [word for word in words if word not in numbers]
+    if len(words) > 2 and len(frames) == 2 and words.index(frames[0]) in (6, 7):
+        count = words.index(frames[0])
+        names = (*_POSITION, "yaw", "pitch", "roll") if count == 6 else (*_POSITION, *_QUATERNION)
+        return _transform(dict(zip(names, words, strict=False)), frames[0], frames[1], place)
+    message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
+    raise bad_input("wrong-length", message, place)
+
+
+def _transform(values: Mapping[str, str], parent: str, child: str, place: Place) -> StaticTransform:
+    def number(name: str) -> float:
+        text = values.get(name, "1" if name == "qw" else "0")
+        value = as_number(text)
+        if not abs(value) <= LARGEST_TRANSLATION:
+            message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
+            raise bad_input("wrong-value", message, place)
+        return value
+
+    R: Array | None = rpy_to_matrix([number(name) for name in _RPY])
+    if any(name in values for name in _QUATERNION):
+        R = unit_quaternion([number(name) for name in _QUATERNION])
+    if R is None:
+        raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
+    frames = (parent.lstrip("/"), child.lstrip("/"))
+    return StaticTransform(*frames, pose(R, [number(name) for name in _POSITION]), place)
+
+
+def read_bag(path: Path) -> list[StaticTransform]:
+    """The static transforms of a recording, the last of each frame. Raises InputError where it cannot be read."""
+    with Bag(path) as bag:
+        packed = islice((one for one in bag.messages([TOPIC]) if one.type == _TYPE), MOST_MESSAGES)
+        stamped = [one for message in packed for one in bag.read(message).transforms]
+    found: dict[str, StaticTransform] = {}
+    for one in stamped:
+        transform = StaticTransform.of(one, Place(path))
+        if transform is None:
+            why = f"the quaternion of `{one.child_frame_id}` is not of length 1"
+            raise bad_input("not-a-rotation", why, Place(path))
+        found[transform.child] = transform
+    if not found:
+        raise bad_input("missing-key", f"the recording has no static transforms on `{TOPIC}`", Place(path))
+    return list(found.values())

@@ -1,0 +1,189 @@
+"""Colours that have a name, the lights of a cell, and in which light a detector tells what it looks for.
+
+Light has no colour: it changes how bright a paint is, not its hue, unless it saturates; detectors of colours look for
+hues. Its intensity is how bright it makes a white surface that faces it, as a share of what makes pixels of a camera
+with gain 1 saturate.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from math import cos, inf, radians
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.files.entries import Direction, In, Position, Stored
+from sqrp_cli.files.units import ANGLE, SHORTEST_DIRECTION
+from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
+
+Rgb = tuple[float, float, float]
+"""Red, green and blue, 0 to 1."""
+
+COLORS: Mapping[str, Rgb] = {
+    "red": (0.85, 0.08, 0.08),
+    "orange": (0.95, 0.45, 0.03),
+    "yellow": (0.90, 0.82, 0.06),
+    "green": (0.08, 0.65, 0.12),
+    "cyan": (0.05, 0.70, 0.75),
+    "blue": (0.08, 0.20, 0.85),
+    "purple": (0.45, 0.10, 0.75),
+    "magenta": (0.85, 0.08, 0.65),
+    "pink": (0.95, 0.45, 0.62),
+    "brown": (0.42, 0.22, 0.08),
+    "white": (0.92, 0.92, 0.92),
+    "grey": (0.58, 0.58, 0.58),
+    "gray": (0.58, 0.58, 0.58),
+    "silver": (0.70, 0.70, 0.70),
+    "black": (0.06, 0.06, 0.06),
+}
+"""Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
+
+HUES = 180
+"""How many hues there are, as OpenCV counts: steps of two degrees."""
+
+HUE_TOLERANCE = 12
+"""How far a hue may be from that of the paint that is looked for."""
+
+LEAST_SATURATION = 0.3
+"""Below it, in 0..1, a paint has no hue to look for."""
+
+LEAST_SEEN_SATURATION, LEAST_VALUE = 90 / 255, 40 / 255
+"""Below these, in 0..1, a detector of colours counts a pixel as grey or black, not as coloured."""
+
+
+def hue_of(color: str | None) -> int | None:
+    """The hue (0 to `HUES` - 1) of a colour's name; None for one without a hue, or that has no paint here."""
+    if color is None or color.lower() not in COLORS:
+        return None
+    hue, saturation, _ = colorsys.rgb_to_hsv(*COLORS[color.lower()])
+    return None if saturation < LEAST_SATURATION else round(hue * HUES) % HUES
+
+
+def look_alike(sought: str | None, other: str | None) -> bool:
+    """Whether a detector that looks for one colour takes another one for it."""
+    first, second = hue_of(sought), hue_of(other)
+    return first is not None and second is not None and _are_near(first, second)
+
+
+def _are_near(first: int, second: int) -> bool:
+    return min(abs(first - second), HUES - abs(first - second)) <= HUE_TOLERANCE
+
+
+def detected_as(color: str, pixel: Sequence[float]) -> bool:
+    """Whether a detector that looks for a colour takes a pixel, red, green and blue in 0..1, for it."""
+    sought, (r, g, b) = hue_of(color), pixel
+    hue, saturation, value = colorsys.rgb_to_hsv(r, g, b)
+    if sought is None or saturation < LEAST_SEEN_SATURATION or value < LEAST_VALUE:
+        return False
+    return _are_near(round(hue * HUES), sought)
+
+
+MOST_LIGHTS = 8
+"""Lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw."""
+
+MOST_INTENSITY = 1000.0
+"""Of a light, and most gain of a camera."""
+
+Intensity = Annotated[float, In(None, 0.0, MOST_INTENSITY)]
+Beam = Annotated[float, In(ANGLE, radians(1.0), radians(160.0))]
+
+
+class Rays(NamedTuple):
+    """What reaches n points from a light, if nothing is in the way."""
+
+    towards: Array
+    """Unit vectors to the light, shape (n, 3)."""
+    distance: Array
+    """To the light, infinite from a directional one, shape (n,) [m]."""
+    strength: Array
+    """Intensity of the light there, shape (n,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Light(Stored):
+    """A light: from everywhere, from a direction, as of the sun, or a lamp in a place."""
+
+    intensity: Intensity
+    """How bright it makes a white surface that faces it, of a lamp at 1 m; 1 saturates at gain 1."""
+    direction: Direction | None = None
+    """In which it shines, in the world, from very far away."""
+    position: Annotated[Position | None, Field(description="Of a lamp, in the world.")] = None
+    look_at: Annotated[Position | None, Field(description="The point in the middle of the lamp's beam.")] = None
+    beam: Annotated[Beam | None, Field(description="Opening angle of the lamp's beam; default 120 deg.")] = None
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that contradict each other."""
+        if self.direction is not None and self.position is not None:
+            raise PydanticCustomError("conflicting-keys", "a light has a `direction` or a `position`, not both")
+        if (self.position is None) != (self.look_at is None):
+            raise PydanticCustomError("conflicting-keys", "`position` and `look_at` of a lamp go together")
+        if self.beam is not None and self.position is None:
+            raise PydanticCustomError("conflicting-keys", "`beam` goes with the `position` of a lamp")
+        if not self.is_ambient and float(np.linalg.norm(self._way)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("not-a-rotation", "the direction of the light has length 0")
+
+    @property
+    def is_ambient(self) -> bool:
+        """Whether it comes from everywhere."""
+        return self.direction is None and self.position is None
+
+    @property
+    def half_beam(self) -> float:
+        """Angle of a lamp between the middle and the edge of its beam [rad]."""
+        return 0.5 * (radians(120.0) if self.beam is None else self.beam)
+
+    @property
+    def heading(self) -> Array:
+        """Unit vector in which it shines, (3,)."""
+        return self._way / np.linalg.norm(self._way)
+
+    def rays(self, points: Array) -> Rays:
+        """What reaches points, shape (n, 3): of a lamp less with the square of the distance."""
+        if self.position is None:
+            count = len(points)
+            return Rays(np.tile(-self.heading, (count, 1)), np.full(count, inf), np.full(count, self.intensity))
+        to_light = np.subtract(self.position, points)
+        distance = np.maximum(np.linalg.norm(to_light, axis=1), 1e-6)
+        towards = to_light / distance[:, None]
+        within = -(towards @ self.heading) >= cos(self.half_beam)
+        return Rays(towards, distance, np.where(within, self.intensity / distance**2, 0.0))
+
+    @property
+    def _way(self) -> Array:
+        if self.direction is not None:
+            return np.array(self.direction)
+        return np.subtract(self.look_at or (0.0, 0.0, 0.0), self.position or (0.0, 0.0, 0.0))
+
+
+class Brightness(NamedTuple):
+    """Between which intensities of light, at gain 1, something is told from others."""
+
+    least: float
+    most: float
+
+
+_ROUNDED = 0.5 / 255
+"""By how much a pixel's value may be rounded up."""
+
+ANY_BRIGHTNESS = Brightness(0.0, inf)
+
+MARKER = Brightness(0.2, inf)
+"""Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""
+
+
+@cache
+def brightness_of(color: str | None) -> Brightness:
+    """In which light a paint has the hue and saturation that a detector looks for; any for one without a hue."""
+    paint = COLORS.get((color or "").lower())
+    if paint is None or not detected_as(color or "", paint):
+        return ANY_BRIGHTNESS
+    brighter: Array = np.geomspace(1.0, 2 * MOST_INTENSITY, 4000)
+    seen = np.minimum(np.outer(brighter, paint), 1.0).tolist()
+    lost = (light for light, pixel in zip(brighter.tolist(), seen, strict=True) if not detected_as(color or "", pixel))
+    return Brightness((LEAST_VALUE - _ROUNDED) / max(paint), next(lost, inf))

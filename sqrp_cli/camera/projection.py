@@ -1,0 +1,122 @@
+"""The camera model: from points in the optical frame to pixels, with lens distortion.
+
+The models are those of ROS `sensor_msgs/CameraInfo` and OpenCV: `plumb_bob` (k1, k2, p1, p2, k3), `rational_polynomial`
+(k1, k2, p1, p2, k3, k4, k5, k6) and `equidistant` (k1, k2, k3, k4).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.records import dataclass
+
+
+class ImagePoints(NamedTuple):
+    """Where points are in an image, in pixels or in the plane z = 1."""
+
+    points: Array
+    """Shape (..., 2)."""
+    inside: NDArray[np.bool_]
+    """Whether the lens shows them: within the radius of the projection, shape (...)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """A camera's intrinsics with the limit of its distortion model.
+
+    radius: largest distance from the optical axis, in the plane z = 1, up to which the distortion is monotonic. Beyond
+    it the polynomial folds back and shows points that the lens does not.
+    """
+
+    camera: Camera
+    radius: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> Projection:
+        """The projection of a camera."""
+        return cls(camera, monotonic_radius(camera))
+
+    def pixels(self, points_C: Array) -> ImagePoints:
+        """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
+
+        A point beyond the radius gets the pixel of the undistorted camera, which is on the right side at least.
+        """
+        K = self.camera.matrix
+        bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
+        return ImagePoints(bent @ K[:2, :2].T + K[:2, 2], inside)
+
+    def shows(self, directions_C: Array) -> Mask:
+        """Which of some directions (..., 3) in the optical frame with z > 0 are within the image."""
+        pixels, inside = self.pixels(directions_C)
+        beyond = (pixels < -0.5) | (pixels > np.array([self.camera.width, self.camera.height]) - 0.5)
+        return inside & ~beyond.any(axis=-1)
+
+    def bent(self, plane: Array) -> ImagePoints:
+        """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
+
+        Points beyond the radius stay where they are; so does NaN.
+        """
+        inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
+        if self.camera.distortion_model == "none":
+            return ImagePoints(plane, inside)
+        return ImagePoints(np.where(inside[..., None], _distort(self.camera, plane), plane), inside)
+
+
+def monotonic_radius(camera: Camera) -> float:
+    """Radius in the plane z = 1 at which the radial distortion stops growing; infinite if it never does."""
+    if camera.distortion_model == "none":
+        return float("inf")
+    if camera.distortion_model == "equidistant":
+        k1, k2, k3, k4 = camera.distortion
+        angle = _smallest_root([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])
+        return float(np.tan(angle)) if angle < np.pi / 2 else float("inf")
+    k1, k2, _, _, k3, k4, k5, k6 = np.pad(camera.distortion, (0, 8 - len(camera.distortion)))
+    numerator, denominator = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
+    # With u = r^2: d(r N/D)/dr = (N D + 2u (N' D - N D')) / D^2, and a zero of D is a pole.
+    slope = np.convolve(numerator, denominator)
+    orders = np.arange(4)
+    change = np.convolve(orders * numerator, denominator) - np.convolve(numerator, orders * denominator)
+    return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
+
+
+_NEVER = 1e-12
+"""Values of 1 / u below this mean that u is infinite: the radius 1e6 is within 1e-6 rad of 90 degrees off the axis."""
+
+
+def _smallest_root(coefficients: Array | list[float]) -> float:
+    """Square root of the smallest positive real root of a polynomial 1 + ... in u = r^2, lowest order first.
+
+    Infinite if none.
+    """
+    # As a polynomial in 1 / u, with reversed coefficients, the leading one is 1 even if all others are tiny.
+    roots = np.roots(np.asarray(coefficients, dtype=float))
+    real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
+    largest = float(np.max(real, initial=0.0))
+    return largest**-0.5 if largest > _NEVER else float("inf")
+
+
+def _distort(camera: Camera, plane: Array) -> Array:
+    """Where the lens moves points (..., 2) of the plane z = 1."""
+    x, y = plane[..., 0], plane[..., 1]
+    square = x * x + y * y
+    if camera.distortion_model == "equidistant":
+        k1, k2, k3, k4 = camera.distortion
+        radius = np.sqrt(square)
+        angle = np.arctan(radius)
+        u = angle * angle
+        bent = angle * (1 + u * (k1 + u * (k2 + u * (k3 + u * k4))))
+        return plane * np.where(radius > 1e-9, bent / np.maximum(radius, 1e-9), 1.0)[..., None]
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(camera.distortion, (0, 8 - len(camera.distortion)))
+    radial = (1 + square * (k1 + square * (k2 + square * k3))) / (1 + square * (k4 + square * (k5 + square * k6)))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+            y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,272 @@
+"""The text of a workspace file with one camera, object or task changed; comments and layout stay."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera, ImageEntry
+from sqrp_cli.camera.detector import Curve
+from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.files.source import Data, KeyPath, SourceDocument, dotted
+from sqrp_cli.files.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
+from sqrp_cli.files.yaml_edit import appended, edited, respelled, with_entries
+from sqrp_cli.files.yaml_file import parse_yaml
+from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
+from sqrp_cli.records import dataclass
+
+_SAME = 1e-9
+"""Numbers that differ by less are the same."""
+
+_LEAST = ("min_q_eoi", "min_q_avg")
+"""The thresholds of tasks that are least shares; the others are longest times."""
+
+
+class LookAt(NamedTuple):
+    """Where a camera looks."""
+
+    point: Array
+    """In the middle of its image, shape (3,) [m]."""
+    up: Array
+    """Shape (3,)."""
+
+
+def stated_look_at(workspace: Workspace, camera: str) -> LookAt | None:
+    """Where a camera looks, if the workspace states it so."""
+    path = f"cameras.{camera}.pose"
+    point = [read_quantity(workspace.values.get(f"{path}.look_at.{axis}")) for axis in range(3)]
+    up = [read_quantity(workspace.values.get(f"{path}.up.{axis}")) for axis in range(3)]
+    places = np.array([entry.value for entry in point if entry is not None])
+    if len(places) < 3:
+        return None
+    stated = [entry.value for entry in up if entry is not None]
+    return LookAt(places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0]))
+
+
+def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array | None) -> bytes:
+    """The file with a camera at another pose or with another lens.
+
+    before: as the file has it. look_at: the point in the middle of its image, (3,), for a pose that states one; None to
+    state the orientation instead. Raises InputError where the file does not say it itself, as with a lens in a
+    calibration file.
+    """
+    path: KeyPath = ("cameras", camera.name)
+    entry = _at(document, path)
+    content = document.content
+    if not np.array_equal(before.X_FC, camera.X_FC):
+        if "pose" not in entry:
+            quaternion = _flow(_rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 6))
+            numbers = f"position {_flow(_places(camera.X_FC[:3, 3]))}, quaternion {quaternion} in `{camera.frame}`"
+            raise _elsewhere(document, path, "hand_eye", numbers)
+        content = _with_pose(document, (*path, "pose"), camera.X_FC, look_at, body=entry.get("convention") == "body")
+    if not np.array_equal(before.matrix, camera.matrix):
+        if "image" not in entry:
+            K = camera.matrix
+            raise _elsewhere(document, path, "calibration", f"camera_matrix fx {K[0, 0]:.6g}, fy {K[1, 1]:.6g}")
+        image, focal = entry["image"], float(camera.matrix[0, 0])
+        if "fx" in image:
+            wanted = {"fx": focal} | ({"fy": float(camera.matrix[1, 1])} if "fy" in image else {})
+            values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
+        else:
+            angle = 2.0 * np.arctan(0.5 * camera.width / focal)
+            values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
+        named = {f"{dotted(path)}.image.{name}": text for name, text in values.items()}
+        content = edited(parse_yaml(document.path, content), named)
+    return content
+
+
+def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) -> InputError:
+    """The refusal to change what another file says. numbers: what it would have to say."""
+    message = f"`{dotted((*path, key))}` names another file, which would have to say {numbers}"
+    instead = "`pose`" if key == "hand_eye" else "`image`"
+    return bad_option(message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")
+
+
+def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:
+    """The file with one more camera, with image and sensing of another one of that name."""
+    entry = {"pose": {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}}
+    where = ("pose", "hand_eye", "convention", "frame")
+    entry |= {key: value for key, value in _at(document, ("cameras", like)).items() if key not in where}
+    return appended(document, ("cameras",), f"{camera.name}: {_flow(entry)}")
+
+
+_SENSING = (
+    ("near", "m", LENGTH), ("far", "m", LENGTH), ("rate", "Hz", FREQUENCY), ("exposure", "ms", TIME),
+    ("latency", "ms", TIME),
+)  # fmt: skip
+"""How a camera senses, with the units that people use."""
+
+
+@dataclass(frozen=True, eq=False)
+class NewCamera:
+    """A camera that a workspace file is to have."""
+
+    camera: Camera
+    image: ImageEntry
+    look_at: Array | None
+    """The point in the middle of its image in its frame, (3,); None to state its orientation."""
+    up: Array
+    """What is up in the image then, (3,)."""
+
+
+def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Sequence[NewCamera]) -> bytes:
+    """The file with these cameras instead of all that it has but the kept ones."""
+    entries = []
+    for new in cameras:
+        camera, lens = new.camera, new.image.distortion
+        pose_entry: Data = {"position": _places(camera.X_FC[:3, 3])}
+        if new.look_at is None:
+            pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
+        else:
+            pose_entry["look_at"] = _places(new.look_at)
+            if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
+                pose_entry["up"] = _rounded(new.up, 9)
+        image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
+        if new.image.horizontal_fov is not None:
+            image["horizontal_fov"] = _number("0 deg", new.image.horizontal_fov, ANGLE)
+        if lens is not None:
+            image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
+        sensing = {}
+        for name, unit, dimension in _SENSING:
+            value = getattr(camera, name)
+            if value is not None and (value or name != "exposure"):
+                sensing[name] = _number(f"0 {unit}", value, dimension)
+        if camera.gain is not None:
+            sensing["gain"] = f"{camera.gain:.6g}"
+        frame = {} if camera.frame == WORLD else {"frame": camera.frame}
+        entries.append(f"{camera.name}: {_flow({**frame, 'pose': pose_entry, 'image': image, **sensing})}")
+    return with_entries(document, ("cameras",), kept, entries)
+
+
+def with_curve(document: SourceDocument, detector: str, curve: Curve) -> bytes:
+    """The file with another curve of a detector."""
+    path: KeyPath = ("detectors", detector)
+    text = _flow({"bias": curve.bias, **curve.terms, "most": curve.most})
+    if "curve" in _at(document, path):
+        return respelled(document, (*path, "curve"), "curve", text)
+    return appended(document, path, f"curve: {text}")
+
+
+def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
+    """The file with an object elsewhere, in the same orientation about x and y."""
+    return _with_pose(document, ("objects", name, "pose"), X_WO, None, body=False)
+
+
+def with_base(document: SourceDocument, X_WB: Array) -> bytes:
+    """The file with the robot's base elsewhere."""
+    path: KeyPath = ("robot", "base")
+    if path in document.values:
+        return _with_pose(document, path, X_WB, None, body=False)
+    turned = {} if np.allclose(X_WB[:3, :3], np.eye(3), atol=_SAME) else {"rpy": matrix_to_rpy(X_WB[:3, :3])}
+    entry = {"position": _places(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
+    return appended(document, path[:-1], f"base: {_flow(entry)}")
+
+
+def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
+    """The file with a further task, or with another text of a task that it lists, which keeps its thresholds.
+
+    thresholds: by key. One that the listed task has as well becomes the stricter of both. A task that the file lists
+    with this text gets no second entry. instead_of: the text of the listed task that is replaced; None: of none.
+    """
+    listed = [_text_of(entry) for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
+    replaced = next((text for text in (task, instead_of) if text is not None and text in listed), None)
+    if replaced is None:
+        said = {"steps": task.split(_THEN)} if _THEN in task else {"task": task}
+        return appended(document, ("tasks",), _flow({**said, **thresholds}))
+    path: KeyPath = ("tasks", listed.index(replaced))
+    stated = _at(document, path)
+    if "steps" in stated:
+        pairs = enumerate(zip(stated["steps"], task.split(_THEN), strict=True))
+        changed = {dotted((*path, "steps", index)): _flow(new) for index, (old, new) in pairs if old != new}
+    else:
+        changed = {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
+    for key in [key for key in thresholds if key in stated]:
+        text = _number(stated[key], thresholds[key], SHARE if key in _LEAST else TIME)
+        old, new = read_quantity(stated[key]), read_quantity(text)
+        if old is None or new is None or (new.value - old.value) * (1 if key in _LEAST else -1) > 0:
+            changed[dotted((*path, key))] = text
+    content = edited(document, changed) if changed else document.content
+    for key in [key for key in thresholds if key not in stated]:
+        content = appended(parse_yaml(document.path, content), path, f"{key}: {_flow(thresholds[key])}")
+    return content
+
+
+_THEN = " then "
+"""Between the steps of a task of several."""
+
+
+def _text_of(entry: Mapping[str, Any]) -> str | None:
+    """The text of a task as a file lists it; None where a step of it has steps itself."""
+    steps = entry.get("steps") or []
+    return None if any(_THEN in step for step in steps) else _THEN.join(steps) or entry.get("task")
+
+
+def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:
+    stated = _at(document, path)
+    R = (inverse(camera_axes_as_body(np.eye(4))) if body else np.eye(4))[:3, :3]
+    X_stated = X @ pose(R)
+    wanted: dict[str, list[float]] = {"position": _places(X[:3, 3])}
+    if "look_at" in stated and look_at is not None:
+        wanted["look_at"] = _places(look_at)
+    elif "quaternion" in stated:
+        wanted["quaternion"] = _rounded(matrix_to_quaternion(X_stated[:3, :3]), 9)
+    elif "rpy" in stated or "look_at" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
+        wanted["rpy"] = _rounded(matrix_to_rpy(X_stated[:3, :3]), 9)
+    if all(key in stated for key in wanted):
+        leaves = {}  # the numbers that differ from the stated ones, in the unit of each
+        for key, numbers in wanted.items():
+            dimension = LENGTH if key in ("position", "look_at") else ANGLE
+            for axis, number in enumerate(numbers):
+                before = _at(document, (*path, key))[axis]
+                old = read_quantity(before)
+                if old is None or abs(old.value - number) > _SAME:
+                    leaves[f"{dotted(path)}.{key}.{axis}"] = _number(before, number, dimension)
+        return edited(document, leaves)
+    aimed = ("look_at", "up") if look_at is None else ()
+    kept = {key: value for key, value in stated.items() if key not in (*wanted, *aimed)}
+    return respelled(document, path, str(path[-1]), _flow({**wanted, **kept}))
+
+
+def _number(stated: object, value: float, dimension: Dimension) -> str:
+    """A number as YAML text, in the unit of what is stated now; unchanged where it says the same."""
+    old = read_quantity(stated)
+    if old is not None and abs(old.value - value) <= _SAME * max(1.0, abs(value)):
+        return str(stated)
+    unit = str(stated).strip().lstrip("+-.0123456789eE").strip() if isinstance(stated, str) else ""
+    factor = dimension.units.get(unit, 1.0)
+    return f"{value / factor:.9g}" + (f" {unit}" if unit else "")
+
+
+def _at(document: SourceDocument, path: KeyPath) -> Any:  # noqa: ANN401 # a mapping or list of a YAML file
+    value = document.at(path)
+    if isinstance(value, dict | list):
+        return value
+    raise bad_input("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path))
+
+
+def _places(point: Array) -> list[float]:
+    return _rounded(point, 6)
+
+
+def _rounded(values: Iterable[float], digits: int) -> list[float]:
+    return [round(float(value), digits) + 0.0 for value in values]
+
+
+def _flow(value: object) -> str:
+    """A value of a YAML file in one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    text = str(value)
+    plain = text and not set(text) & set("{}[],:#&*!|>'\"%@`") and text[0] not in "-? "
+    return text if not isinstance(value, str) or plain else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

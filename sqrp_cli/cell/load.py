@@ -1,0 +1,353 @@
+"""Phase 1 in one call: a workspace folder becomes a validated `Workspace`.
+
+Names and sizes that need both the workspace and its skills are checked here, and the object in the tool at the
+beginning is found from the facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from sqrp_cli.cell.read_cell import CellReader
+from sqrp_cli.cell.read_robot import RobotReader
+from sqrp_cli.cell.scene import BoxSide, Held, SceneObject
+from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
+from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
+from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
+from sqrp_cli.files.frames import TOOL, WORLD, WORLD_LINK, link_called
+from sqrp_cli.files.input_file import ContentDigest
+from sqrp_cli.files.packages import from_folder
+from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
+from sqrp_cli.files.validation import validate
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
+from sqrp_cli.logic.domain import Variable, merge_domains
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.skill.read_skill import read_skill, skill_folder, skill_name
+from sqrp_cli.skill.settings import Reference, number_of, side_of
+from sqrp_cli.skill.skill import (
+    FORMER_ENDING,
+    Grasp,
+    GraspWaypoint,
+    Names,
+    OffsetWaypoint,
+    Release,
+    Skill,
+    marked,
+)
+
+
+def check_tasks(
+    document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
+) -> Iterator[Problem]:
+    """Check the names in the expected tasks: the skill, and the object that the best candidate should use."""
+    for index, task in enumerate(tasks):
+        for number, text in enumerate(task.steps or (task.task,)):
+            skill = text.split()[0] if text.split() else ""
+            if skill not in skills and skill.removesuffix(FORMER_ENDING) not in skills:
+                message = no_such(skill, "skill of this workspace", skills)
+                at = ("steps", number) if task.steps else ("task",)
+                yield document.problem("unknown-skill", ("tasks", index, *at), message)
+        winner = task.winner
+        if winner is not None and winner not in objects:
+            yield document.problem("unknown-object", ("tasks", index, "winner"), no_such(winner, "object", objects))
+
+
+def check_skill(
+    skill: Skill, links: Sequence[str], objects: Mapping[str, SceneObject], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    """Check the names in a skill that only the workspace defines: frames, enclosed parts, detectors, constants.
+
+    Also the size of a precondition whose quantifiers are expanded, without expanding them.
+    """
+    for constant in skill.domain.constants:
+        if constant not in objects:
+            expected = expected_names(constant, objects)
+            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
+            yield Problem("unknown-object", message, Place(skill.domain.path))
+    for parameter in skill.action.parameters:
+        if parameter.name in (WORLD, TOOL, *links, *objects):
+            message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
+            yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
+    named = [*(parameter.name for parameter in skill.action.parameters), *objects]
+    for name, waypoint in skill.waypoints.items():
+        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
+        for key, frame, mark in marked(waypoint, ("waypoints", name)):
+            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
+                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
+                message += expected_names(str(frame), [*words, *named])
+                yield Problem("unknown-frame", message, skill.place(*key))
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
+            # Each name of a box: its key, what it has to be, and what it is not if it is none of these.
+            what, valid = "no skill parameter or object, as `@start` needs", named
+            if not box.frame.at_start:
+                what = "neither `world` nor `tool`, a link, a skill parameter or an object"
+                valid = [WORLD, TOOL, *named, *links]
+            names: list[tuple[KeyPath, str, str, Sequence[str], str]]
+            names = [(("frame",), "frame", box.frame.owner if box.frame.at_start else box.frame, valid, what)]
+            if box.fits is not None:
+                names.append((("fits",), "object", box.fits, named, "no skill parameter or object"))
+            for number, name in enumerate(box.encloses or ()):
+                what = "neither a link nor an object, a skill parameter or `tool`"
+                names.append((("encloses", number), "enclosed", link_called(name, links), [TOOL, *named, *links], what))
+            names.append((("detector",), "detector", box.detector, detectors, "no detector of the workspace"))
+            for key, kind, name, known, what in names:
+                at = ("targets", predicate, "boxes", index, *key)
+                if name not in known:
+                    message = f"`{dotted(at)}`: found `{name}`, which is {what}; {expected_names(name, known)}"
+                    yield Problem(f"unknown-{kind}", message, skill.place(*at))
+                if key == ("frame",) and box.at is not None and box.frame in links and box.frame != TOOL:
+                    message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+                    yield Problem("wrong-value", f"`{dotted(at)}`: {message}", skill.place(*at))
+    condition, domain = skill.action.precondition, skill.domain
+    types = {name: frozenset(obj.types) for name, obj in objects.items()}
+    count = literal_count(condition, types, domain)
+    if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
+        sizes = domain_sizes(quantifier.variables, types, domain)
+        variables = " x ".join(f"{size} (?{v.name})" for v, size in zip(quantifier.variables, sizes, strict=True))
+        message = (
+            f"the precondition of `{skill.action.name}` stands for {counted(count)} literals about the objects of this"
+            f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"
+        )
+        mend = "name fewer variables in one `forall` or `exists`, or give them types that fewer objects have"
+        yield Problem("pddl-too-large", message, skill.action.place, mend=mend)
+
+
+def words_of_two_meanings(
+    document: SourceDocument, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
+) -> Iterator[Problem]:
+    """Warnings about frame names that are also links of the robot, at another pose; they say which one is used."""
+    meanings: dict[str, tuple[str, str | None]] = {}
+    if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
+        meanings[WORLD] = ("the cell's world", WORLD_LINK)
+    if TOOL in robot.links and robot.tool_frame != TOOL:
+        meanings[TOOL] = (f"the tool frame, `{robot.tool_frame}`", None)
+    used = [
+        (entry.frame, f"camera `{name}`", document.value_place(("cameras", name, "frame")))
+        for name, entry in file.cameras.items()
+        if entry.frame == WORLD
+    ]
+    for skill in skills:
+        for predicate, target in skill.targets.items():
+            for index, box in enumerate(target.boxes):
+                what = f"skill `{skill.name}`: box `{box.name}` of `{predicate}`"
+                used.append((box.frame, what, skill.place("targets", predicate, "boxes", index, "name")))
+    for word, what, place in used:
+        if word in meanings:
+            meaning, other = meanings[word]
+            message = f"{what}: `frame: {word}` means {meaning}; the robot has a link `{word}` too, which is elsewhere"
+            mend = f"for the link write `frame: {other}`" if other else "for the link rename it in the URDF"
+            yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
+
+
+def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
+    """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
+
+    path: places in the workspace's file and skills begin with it as it is given; its `Workspace.path` is absolute.
+    content: replaces the content of the workspace file. Raises InputError with all problems, each with its place.
+    """
+    document = read_workspace_document(workspace_file(path), content)
+    file_path = document.folder / document.path.name
+    file = validate(document, WorkspaceFile)
+    digest = ContentDigest()
+    digest.add("workspace", file_path, document.content)
+    robot_reader = RobotReader(document=document, digest=digest, entry=file.robot)
+    robot = robot_reader.read()
+    cell = CellReader(document=document, digest=digest, roots=robot_reader.roots, file=file, links=robot_reader.links)
+    skills: dict[str, Skill] = {}
+    problems: list[Problem] = []
+    for index, stated in enumerate(file.skills):
+        place = document.value_place(("skills", index))
+        folder = skill_folder(from_folder(document.path.parent, stated), fingers=file.robot.fingers is not None)
+        called = skill_name(folder)
+        if called in skills:
+            problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
+            continue
+        try:
+            skills[called] = read_skill(folder, place, digest)
+        except InputError as error:
+            problems.extend(error.problems)
+    cameras, objects = cell.cameras(), cell.objects()
+    problems = [*robot_reader.problems, *problems, *cell.problems]
+    if problems:
+        raise InputError(*problems)
+    if not skills and (file.state or file.tasks):
+        message = "the workspace lists no skills, which give facts and tasks their meaning"
+        raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
+    domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
+    facts, detectors = cell.facts(domain) if domain else {}, cell.detectors(cameras, robot.markers, objects)
+    problems += cell.problems
+    for skill in skills.values():
+        problems += check_skill(skill, robot_reader.links, objects, list(file.detectors))
+    problems += check_tasks(document, file.tasks, list(skills), list(objects))
+    if problems:
+        raise InputError(*problems)
+    objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
+    warnings = [*unusual_values(document, WORKSPACE), *robot_reader.warnings, *cell.warnings]
+    warnings += [*words_of_two_meanings(document, file, robot_reader, skills.values()), *taken_as_held]
+    warnings += [warning for skill in skills.values() for warning in skill.warnings]
+    return Workspace(
+        name=workspace_name(file_path),
+        path=file_path,
+        robot=robot,
+        cameras=cameras,
+        detectors=detectors,
+        objects=objects,
+        lights=file.lights,
+        state=frozenset(facts),
+        skills=skills,
+        tasks=tuple(file.tasks),
+        padding=file.padding,
+        files=digest.files,
+        values=document.leaves,
+        warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
+        places=document.places,
+    )
+
+
+def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[str, tuple[Skill, ...]]:
+    """The predicates that mean that the tool holds an object, such as `hold`, each with the skills that make it true.
+
+    Such a predicate is an effect of a skill on the object that it ends with in the tool, and its target has a box in
+    the tool; one with boxes elsewhere, such as that the object has left the table, does not count. A single effect
+    without a target counts if there is no other. Skills are ordered by name.
+    """
+    found: dict[str, tuple[Skill, ...]] = {}
+    for skill in sorted(skills, key=lambda skill: skill.name):
+        if (held := _held_at_the_end(skill)) is None:
+            continue
+        added = [change.predicate for change in skill.action.effect.adds if change.terms == (Variable(held),)]
+        elsewhere = {WORLD, *objects, *(parameter.name for parameter in skill.action.parameters)}
+        seen = [
+            predicate
+            for predicate in added
+            for box in (skill.targets[predicate].boxes if predicate in skill.targets else ())
+            if (box.fits == held or held in (box.encloses or ())) and not box.frame.at_start
+            if box.frame not in elsewhere
+        ]
+        unseen = [predicate for predicate in added if predicate not in skill.targets]
+        for predicate in dict.fromkeys(seen or (unseen if len(unseen) == 1 else ())):
+            found[predicate] = (*found.get(predicate, ()), skill)
+    return found
+
+
+def _held_at_the_end(skill: Skill) -> str | None:
+    """The parameter of the object that a skill holds at its end, or None."""
+    held = None
+    for primitive in skill.primitives:
+        if isinstance(primitive, Grasp | Release):
+            held = primitive.object if isinstance(primitive, Grasp) else None
+    return held
+
+
+class ObjectsAtStart(NamedTuple):
+    """The objects, with what the facts say of the one in the tool."""
+
+    objects: dict[str, SceneObject]
+    warnings: tuple[Problem, ...]
+
+
+class _Grip(NamedTuple):
+    """How a skill, which makes a fact true, holds an object, and the object's pose in the tool frame, (4, 4)."""
+
+    fact: Atom
+    skill: Skill
+    held: Held
+    X_TO: Array
+
+
+def with_held_by_facts(
+    objects: Mapping[str, SceneObject], facts: Mapping[Atom, int], skills: Collection[Skill], document: SourceDocument
+) -> ObjectsAtStart:
+    """The objects, with the held one placed in the tool by the facts; and a warning if its entry does not state that.
+
+    facts: each with its place in the list. It is held as the skills that make the fact true would grasp it, with
+    default parameters. Raises InputError, with the place, for facts that contradict it, and if skills would hold it
+    differently.
+    """
+    holding = holding_skills(skills, objects)
+    if contradictions := tuple(_contradictions(facts, holding, skills, document)):
+        raise InputError(*contradictions)
+    stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
+    names = {fact.arguments[0] for fact in stated}
+    if len(names) != 1 or any(obj.X_TO is not None for obj in objects.values()):
+        return ObjectsAtStart(dict(objects), ())
+    (name,) = names
+    grips = []
+    for use in [(fact, skill) for fact in stated for skill in holding[fact.predicate]]:
+        skill = use[1]
+        of_it = (w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint))
+        grasp = next((waypoint for waypoint in of_it if waypoint.object == _held_at_the_end(skill)), None)
+        if grasp is not None:
+            settings = (grasp.side, grasp.yaw, grasp.depth)
+            side, yaw, depth = (
+                skill.defaults[one.parameter] if isinstance(one, Reference) else one for one in settings
+            )
+            how = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth))
+            grips.append(_Grip(*use, how, how.X_TO(objects[name].size)))
+    if not grips:
+        return ObjectsAtStart(dict(objects), ())
+    path, first = ("objects", name, "pose"), grips[0]
+    side = first.held.held
+    for other in grips[1:]:
+        if not np.allclose(first.X_TO, other.X_TO, rtol=0.0, atol=1e-9):
+            both = " and ".join(f"`{fact}`" for fact in dict.fromkeys((first.fact, other.fact)))
+            message = (
+                f"the state has {both}, so `{name}` begins in the tool, but `{first.skill.name}` holds it by its side"
+                f" {side} and `{other.skill.name}` in another way, by its side {other.held.held}"
+            )
+            mend = f"say how it is held: `pose: {{held: {side}}}`, with `yaw` and `depth` as needed"
+            raise document.error("ambiguous-hold", path, message, mend)
+    message = (
+        f"the state has `{first.fact}`, so `{name}` begins in the tool,"
+        f" held by its side {side} as `{first.skill.name}` does it"
+    )
+    mend = f"write `pose: {{held: {side}}}`"
+    warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
+    return ObjectsAtStart({**objects, name: replace(objects[name], pose=first.held)}, (warning,))
+
+
+def _contradictions(
+    facts: Mapping[Atom, int],
+    holding: Mapping[str, tuple[Skill, ...]],
+    skills: Collection[Skill],
+    document: SourceDocument,
+) -> Iterator[Problem]:
+    """Facts that no sequence of skills can make true together with the fact that an object is held."""
+
+    def excludes(one: str, other: str) -> bool:
+        """Whether every skill that makes one of the two predicates true makes the other false."""
+        for skill in skills:
+            adds = {use.predicate for use in skill.action.effect.adds}
+            deletes = {use.predicate for use in skill.action.effect.deletes}
+            if (one in adds and other not in deletes) or (other in adds and one not in deletes):
+                return False
+        return True
+
+    for fact in facts:
+        for skill in holding.get(fact.predicate, ())[:1]:
+            held = Variable(_held_at_the_end(skill) or "")
+            for lost in skill.action.effect.deletes:
+                if not excludes(fact.predicate, lost.predicate):
+                    continue
+                for other in facts:
+                    # What the skill deletes, with the held object for its parameter, and any for the other ones.
+                    if other.predicate == lost.predicate and all(
+                        argument == (fact.arguments[0] if term == held else term.name)
+                        for term, argument in zip(lost.terms, other.arguments, strict=True)
+                        if term == held or not isinstance(term, Variable)
+                    ):
+                        message = (
+                            f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"
+                            f" makes `{other}` false"
+                        )
+                        mend = f"remove `{fact}` or `{other}` from the state"
+                        yield document.problem("contradictory-facts", ("state", facts[other]), message, mend)

@@ -1,0 +1,381 @@
+"""Where cameras may go, and which: the format of `place.yaml`, which lies beside a workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, Tag
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.camera.calibration import check_image
+from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
+from sqrp_cli.files.entries import (
+    Direction,
+    Entry,
+    In,
+    Name,
+    Pose,
+    Position,
+    Size,
+    Stored,
+    Text,
+    completed,
+    one_of,
+)
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.files.input_file import missing_file
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.units import ANGLE
+from sqrp_cli.files.validation import validate
+from sqrp_cli.files.yaml_file import read_yaml
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.records import dataclass
+
+PLACE_FILE = "place.yaml"
+"""Name of the file beside a workspace."""
+
+LEAST_LENGTH = 1e-9
+"""A direction whose components are all smaller has no length."""
+
+SAME = 1e-6
+"""Points that are closer to each other are one [m]."""
+
+MOST_SPOTS = 20_000
+"""Most places for a camera in one file."""
+
+MOST_AIMS = 200
+"""Most directions at one of them."""
+
+Price = Annotated[float, In(None, 0.0, 1e8)]
+Weight = Annotated[float, In(None, 0.0, 1e6)]
+Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
+HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
+
+
+def _stops(way: ArrayLike, step: float) -> Array:
+    """How many places there are along ways of lengths (...) [m], with a step between neighbours, shape (...)."""
+    return np.floor(np.asarray(way) / step + 1e-9) + 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class RailEntry(Stored):
+    """Places along a straight line, the first at `from`."""
+
+    start: Annotated[Position, Field(alias="from", description="Where it begins.")]
+    end: Annotated[Position, Field(alias="to", description="Where it ends.")]
+    step: Size
+    """Between neighbouring places."""
+
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        return int(_stops(float(np.linalg.norm(np.subtract(self.end, self.start))), self.step))
+
+    def places(self) -> Array:
+        """The places, shape (n, 3)."""
+        way = np.subtract(self.end, self.start)
+        length = float(np.linalg.norm(way))
+        steps = np.arange(self.count)[:, None] * self.step
+        places: Array = np.array(self.start) + (steps * way / length if length > 0 else 0.0 * steps)
+        return places
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridEntry(Stored):
+    """Places on a grid along the axes of the frame: a box, a plane where two coordinates are equal."""
+
+    start: Annotated[Position, Field(alias="from", description="One corner.")]
+    end: Annotated[Position, Field(alias="to", description="The opposite corner.")]
+    step: Size
+    """Between neighbouring places along each axis."""
+
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        return int(np.prod(_stops(np.abs(np.subtract(self.end, self.start)), self.step)))
+
+    def places(self) -> Array:
+        """The places, x slowest, z fastest; shape (n, 3)."""
+        start, end = np.array(self.start), np.array(self.end)
+        counts = _stops(np.abs(end - start), self.step).astype(int)
+        axes = [a + np.sign(b - a) * self.step * np.arange(n) for a, b, n in zip(start, end, counts, strict=True)]
+        return np.array(list(product(*axes)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConeEntry(Stored):
+    """Directions up to an angle from an axis, on rings."""
+
+    axis: Direction
+    """The middle direction, in the mount's frame."""
+    angle: HalfAngle
+    """Largest angle from the axis."""
+    step: Step
+    """Between neighbouring directions."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an axis of length 0."""
+        if max(map(abs, self.axis)) < LEAST_LENGTH:
+            raise PydanticCustomError("not-a-rotation", "`axis` has length 0")
+
+    def directions(self) -> Array:
+        """Unit vectors, the axis first, shape (n, 3)."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        side /= np.linalg.norm(side)
+        other = np.cross(axis, side)
+        found = [axis]
+        for ring in range(1, int(self.angle / self.step + 1e-9) + 1):
+            tilt = ring * self.step
+            count = max(1, round(2 * np.pi * np.sin(min(tilt, np.pi - tilt)) / self.step))
+            turns = 2 * np.pi * np.arange(count)[:, None] / count
+            found.extend(np.cos(tilt) * axis + np.sin(tilt) * (np.cos(turns) * side + np.sin(turns) * other))
+        return np.array(found)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AimsEntry(Stored):
+    """In which directions a camera may look; all that are named."""
+
+    targets: Literal["middle", "each"] | None = None
+    """middle: at the middle of everything that has to be seen; each: also at that of what each candidate shows."""
+    at: tuple[Position, ...] = ()
+    """At these points of the mount's frame."""
+    fixed: tuple[Pose, ...] = ()
+    """In these orientations of the optical frame (z forward, y down) in the mount's frame; without position."""
+    cone: ConeEntry | None = None
+    """In directions around an axis."""
+    up: Direction = (0.0, 0.0, 1.0)
+    """What is up in the image, as with `look_at`."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for no direction, one without length, and a position."""
+        if max(map(abs, self.up)) < LEAST_LENGTH:
+            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
+        if not (self.targets or self.at or self.fixed or self.cone):
+            raise PydanticCustomError(
+                "ambiguous-entry", "expected at least one of the keys `targets`, `at`, `fixed`, `cone`"
+            )
+        if any(max(map(abs, one.position)) > 0 for one in self.fixed):
+            raise PydanticCustomError("conflicting-keys", "a fixed aim is an orientation, without `position`")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MountEntry(Stored):
+    """Places for a camera: points, a rail or a grid, in the world or on a link."""
+
+    frame: Text = WORLD
+    """`world`, or the link that carries the camera."""
+    points: Annotated[list[Position], Field(min_length=1)] | None = None
+    """Single places."""
+    rail: RailEntry | None = None
+    """Places along a line."""
+    grid: GridEntry | None = None
+    """Places in a plane or a box."""
+    aims: AimsEntry | None = None
+    """In which directions; by default at the targets."""
+    body: Size = 0.08
+    """Diameter of the ball around the optical centre that holds housing and lens: nothing may touch it, and it may not
+    stand between another camera and what that one sees."""
+    price: Price = 0.0
+    """Of mounting a camera here, in the currency of the lenses."""
+    lenses: Annotated[list[Name], Field(min_length=1)] | None = None
+    """Which ones fit; by default all."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that contradict each other."""
+        if sum(one is not None for one in (self.points, self.rail, self.grid)) != 1:
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `points`, `rail`, `grid`")
+        if self.frame != WORLD and self.aims is None:
+            raise PydanticCustomError("ambiguous-entry", "a mount on a link needs `aims`: `fixed`, `at` or a `cone`")
+        if self.frame != WORLD and self.aims is not None and self.aims.targets:
+            raise PydanticCustomError(
+                "conflicting-keys", "`targets` stand still; on a link use `fixed`, `at` or a `cone`"
+            )
+
+    @property
+    def count(self) -> int:
+        """How many places there are, without making them."""
+        laid = self.rail or self.grid
+        return len(self.points or ()) if laid is None else laid.count
+
+    def places(self) -> Array:
+        """The places, shape (n, 3)."""
+        laid = self.rail or self.grid
+        return np.array(self.points, dtype=float).reshape(-1, 3) if laid is None else laid.places()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CatalogueLens(Stored):
+    """A camera with its lens from the catalogue that comes with the package."""
+
+    catalogue: Name
+    """Its name there."""
+    price: Price = 0.0
+    """In any currency."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensEntry(Sensing):
+    """A camera with its lens."""
+
+    image: ImageEntry
+    """Size and field of view or focal lengths of the image."""
+    price: Price = 0.0
+    """In any currency."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an empty range."""
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
+
+
+_AnyLens = Annotated[
+    Annotated[CatalogueLens, Tag("<catalogue>")] | Annotated[LensEntry, Tag("<image>")], one_of("catalogue", "image")
+]
+
+
+class PlaceFile(Entry):
+    """Where cameras may go, and which: what `sqrp place` chooses from."""
+
+    mounts: dict[Name, MountEntry] = Field(min_length=1, description="Places for cameras by name.")
+    lenses: dict[Name, _AnyLens] = Field(min_length=1, description="Cameras with their lenses, by name.")
+    weights: dict[Text, Weight] = Field(default={})
+    """How much a task counts in the mean; by its text, 1 by default."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensChoice(LensEntry):
+    """A camera with its lens, as it may be bought."""
+
+    name: str
+    source: str = ""
+    """Of its figures, for one from the catalogue."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """What its image is like."""
+        return self.image.intrinsics()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Spot:
+    """One place for a camera."""
+
+    mount: str
+    """The entry that it belongs to."""
+    name: str
+    """Such as `ceiling 17`, counted from 1; the mount's own where it has one place only."""
+    frame: str
+    """`world`, or the link that carries it."""
+    position: Array
+    """In that frame, shape (3,) [m]."""
+    entry: MountEntry
+    """What holds for all places of the mount."""
+    lenses: tuple[LensChoice, ...]
+    """Those that fit."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mounts:
+    """Where cameras may go, and which."""
+
+    path: Path
+    """Of the file that says so."""
+    spots: tuple[Spot, ...]
+    lenses: tuple[LensChoice, ...]
+    weights: dict[str, float]
+    content: bytes
+    """Of the file."""
+
+
+def place_file(workspace: Workspace, given: Path | None) -> Path:
+    """The file with the mounts of a workspace: the one that is given, or that beside it.
+
+    Raises InputError where there is none.
+    """
+    path = given or workspace.whole_file.file.parent / PLACE_FILE
+    if given is None and not path.is_file():
+        message = f"there is no {PLACE_FILE} beside the workspace, which says where cameras may go, and which"
+        mend = f"write {path} as docs/howto/place.md shows, or name another file: --mounts FILE"
+        raise bad_input("no-mounts", message, Place(path), mend=mend)
+    if not path.is_file():
+        mend = f"name a file with mounts and lenses, or leave --mounts out for the {PLACE_FILE} beside the workspace"
+        raise InputError(replace(missing_file(path), mend=mend))
+    return path
+
+
+def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mounts:
+    """Read and validate the mounts of a workspace; links: of its robot.
+
+    Raises InputError with all problems, each with its place.
+    """
+    document = read_yaml(path, keys=("mounts", "lenses"))
+    file = validate(document, PlaceFile)
+    if problems := list(_problems(document, file, links)):
+        raise InputError(*problems)
+    if (count := sum(entry.count for entry in file.mounts.values())) > MOST_SPOTS:
+        message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
+        raise document.error("too-many-mounts", ("mounts",), message)
+    lenses = {}
+    for name, one in file.lenses.items():
+        known = catalogue()[one.catalogue] if isinstance(one, CatalogueLens) else one
+        lenses[name] = completed(LensChoice, known, name=name, price=one.price)
+        check_image(document, ("lenses", name, "image"), lenses[name].intrinsics)
+    spots, aimless = list[Spot](), list[Problem]()
+    for name, entry in file.mounts.items():
+        places, aims = np.round(entry.places(), 9) + 0.0, entry.aims
+        fitting = tuple(lenses[lens] for lens in (lenses if entry.lenses is None else entry.lenses))
+        spots += [
+            Spot(
+                mount=name,
+                name=name if len(places) == 1 else f"{name} {number}",
+                frame=entry.frame,
+                position=read_only(place),
+                entry=entry,
+                lenses=fitting,
+            )
+            for number, place in enumerate(places, 1)
+        ]
+        only_at = () if aims is None or aims.targets or aims.fixed or aims.cone else aims.at
+        if only_at and all(np.linalg.norm(places - np.array(point), axis=1).max() < SAME for point in only_at):
+            message = "a camera here would look at its own place; aim at another point"
+            aimless.append(document.problem("wrong-value", ("mounts", name, "aims", "at"), message))
+    if aimless:
+        raise InputError(*aimless)
+    listed = [task.task for task in workspace.tasks]
+    for task in file.weights:
+        if listed and task not in listed:
+            raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
+    weights, chosen = dict(file.weights), tuple(lenses.values())
+    return Mounts(path=path, spots=tuple(spots), lenses=chosen, weights=weights, content=document.content)
+
+
+def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
+    """Unknown frames and lenses, and cones of too many directions."""
+    for name, entry in file.mounts.items():
+        if entry.frame != WORLD and entry.frame not in links:
+            known = expected_names(entry.frame, [WORLD, *links])
+            message = f"found `{entry.frame}`, expected `world` or a link; {known}"
+            yield document.problem("unknown-frame", ("mounts", name, "frame"), message)
+        cone = entry.aims.cone if entry.aims is not None else None
+        if cone is not None and (count := len(cone.directions())) > MOST_AIMS:
+            message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
+            yield document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message)
+    for name, entry in file.mounts.items():
+        for index, lens in enumerate(entry.lenses or ()):
+            if lens not in file.lenses:
+                message = no_such(lens, "lens of this file", file.lenses)
+                yield document.problem("unknown-lens", ("mounts", name, "lenses", index), message)
+    for name, one in file.lenses.items():
+        if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
+            message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
+            yield document.problem("unknown-lens", ("lenses", name, "catalogue"), message)

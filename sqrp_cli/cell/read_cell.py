@@ -1,0 +1,269 @@
+"""Cameras, detectors, objects and facts: the entries of a workspace file as records."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from sqrp_cli.camera.calibration import check_image, doubtful_projection, read_calibration
+from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat
+from sqrp_cli.camera.detector import Detector
+from sqrp_cli.camera.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.camera.markers import Marker
+from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
+from sqrp_cli.cell.mesh import bounds_of
+from sqrp_cli.cell.read_robot import EntryReader
+from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
+from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
+from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
+from sqrp_cli.files import packages
+from sqrp_cli.files.entries import completed
+from sqrp_cli.files.frames import TOOL, WORLD, link_called
+from sqrp_cli.files.source import KeyPath, dotted
+from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
+from sqrp_cli.geometry import Array, inverse, pose, read_only
+from sqrp_cli.logic.domain import Domain
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.ros.bag import METADATA
+from sqrp_cli.shapes import Box, Mesh, Part, Shape
+
+R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+"""Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
+
+_FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
+
+
+@dataclass(kw_only=True)
+class CellReader(EntryReader):
+    """Reads the parts of a workspace file besides the robot and the skills.
+
+    links: of robot and tool.
+    """
+
+    file: WorkspaceFile
+    links: Sequence[str]
+
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by name; those with problems are left out."""
+        cameras = {}
+        for name, entry in self.file.cameras.items():
+            with self._collecting():
+                path: KeyPath = ("cameras", name)
+                seat = self._seat(path, entry)
+                if entry.calibration_file is not None:
+                    at = (*path, "calibration")
+                    file = self._resolve(entry.calibration_file.file, self._place_of_file(at))
+                    calibration = read_calibration(file, entry.calibration_file, dotted(at))
+                    intrinsics = calibration.intrinsics
+                    self.digest.add(dotted(at), file, calibration.document.content)
+                    self.warnings.extend(unusual_values(calibration.part, CALIBRATION))
+                    self.warnings.extend(doubtful_projection(calibration))
+                else:
+                    assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+                    intrinsics = entry.image.intrinsics()
+                    check_image(self.document, (*path, "image"), intrinsics)
+                cameras[name] = completed(Camera, entry, intrinsics, seat, name=name)
+        return cameras
+
+    def _place_of_file(self, path: KeyPath) -> Place:
+        """Where the entry at `path` names its file: under the key `file`, if it is more than that."""
+        named = (*path, "file")
+        return self.document.value_place(named if named in self.document.keys else path)
+
+    def _seat(self, path: KeyPath, entry: CameraEntry) -> Seat:
+        """Where a camera is, by its entry or by a file."""
+        found = None if entry.pose_file is None else self._hand_eye(path, entry, entry.pose_file)
+        if found is None:
+            assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+            frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
+        else:
+            frame, X_FC = entry.frame or link_called(found.frame, self.links), found.X_FC
+        if frame != WORLD and frame not in self.links:
+            expected = expected_names(frame, [WORLD, *self.links])
+            in_file = found is not None and entry.frame is None
+            at = found.place if found is not None and in_file else self.document.value_place((*path, "frame"))
+            message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
+            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+            self.problems.append(Problem("unknown-frame", message, at, mend=None if found is None else mend))
+        X_FC = read_only(camera_axes_as_body(X_FC) if entry.convention == "body" else X_FC)
+        return Seat(frame=frame, X_FC=X_FC, pose_file=None if found is None else found.pose_file)
+
+    def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
+        """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
+        key: KeyPath = (*path, "hand_eye")
+        is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
+        file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, self._place_of_file(key))
+        carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
+        found = read_hand_eye(file, stated.camera, carriers, dotted(key))
+        self.digest.add(dotted(key), file, found.content)
+        if found.document is not None:
+            self.warnings.extend(unusual_values(found.document, HAND_EYE))
+        if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
+            base, who = self.links[0] if self.links else "base_link", f"for `{dotted(path)}` say"
+            message = (
+                "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
+                " robot's driver gives its poses, such as its base"
+            )
+            mend = f"{who} `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
+            raise bad_input("ambiguous-word", message, found.place, mend=mend)
+        if (*path, "convention") not in self.document.keys and "optical" not in found.camera_frame:
+            message = f"the pose is that of `{found.camera_frame}`, which does not sound like an optical frame"
+            mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
+            self._warn("doubtful-axes", message, self.document.value_place(key), mend)
+        return found
+
+    def objects(self) -> dict[str, SceneObject]:
+        """The objects by name."""
+        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, Held)]
+        for name, entry in self.file.objects.items():
+            path: KeyPath = ("objects", name)
+            if name in (*self.links, WORLD, TOOL, "home"):
+                what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
+                message, at = f"`{name}` is {what}; take another name", self.document.key_place(path)
+                self.problems.append(Problem("ambiguous-name", message, at))
+            if entry.on == name:
+                message = f"found `{name}`, which is the object itself; expected another object"
+                self._report("on-itself", (*path, "on"), message, f"name what `{name}` stands on, or leave `on` out")
+            elif entry.on is not None and entry.on not in self.file.objects:
+                others = [other for other in self.file.objects if other != name]
+                self._report("unknown-object", (*path, "on"), no_such(entry.on, "object", others))
+            if isinstance(entry.pose, Held) and (entry.fixed or name != held[0]):
+                why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
+                self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
+            if entry.fixed and entry.pose is None:
+                message = "found `unknown`, expected a pose, because the object is fixed"
+                self._report("wrong-value", (*path, "pose"), message)
+        objects = {name: self._object(name, entry) for name, entry in self.file.objects.items()}
+        for index, fixtures in enumerate(self.file.fixtures):
+            with self._collecting():
+                objects |= self._fixtures(index, fixtures, objects)
+        return objects
+
+    def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
+        """An object with the solid pieces that its entry states, and those of its URDF, with its joints at 0."""
+        parts: list[Part] = []
+        for index, piece in enumerate(entry.parts):
+            path: KeyPath = ("objects", name, "parts", index)
+            with self._collecting():
+                shape: Shape | None = piece.shape()
+                if shape is None:
+                    place = self.document.value_place((*path, "mesh"))
+                    shape = mesh = Mesh(self._resolve(piece.mesh or "", place), piece.scale)
+                    self._add_mesh(dotted(path), mesh, place)
+                parts.append(Part(f"{name}/{piece.name or index}", name, shape, read_only(piece.pose.matrix())))
+        if entry.urdf is not None:
+            path = ("objects", name, "urdf")
+            with self._collecting():
+                urdf = read_urdf(*self._described(entry.urdf, path))
+                found = urdf.parts("collision", partial(packages.resolve_mesh, self.roots))
+                self.digest.add(dotted(path), urdf.path, urdf.content)
+                for part in found:
+                    if isinstance(part.shape, Mesh):
+                        self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, self.document.value_place(path))
+                self.warnings.extend(urdf.warnings)
+                if not found:
+                    self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
+                for part in found:
+                    X_OG = read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG)
+                    parts.append(Part(f"{name}/{part.name}", name, part.shape, X_OG))
+        if entry.size != NO_SIZE:
+            parts = parts or [Part(name, name, Box(entry.size), read_only(pose()))]
+            return completed(SceneObject, entry, name=name, parts=tuple(parts))
+        if parts:
+            return self._sized(name, entry, parts)
+        if not (entry.parts or entry.urdf):  # else their problems are reported
+            place = self.document.key_place(("objects", name))
+            mend = "state it, or `parts` or a `urdf` from which it is taken"
+            self.problems.append(Problem("missing-key", f"`objects.{name}` lacks the key `size`", place, mend=mend))
+        return completed(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
+
+    def _sized(self, name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
+        """An object of the size of its parts, in the middle of them."""
+        low, high = bounds_of(parts)
+        X_FO = pose(np.eye(3), (low + high) / 2)
+        moved = tuple(replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts)
+        size = tuple((high - low).tolist())
+        X_WO = read_only(entry.pose @ X_FO) if isinstance(entry.pose, np.ndarray) else entry.pose
+        return completed(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
+
+    def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
+        """The objects of a scene or world, under their names as far as those are free."""
+        file = self._resolve(entry.file, self.document.value_place(("fixtures", index, "file")))
+        standing, warnings, content = read_fixtures(file, self.roots)
+        self.digest.add(f"fixtures.{index}", file, content)
+        self.warnings.extend(warnings)
+        found: dict[str, SceneObject] = {}
+        for one in standing:
+            # A name that formulas and tasks can use, and nothing else has.
+            base = re.sub(r"[^A-Za-z0-9_-]", "_", one.name)[:60]
+            base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
+            used = {*taken, *found, *self.links, WORLD, TOOL, "home"}
+            name = next(free for free in (base, *(f"{base}_{n}" for n in range(2, len(used) + 3))) if free not in used)
+            parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
+            for part in parts:
+                if isinstance(part.shape, Mesh):
+                    self._add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
+            stands = ObjectEntry(type="obstacle", pose=read_only(entry.pose.matrix()), fixed=True)
+            found[name] = self._sized(name, stands, parts)
+        return found
+
+    def detectors(
+        self, cameras: Mapping[str, Camera], on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]
+    ) -> dict[str, Detector]:
+        """The detectors by name; those with problems are left out. on_links: the markers on links."""
+        markers, found = markers_of(on_links, objects), {}
+        for name, entry in self.file.detectors.items():
+            try:
+                found[name] = Detector.of(entry, cameras, markers)
+            except ValueError as error:
+                mend = "state `distance` and `min_pixels`"
+                self._report("missing-key", ("detectors", name), f"`{dotted(('detectors', name))}`: {error}", mend)
+        return found
+
+    def facts(self, domain: Domain) -> dict[Atom, int]:
+        """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
+        facts: dict[Atom, int] = {}
+        for index, text in enumerate(self.file.state):
+            path, signatures = ("state", index), domain.predicates
+            match = _FACT.fullmatch(text)
+            if match is None:
+                message = f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`"
+                self._report("wrong-fact", path, message)
+                continue
+            predicate = match[1].lower()
+            arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
+            if predicate not in signatures:
+                expected = expected_names(predicate, signatures)
+                message = f"found `{match[1]}`, which is no predicate of a skill; {expected}"
+                self._report("unknown-predicate", path, message)
+                continue
+            signature = signatures[predicate]
+            if len(arguments) != len(signature.parameters):
+                stated = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+                message = f"`{predicate}` has {stated}, expected {len(signature.parameters)}: {signature}"
+                self._report("wrong-arity", path, message)
+                continue
+            for argument, parameter in zip(arguments, signature.parameters, strict=True):
+                entry = self.file.objects.get(argument)
+                if entry is None:
+                    self._report("unknown-object", path, no_such(argument, "object", self.file.objects))
+                elif not domain.fits(entry.types, parameter.type):
+                    message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
+                    self._report("wrong-object-type", path, message)
+            fact = Atom(predicate, arguments)
+            if fact in facts:
+                self._report("repeated-value", path, f"`{fact}` is stated twice")
+            facts.setdefault(fact, index)
+        return facts
+
+
+def camera_axes_as_body(X_FC: Array) -> Array:
+    """The optical pose if the axes of `X_FC` are those of a body frame, shape (4, 4)."""
+    return X_FC @ pose(R_BODY_OPTICAL)

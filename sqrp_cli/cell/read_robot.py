@@ -1,0 +1,377 @@
+"""Reading entries of a workspace file, and the files that they name; the robot: URDF, SRDF, tool, home, limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import field, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from sqrp_cli.cell.mesh import read_mesh
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
+from sqrp_cli.files import packages, units
+from sqrp_cli.files.entries import Pose, XacroEntry
+from sqrp_cli.files.frames import link_called
+from sqrp_cli.files.input_file import ContentDigest
+from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.files.units import SMALLEST_LIMIT, Dimension, Quantity, expected_quantity
+from sqrp_cli.geometry import read_only
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot import robot
+from sqrp_cli.robot.joint_tree import driving_joints
+from sqrp_cli.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.robot.robot_xml import RobotSource
+from sqrp_cli.robot.srdf import SrdfModel, read_srdf
+from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
+from sqrp_cli.shapes import Mesh, Part
+
+MAX_ARM_JOINTS = 20
+"""Most joints that move the tool frame; each makes inverse kinematics and motion slower."""
+
+
+class RobotDescription(NamedTuple):
+    """The file of a URDF or SRDF, and what else it is made of."""
+
+    file: Path
+    source: RobotSource
+
+
+@dataclass(kw_only=True)
+class EntryReader:
+    """Reads entries of a workspace file, adds the files that they name to the digest, and collects all problems.
+
+    roots: folders for `package://`.
+    """
+
+    document: SourceDocument
+    digest: ContentDigest
+    roots: tuple[Path, ...] = ()
+    problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+
+    @contextmanager
+    def _collecting(self) -> Iterator[None]:
+        """Adds the problems of an InputError to those that were found; what could not be read is left out."""
+        try:
+            yield
+        except InputError as error:
+            self.problems.extend(error.problems)
+
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _warn(self, code: str, message: str, place: Place, mend: str) -> None:
+        self.warnings.append(Problem(code, message, place, severity="warning", mend=mend))
+
+    def _resolve(self, reference: str, place: Place) -> Path:
+        """The file that is named at a place. Raises InputError where there is none."""
+        return packages.resolve(reference, self.document.folder, self.roots, place)
+
+    def _described(self, entry: XacroEntry | str, path: KeyPath) -> RobotDescription:
+        """The file of a URDF or SRDF that the entry at `path` names, and what else it is made of."""
+        if isinstance(entry, str):
+            entry = XacroEntry(xacro=entry)
+        else:
+            path = (*path, "xacro")
+        file = self._resolve(entry.xacro, self.document.value_place(path))
+        return RobotDescription(file, RobotSource((*self.roots, self.document.folder), entry.args))
+
+    def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
+        """Add a mesh file to the digest; place: where it is named.
+
+        Raises as `read_mesh`.
+        """
+        try:
+            self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
+            read_mesh(mesh.path, mesh.scale)
+        except InputError as error:
+            named = [replace(one, message=f"{one.message}; {place} names this file") for one in error.problems]
+            raise InputError(*named) from error
+        except OSError as error:
+            raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
+
+
+@dataclass(kw_only=True)
+class RobotReader(EntryReader):
+    """Reads the `robot` entry of a workspace file.
+
+    URDF and SRDF are read first: their InputError is raised at once, because nothing can be checked without them.
+    """
+
+    entry: robot.RobotEntry
+    _parts: list[Part] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        entry, folder = self.entry, self.document.folder
+        stated = [folder / root for root in entry.package_roots]
+        self.roots = packages.package_roots(stated)
+        for index, root in enumerate(stated):
+            if not root.is_dir():
+                self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
+        self.urdf = self._read_urdf(entry.urdf, ("robot", "urdf"))
+        self.moveit: MoveitLimits | None = None
+        if entry.limits.moveit is not None:
+            file = self._resolve(entry.limits.moveit, self.document.value_place(("robot", "limits", "moveit")))
+            self.moveit = read_moveit_limits(file)
+            self.digest.add("robot.limits.moveit", file, self.moveit.document.content)
+            self.urdf = with_position_limits(self.urdf, self.moveit)
+        self.srdf: SrdfModel | None = None
+        if entry.srdf is not None:
+            self.srdf_path, source = self._described(entry.srdf, ("robot", "srdf"))
+            self.srdf = read_srdf(self.srdf_path, self.urdf, source)
+            self.digest.add("robot.srdf", self.srdf_path, self.srdf.content)
+            self.warnings += self.srdf.warnings
+        self.tool: UrdfModel | None = None
+        if entry.tool is not None and entry.tool.urdf is not None:
+            self.tool = self._read_urdf(entry.tool.urdf, ("robot", "tool", "urdf"), entry.tool.prefix)
+        elif entry.tool is not None:
+            place = self.document.key_place(("robot", "tool", "boxes"))
+            boxes = [(box.size, box.pose.matrix()) for box in entry.tool.boxes or ()]
+            tip = (entry.tool.frame or Pose()).matrix()
+            self.tool = tool_of_boxes(boxes, tip, self.document.path.absolute(), place).prefixed(entry.tool.prefix)
+            self._parts += self.tool.parts(entry.geometry, partial(packages.resolve_mesh, self.roots))
+        if entry.tool_frame is None and (entry.tool is None or entry.tool.frame is None):
+            message = "`robot`: the key `tool_frame` is missing: the link that grasps"
+            raise bad_input("missing-key", message, self.document.key_place(("robot",)))
+        tip_name = TOOL_TIP if entry.tool is None else entry.tool.prefix + TOOL_TIP
+        self.tool_frame = link_called(entry.tool_frame or tip_name, self.links)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links of robot and tool."""
+        return (*self.urdf.links, *(self.tool.links if self.tool else ()))
+
+    def read(self) -> robot.Robot:
+        """The robot; meaningful only if `problems` is empty afterwards."""
+        entry = self.entry
+        tool = self._tool()
+        joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
+        arm = self._arm(joints)
+        limits = self._limits(joints)
+        usual = robot.ANGLE_TOLERANCE if len(arm) < robot.AXES_OF_A_POSE else 0.0
+        markers, carriers = {}, dict[tuple[str, int], str]()
+        for named, marker in entry.markers.items():
+            path, link = ("robot", "markers", named), link_called(named, self.links)
+            if link not in self.links:
+                self._report("unknown-link", path, no_such(link, "link", self.links))
+            other = carriers.setdefault((marker.dictionary, marker.id), link)
+            if other != link:
+                self._report("repeated-value", (*path, "id"), f"`{other}` has the marker {marker.id} too")
+            markers[link] = marker
+        home: dict[str, float] | None = None
+        if arm:
+            home = self._positions(entry.home, arm, ("robot", "home"), "no joint that moves the tool frame")
+        if home is not None and (missing := [joint.name for joint in arm if joint.name not in home]):
+            names = ", ".join(f"`{name}`" for name in missing)
+            self._report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
+        return robot.Robot(
+            urdf=self.urdf,
+            srdf=self.srdf_path if self.srdf is not None else None,
+            package_roots=self.roots,
+            X_WB=read_only(entry.base.matrix()),
+            tool=tool,
+            tool_frame=self.tool_frame,
+            home=home or {},
+            limits=limits,
+            stop_limits=self._stop_limits(limits, joints),
+            angle_tolerance=usual if entry.angle_tolerance is None else entry.angle_tolerance,
+            geometry=entry.geometry,
+            parts=tuple(self._parts),
+            disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
+            fingers=self._fingers([joint for joint in joints if joint.mimic is None and joint not in arm]),
+            markers=markers,
+        )
+
+    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
+        urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
+        self.warnings += urdf.warnings
+        self.digest.add(dotted(path), urdf.path, urdf.content)
+        parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
+        self._parts += parts
+        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
+        for part, piece in zip(parts, pieces, strict=True):
+            if isinstance(part.shape, Mesh):
+                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
+        return urdf
+
+    def _tool(self) -> robot.Tool | None:
+        entry = self.entry.tool
+        if entry is None or self.tool is None:
+            return None
+        link = link_called(entry.link, self.urdf.links)
+        if link not in self.urdf.links:
+            self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
+        moving = [{joint.name for joint in model.movable_joints} for model in (self.urdf, self.tool)]
+        shared = [f"link `{name}`" for name in self.tool.links if name in self.urdf.links]
+        shared += [f"joint `{name}`" for name in sorted(moving[0] & moving[1])]
+        if shared:
+            others = f", and {len(shared) - 1} more names in common" if len(shared) > 1 else ""
+            mend = "tell the tool's apart by a prefix: `prefix: tool_` in `robot.tool`"
+            path = ("robot", "tool", "urdf" if entry.urdf else "boxes")
+            self._report("ambiguous-name", path, f"robot and tool both have a {shared[0]}{others}", mend)
+        file = None if entry.urdf is None else self.tool.path
+        return robot.Tool(self.tool, link, read_only(entry.pose.matrix()), file)
+
+    def _arm(self, joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+        """The joints that drive those from the root to the tool frame, in order."""
+        frame = self.tool_frame
+        if frame not in self.links:
+            self._report("unknown-link", ("robot", "tool_frame"), no_such(frame, "link", self.links))
+            return []
+        on_tool: list[UrdfJoint] = []
+        if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
+            on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
+            if frame not in self.urdf.links:
+                return []  # `_tool` says so
+        arm = driving_joints((*self.urdf.chain(frame), *on_tool), joints)
+        if not arm:
+            message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
+            self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+        if len(arm) > MAX_ARM_JOINTS:
+            message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
+            raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
+        return arm
+
+    def _fingers(self, driven: Sequence[UrdfJoint]) -> robot.Fingers | None:
+        entry, path = self.entry.fingers, ("robot", "fingers")
+        if entry is None:
+            return None
+        what = "no joint outside the arm that moves by itself"
+        opened = self._positions(entry.open, driven, (*path, "open"), what)
+        closed = self._positions(entry.closed, driven, (*path, "closed"), what)
+        if opened is None or closed is None:
+            return None
+        if not opened or opened.keys() != closed.keys():
+            names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys()))
+            message = f"`open` and `closed` must name the same joints; only one of them has {names or 'any joint'}"
+            self._report("missing-joint", path, message)
+        if opened == closed:
+            self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
+        return robot.Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
+
+    def _positions(
+        self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
+    ) -> dict[str, float] | None:
+        """Positions within limits of the joints that an entry names, in their order; None if a name or unit is wrong.
+
+        what: describes a joint that is not among them, in a message. Other joints of an SRDF state are left out.
+        """
+        known, positions = {joint.name: joint for joint in joints}, dict[str, float]()
+        if isinstance(entry, str):
+            states = self.srdf.states if self.srdf else {}
+            if entry not in states:
+                self._report("unknown-state", path, no_such(entry, "named state of an SRDF", states))
+                return None
+            positions = dict(states[entry])
+        else:
+            for name, quantity in entry.items():
+                at = (*path, name)
+                if name not in known:
+                    message = f"found `{name}`, which is {what}; {expected_names(name, known)}"
+                    self._report("unknown-joint", at, message)
+                    continue
+                dimension = units.LENGTH if known[name].type == "prismatic" else units.ANGLE
+                if quantity.dimension not in (None, dimension):
+                    self._wrong_unit(at, quantity, dimension)
+                elif quantity.dimension is None and dimension is units.ANGLE and abs(quantity.value) > units.TURN:
+                    found = f"found {quantity.value:g}, which would be radians"
+                    self._report("wrong-unit", at, f"{found}; expected {expected_quantity(dimension)}")
+                else:
+                    positions[name] = quantity.value
+            if len(positions) < len(entry):
+                return None
+        for joint in joints:
+            position = positions.get(joint.name, joint.lower)
+            if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
+                message = f"{_in_units(joint, position)} is outside the joint's limits, "
+                self._report(
+                    "outside-limits", (*path, joint.name), message + _in_units(joint, joint.lower, joint.upper)
+                )
+        return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
+
+    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits]:
+        """The limits of every joint: stated here, else by MoveIt, else by the URDF, else assumed, with a warning."""
+        names = [joint.name for joint in joints]
+        limits, assumptions = dict[str, dict[str, float]](), list[str]()
+        for limit in ("velocity", "acceleration", "jerk"):
+            found = {joint.name: joint.velocity for joint in joints if joint.velocity} if limit == "velocity" else {}
+            if self.moveit is not None:
+                strange = self.moveit.unknown(tuple(names))
+                if strange is not None and strange not in self.warnings:
+                    self.warnings.append(strange)
+                factor: float | None = getattr(self.entry.limits, f"{limit}_scaling", None)
+                scale = self.moveit.scaling.get(limit, 1.0) if factor is None else factor
+                of_files = {**found, **self.moveit.stated[limit]}
+                found = {name: scale * value for name, value in of_files.items() if name in names}
+            found |= self._values(limit, joints)
+            assumed = robot.LimitsEntry.kind(limit).assumed
+            if lacking := [name for name in names if name not in found]:
+                owners = "all joints" if len(lacking) == len(joints) else ", ".join(lacking)
+                assumptions.append(f"{limit} ({assumed:g} for {owners})")
+            limits[limit] = {name: found.get(name, assumed) for name in names}
+        if assumptions:
+            message = f"limits are not stated (or are 0) and assumed, in rad or m and s: {', '.join(assumptions)}"
+            mend = "state them under `robot.limits`; times depend on them"
+            self._warn("assumed-limit", message, self.document.key_place(("robot", "limits")), mend)
+        return {
+            joint.name: robot.JointLimits(
+                lower=joint.lower, upper=joint.upper, **{limit: values[joint.name] for limit, values in limits.items()}
+            )
+            for joint in joints
+        }
+
+    def _stop_limits(
+        self, limits: Mapping[str, robot.JointLimits], joints: Sequence[UrdfJoint]
+    ) -> dict[str, robot.StopLimits]:
+        stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}
+        for limit, values in stops.items():
+            usual = {name: getattr(every, limit) for name, every in limits.items()}
+            gentle = next((name for name in values if name in usual and values[name] < usual[name]), None)
+            if gentle is not None:  # a stop gentler than the motion could end after the motion
+                message = f"{values[gentle]:g} is less than the {usual[gentle]:g} of every motion of `{gentle}`"
+                mend = f"leave it out to stop with the {limit} of every motion"
+                self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
+            stops[limit] = usual | values
+        return {name: robot.StopLimits(**{limit: values[name] for limit, values in stops.items()}) for name in limits}
+
+    def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
+        """The stated values of one limit by joint. A single value applies to every joint that its unit fits."""
+        entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
+        path: KeyPath = ("robot", "limits", limit)
+        dimensions = {joint.name: robot.LimitsEntry.kind(limit).of(joint) for joint in joints}
+        if entry is None:
+            return {}
+        if isinstance(entry, Quantity):
+            values = {name: entry for name, dimension in dimensions.items() if entry.dimension in (None, dimension)}
+            if not values:
+                self._wrong_unit(path, entry, *dict.fromkeys(dimensions.values()))
+            paths = dict.fromkeys(values, path)
+        else:
+            values = dict(entry)
+            paths = {name: (*path, name) for name in values}
+        for name, quantity in values.items():
+            if name not in dimensions:
+                self._report("unknown-joint", paths[name], no_such(name, "movable joint", dimensions))
+            elif quantity.dimension not in (None, dimensions[name]):
+                self._wrong_unit(paths[name], quantity, dimensions[name])
+        wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
+        if wrong is not None:
+            expected = f"expected a value above 0, at least {SMALLEST_LIMIT:g}"
+            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
+        return {name: quantity.value for name, quantity in values.items()}
+
+    def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
+        found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
+        self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
+
+
+def _in_units(joint: UrdfJoint, *positions: float) -> str:
+    """A position of a joint [rad or m], or a range, with its unit; for a turning joint in degrees as well."""
+    stated = " to ".join(f"{position:.4g}" for position in positions)
+    if joint.type == "prismatic":
+        return f"{stated} m"
+    return f"{stated} rad ({' to '.join(f'{math.degrees(position):.4g}' for position in positions)} deg)"

@@ -1,0 +1,282 @@
+"""What was understood of a workspace, in plain values: what programs, baselines and kept results depend on.
+
+Comments, layout, the order of keys, how numbers and poses are written, and where files lie have no part in it; nor have
+names of folders, expected tasks, and geometry that is not used. Programs keep these values, so that they can say what
+has changed since they were made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from pydantic import BaseModel
+
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.files.entries import Pose
+from sqrp_cli.geometry import Array, matrix_to_quaternion, quaternion_to_matrix
+from sqrp_cli.robot.robot import Robot
+from sqrp_cli.shapes import Box, Mesh, Shape
+from sqrp_cli.skill.settings import MotionParameter
+
+Plain = str | bool | int | float | tuple[float, ...] | None
+Understood = Mapping[str, Mapping[str, Plain]]
+"""By what it is about, such as `camera cam1`, and by the name of each value; a pose is x, y, z [m] and a quaternion."""
+
+DIGITS = 12
+"""Significant digits of a number: the notations of one quantity, such as `5 cm` and `50 mm`, differ less."""
+
+DECIMALS = 9
+"""Decimals of poses [m], which come from sines and cosines."""
+
+_LONGEST = 40
+"""Most characters of a value that a sentence shows."""
+
+_POSE = re.compile(r"X_[A-Z]{2}")
+
+_UNSAID = (Place, Problem, Path)
+"""Kinds of values without a meaning for the cell."""
+
+_LEFT_OUT = {
+    "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks"},
+    "Robot": {"urdf", "srdf", "package_roots", "tool", "parts", "limits", "stop_limits", "home", "fingers", "markers"},
+    "Tool": {"urdf", "file"},
+    "UrdfJoint": {"name", "lower", "upper", "velocity"},  # `Robot.limits` has them
+    "UrdfLink": {"name", "collision", "visual"},  # `Robot.parts` has what is used
+    "Camera": {"name", "lens_file", "pose_file"},
+    "Detector": {"dictionaries", "is_usual"},  # of markers, which are there
+    "SceneObject": {"name", "parts", "X_FO"},
+    "Part": {"name"},
+    "Skill": {"name", "folder", "places", "warnings"},
+    "Domain": {"name", "path", "requirements", "actions"},
+    "FormulaEntry": {"formula"},  # the parsed formula is there
+    "RetryEntry": {"when"},
+    "MotionParameter": {"name", "kinds"},
+}
+"""Fields without a meaning of their own, by the name of their record."""
+
+_UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "jerk": "/s^3"}
+"""Limits of joints, with what comes after their unit."""
+
+
+def understood(workspace: object, meshes: Mapping[Path, str]) -> Understood:
+    """The values of a `Workspace`; meshes: the digest of each mesh file."""
+    found: dict[str, dict[str, Plain]] = {}
+    for subject, name, value in _subjects(workspace):
+        found.setdefault(subject, {}).update(_leaves(value, name, meshes))
+    return found
+
+
+def with_skills(values: Understood, skills: Collection[str]) -> Understood:
+    """The values with these skills alone."""
+    return {subject: of for subject, of in values.items() if _matters(subject, skills)}
+
+
+def digest_of_understood(values: Understood) -> str:
+    """SHA-256 of values, whatever their order."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
+def what_changed(before: Understood, now: Understood, skills: Collection[str]) -> tuple[str, ...]:
+    """What differs, in a short sentence each, such as `cam1 moved 2.0 cm`; skills: those that matter."""
+    return tuple(
+        sentence
+        for subject in dict.fromkeys((*before, *now))
+        if _matters(subject, skills)
+        for sentence in _differences(subject, before.get(subject), now.get(subject))
+    )
+
+
+def _matters(subject: str, skills: Collection[str]) -> bool:
+    kind, _, name = subject.partition(" ")
+    return kind != "skill" or name in skills
+
+
+def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN401 # a Workspace, which uses this module
+    """What each value is about, its name, and the value."""
+    for name, value in _said(workspace):
+        if isinstance(value, Robot):
+            yield from _of_robot(value)
+        elif name == "state":
+            yield "state", "", dict.fromkeys(sorted(map(str, value)), True)
+        elif isinstance(value, Mapping):
+            for key, entry in value.items():
+                yield f"{name.removesuffix('s')} {key}", "", entry
+                for part in entry.parts if isinstance(entry, SceneObject) else ():
+                    if part.name != entry.name or part.shape != Box(entry.size):  # which `size` says
+                        yield f"part {part.name}", "", part
+        else:
+            yield "cell", name, value
+
+
+def _of_robot(robot: Robot) -> Iterator[tuple[str, str, object]]:
+    yield "robot", "", robot
+    if robot.tool is not None:
+        yield "tool", "", robot.tool
+    for urdf in robot.urdfs:
+        yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
+        yield from ((f"link {link.name}", "", link) for link in urdf.links.values() if link.inertial is not None)
+    joints = {"": robot.limits, "stop": robot.stop_limits, "home": robot.home}
+    joints |= {} if robot.fingers is None else {"open": robot.fingers.open, "closed": robot.fingers.closed}
+    for name, values in joints.items():
+        yield from ((f"joint {joint}", name, value) for joint, value in values.items())
+    yield from ((f"link {link}", "marker", marker) for link, marker in robot.markers.items())
+    yield from ((f"part {part.name}", "", part) for part in robot.parts)
+
+
+def _said(record: object) -> Iterator[tuple[str, Any]]:
+    """The fields of a record that have a meaning."""
+    left_out = _LEFT_OUT.get(type(record).__name__, ())
+    names = type(record).model_fields if isinstance(record, BaseModel) else [f.name for f in fields(record)]  # type: ignore[arg-type]
+    return ((name, getattr(record, name)) for name in names if name not in left_out)
+
+
+def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple[str, Plain]]:  # noqa: ANN401
+    """The plain values in a value of any kind, each with its dotted name."""
+    if isinstance(value, _UNSAID):
+        return
+    plain = _plain(value)
+    if plain is not None:
+        yield name, plain
+    if plain is not None or value is None:
+        return
+    if isinstance(value, Mesh):
+        yield name, f"mesh {meshes[value.path][:16]}"
+        yield from _leaves(value.scale, f"{name}.scale", meshes)
+        return
+    items: Iterable[tuple[str, Any]]
+    if isinstance(value, Mapping):
+        items = ((str(key), item) for key, item in value.items())
+    elif isinstance(value, Sequence):
+        items = ((one.name if isinstance(one, MotionParameter) else str(index), one) for index, one in enumerate(value))
+    else:
+        if isinstance(value, get_args(Shape)):
+            yield name, type(value).__name__.lower()
+        items = _said(value)
+    for key, item in items:
+        known = "pose" if _POSE.fullmatch(key) and isinstance(item, np.ndarray) and item.shape == (4, 4) else key
+        yield from _leaves(item, f"{name}.{known}" if name else known, meshes)
+
+
+def _plain(value: Any) -> Plain:  # noqa: ANN401
+    """A value that needs no more than one word or row of numbers; None for others."""
+    match value:
+        case bool() | int():
+            return value
+        case str():
+            return str(value)
+        case float():
+            return _number(value)
+        case Pose():
+            return _pose(value.matrix())
+        case np.ndarray():
+            return _pose(value) if value.shape == (4, 4) else _row(value)
+        case frozenset():
+            return ", ".join(sorted(map(_word, value)))
+        case tuple() | list() if all(isinstance(item, int | float) and not isinstance(item, bool) for item in value):
+            return _row(value)
+        case tuple() | list() if all(isinstance(item, str | int | float) for item in value):
+            return ", ".join(map(_word, value))
+    logical = type(value).__module__.startswith("sqrp_cli.logic.") and str(value) != repr(value)
+    return str(value) if logical else None
+
+
+def _word(value: object) -> str:
+    return "-".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _number(value: float) -> float | str:
+    """A number to `DIGITS` digits; files of ours have no infinite ones."""
+    if not math.isfinite(value):
+        return str(value)
+    return 0.0 if abs(value) < 10.0**-DIGITS else float(f"{value:.{DIGITS}g}")
+
+
+def _row(values: Any) -> tuple[float, ...] | str:  # noqa: ANN401
+    numbers = [_number(float(value)) for value in np.asarray(values, dtype=float).ravel()]
+    if any(isinstance(number, str) for number in numbers):
+        return ", ".join(map(str, numbers))
+    return tuple(numbers)  # type: ignore[arg-type]
+
+
+def _pose(X: Array) -> tuple[float, ...]:
+    """Position [m] and quaternion x, y, z, w of a pose; of the two quaternions the same one, whatever the rounding."""
+    quaternion = np.round(matrix_to_quaternion(X[:3, :3]), DECIMALS)
+    sign = next((np.sign(part) for part in quaternion[::-1] if part), 1.0)
+    return tuple((np.concatenate([np.round(X[:3, 3], DECIMALS), sign * quaternion]) + 0.0).tolist())
+
+
+def _differences(subject: str, before: Mapping[str, Plain] | None, now: Mapping[str, Plain] | None) -> Iterator[str]:
+    if subject == "state":
+        yield from (f"{fact} no longer holds" for fact in before or {} if fact not in (now or {}))
+        yield from (f"{fact} holds now" for fact in now or {} if fact not in (before or {}))
+    elif before is None or now is None:
+        yield f"{subject} is {'new' if before is None else 'gone'}"
+    else:
+        unit = "m" if "prismatic" in (before.get("type"), now.get("type")) else "rad"
+        for name in dict.fromkeys((*before, *now)):
+            old, new = before.get(name), now.get(name)
+            same = old == new and isinstance(old, bool) == isinstance(new, bool)
+            one, other = ((value,) if isinstance(value, float) else value for value in (old, new))
+            if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+                same = np.allclose(one, other, rtol=1e-9, atol=1e-9)
+            if not same:
+                yield _moved(subject, name, old, new) or _altered(subject, name, (old, new), unit)
+
+
+def _moved(subject: str, name: str, old: Plain, new: Plain) -> str | None:
+    """How far a pose has moved and turned; None for other values."""
+    inside, _, last = name.rpartition(".")
+    if last != "pose" or not isinstance(old, tuple) or not isinstance(new, tuple):
+        return None
+    way = float(np.linalg.norm(np.subtract(new[:3], old[:3])))
+    # The angle of a rotation matrix [rad], exact for small ones, too.
+    R = quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:])
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    turn = math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
+    length = f"{100 * way:.1f} cm" if 0.01 <= way < 1 else f"{way:.4g} m" if way >= 1 else f"{1000 * way:.3g} mm"
+    parts = [f"moved {length}"] if way > 1e-9 else []
+    parts += [f"turned {math.degrees(turn):.3g} deg"] if turn > 1e-9 else []
+    return f"{_owner(subject)}{f' {inside}' if inside else ''} {' and '.join(parts)}"
+
+
+def _owner(subject: str) -> str:
+    """A camera, object or joint by its name alone."""
+    kind, _, name = subject.partition(" ")
+    return name if kind in ("camera", "object") else subject if name else f"the {subject}"
+
+
+def _altered(subject: str, name: str, values: tuple[Plain, Plain], unit: str) -> str:
+    """A value before and now."""
+    after = ""
+    what, whose = f"`{name}`", _owner(subject)
+    limit = name.rpartition(".")[-1]
+    if subject.startswith("joint ") and limit in _UNITS:
+        stop = "stop " if name.startswith("stop.") else ""
+        what, whose, after = f"{stop}{limit} joint limit", subject.partition(" ")[2], f" {unit}{_UNITS[limit]}"
+    elif subject.startswith("joint ") and name in ("home", "open", "closed"):
+        what, after = name, f" {unit}"
+    old, new = map(_shown, values)
+    if old == new:
+        old, new = (str(value) for value in values)
+    if name == "shape" and old.startswith("mesh ") and new.startswith("mesh "):
+        return f"the mesh of {whose} is another"
+    if max(len(old), len(new)) > _LONGEST or old == new:
+        return f"{what} of {whose} is another"
+    return f"{what} of {whose} {old} -> {new}{after}"
+
+
+def _shown(value: Plain) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return f"[{', '.join(f'{number:g}' for number in value)}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)

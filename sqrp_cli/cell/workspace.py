@@ -1,0 +1,207 @@
+"""A workspace: the format of its file, and the validated description of one cell."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.camera.camera import Camera, CameraEntry
+from sqrp_cli.camera.detector import Detector, DetectorEntry
+from sqrp_cli.camera.light import MOST_LIGHTS, Light
+from sqrp_cli.camera.markers import Marker
+from sqrp_cli.cell.fixture_file import FixturesEntry
+from sqrp_cli.cell.scene import ObjectEntry, SceneObject
+from sqrp_cli.cell.understood import Understood, digest_of_understood, understood
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.files.entries import Entry, Finite, In, Name, PoseMatrix, Share, Stored, Text, Written, refused
+from sqrp_cli.files.input_file import SourceFile, digest_of
+from sqrp_cli.files.source import LeafValue
+from sqrp_cli.files.units import LARGEST, LENGTH, TIME
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.robot import Robot, RobotEntry
+from sqrp_cli.shapes import Mesh, Part
+from sqrp_cli.skill.skill import Skill
+
+_NAME = r"[A-Za-z_][\w-]*"
+_FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
+
+LongestTime = Annotated[float, In(TIME, 1e-3, LARGEST)]
+Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedTask(Stored):
+    """A task that the cell must support, with requirements on its best candidate."""
+
+    task: str = ""
+    """As on the command line, such as `pickup green`."""
+    steps: tuple[Text, ...] = ()
+    """Instead of `task`: several tasks, one after the other, that are scored as a whole."""
+    min_q_avg: Share | None = None
+    """Least share of the time in which all is seen."""
+    min_q_eoi: Share | None = None
+    """The same of the events of interest."""
+    max_time: LongestTime | None = None
+    """Longest duration."""
+    max_delay: LongestTime | None = None
+    """Longest time until a fault is noticed."""
+    feasible: bool | None = None
+    """Whether a feasible candidate is expected at all."""
+    winner: Name | None = None
+    """The object that the best candidate is expected to use."""
+
+    def __post_init__(self) -> None:
+        """Join the steps as one text. Raises PydanticCustomError unless there is either a task or steps."""
+        if bool(self.task) == bool(self.steps):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `task`, `steps`")
+        if self.steps:
+            object.__setattr__(self, "task", " then ".join(self.steps))
+
+
+class WorkspaceFile(Entry):
+    """A cell: robot, cameras, detectors, objects, what is true now, skills and expected tasks."""
+
+    robot: RobotEntry
+    detectors: dict[Name, DetectorEntry] = Field(default={}, description="Detection algorithms by name.")
+    cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
+    skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
+    objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Objects in the cell by name.")
+    fixtures: list[FixturesEntry] = Field(default=[], max_length=50)
+    """Files with further objects that never move: scenes and worlds."""
+    lights: dict[Name, Light] = Field(default={}, max_length=MOST_LIGHTS)
+    """Lights by name; without any, cameras see all brightly enough."""
+    state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
+    tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
+    padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
+
+
+def _fact(text: str) -> Atom:
+    if not _FACT.fullmatch(text):
+        raise refused("program-fact", f"found `{text}`, expected a fact such as `hold(g1)`")
+    return Atom.of(text)
+
+
+Facts = Annotated[
+    frozenset[Atom],
+    Written(tuple[Annotated[Atom, Written(str, _fact, str)], ...], frozenset, lambda facts: sorted(map(str, facts))),
+]
+"""Atoms that hold, which a file writes as text in alphabetical order."""
+
+
+@dataclass(frozen=True, eq=False)
+class World(Stored):
+    """The facts, the poses of objects and the joint positions at one moment."""
+
+    facts: Facts
+    """The atoms that hold; every other one is false."""
+    X_WO: Annotated[Mapping[str, PoseMatrix], Field(alias="objects")]
+    """Pose of each object whose place is known, shape (4, 4)."""
+    held: str | None
+    """The object in the tool; None if it is empty."""
+    X_TO: Annotated[PoseMatrix | None, Field(alias="held_pose")]
+    """Pose of the object in the tool in the tool frame, shape (4, 4)."""
+    joints: Mapping[str, Finite]
+    """Position of every joint that is driven, those of the arm and of the fingers [rad or m]."""
+
+
+def markers_of(on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]) -> dict[str, Marker]:
+    """The markers of a cell, by what carries them."""
+    on_objects = {name: obj.printed_marker for name, obj in objects.items()}
+    return {**on_links, **{name: marker for name, marker in on_objects.items() if marker is not None}}
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """The description of one cell."""
+
+    name: str
+    path: Path
+    """The workspace file."""
+    robot: Robot
+    cameras: Mapping[str, Camera]
+    detectors: Mapping[str, Detector]
+    objects: Mapping[str, SceneObject]
+    lights: Mapping[str, Light]
+    """If there are none, cameras see everything brightly enough."""
+    state: frozenset[Atom]
+    """The facts that hold at the beginning; every other one is false."""
+    skills: Mapping[str, Skill]
+    tasks: tuple[ExpectedTask, ...]
+    padding: float
+    """Least distance that motions keep from fixed objects [m]."""
+    files: Mapping[str, SourceFile]
+    """The files that were read, meshes included, by the role that each plays, such as `robot.urdf`."""
+    values: Mapping[str, LeafValue]
+    """What the workspace file says, by dotted path."""
+    warnings: tuple[Problem, ...]
+    """Findings that do not prevent its use."""
+    places: Mapping[str, Place]
+    """Position of every key of the file, by dotted path."""
+
+    @cached_property
+    def understood(self) -> Understood:
+        """What it says, without what has no meaning for the cell."""
+        return understood(self, {file.path: file.digest for file in self.files.values()})
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of what was understood."""
+        return digest_of_understood(self.understood)
+
+    @property
+    def file_digest(self) -> str:
+        """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
+        return digest_of((role, file.digest) for role, file in self.files.items())
+
+    @property
+    def markers(self) -> Mapping[str, Marker]:
+        """The markers on links and on objects, by what carries them."""
+        return markers_of(self.robot.markers, self.objects)
+
+    @property
+    def whole_file(self) -> Place:
+        """Its file as a place, at the path as it was given."""
+        return Place(next((place.file for place in self.places.values()), self.path))
+
+    @cached_property
+    def types(self) -> Mapping[str, frozenset[str]]:
+        """The types of every object, by its name."""
+        return {name: frozenset(obj.types) for name, obj in self.objects.items()}
+
+    @property
+    def stated_world(self) -> World:
+        """The world as the file states it: fingers open, and no world pose for a held object.
+
+        Motions start from `Cell.initial_world`, which knows where the tool is.
+        """
+        held = next((obj for obj in self.objects.values() if obj.X_TO is not None), None)
+        name, X_TO = (None, None) if held is None else (held.name, held.X_TO)
+        X_WO = {name: obj.X_WO for name, obj in self.objects.items() if obj.X_WO is not None}
+        fingers = self.robot.fingers.open if self.robot.fingers else {}
+        return World(self.state, X_WO, name, X_TO, {**self.robot.home, **fingers})
+
+    @property
+    def meshes(self) -> Mapping[Path, str]:
+        """The mesh files, read again for computing, with the digests of their content."""
+        parts = [*self.robot.parts, *(part for obj in self.objects.values() for part in obj.parts)]
+        paths = {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
+        return {file.path: file.digest for file in self.files.values() if file.path in paths}
+
+    def relocated(self, moved: Callable[[Path], Path]) -> Workspace:
+        """The workspace with every file of `meshes` moved, for use on another machine."""
+
+        def parts(old: tuple[Part, ...]) -> tuple[Part, ...]:
+            shapes = [part.shape for part in old]
+            new = [replace(shape, path=moved(shape.path)) if isinstance(shape, Mesh) else shape for shape in shapes]
+            return tuple(replace(part, shape=shape) for part, shape in zip(old, new, strict=True))
+
+        objects = {name: replace(obj, parts=parts(obj.parts)) for name, obj in self.objects.items()}
+        return replace(self, robot=replace(self.robot, parts=parts(self.robot.parts)), objects=objects)

@@ -1,0 +1,1 @@
+"""Recordings and live robots come in; audits, calibrated detectors and served cells go out."""

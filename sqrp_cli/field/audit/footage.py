@@ -1,0 +1,135 @@
+"""What an audit needs of a recording: images with their times, and where the robot was.
+
+There are two clocks to keep apart: that of the robot, on which the joints are known, and that of each camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera, PixelSize
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.program.record import Program
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.image import CameraImage, check_recorded
+from sqrp_cli.run.monitor.nominal_step import planned_joints
+from sqrp_cli.run.record.images import read_frames
+from sqrp_cli.run.record.packed_image import bare_png, decoded, png_damage, read_png
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image of a recording."""
+
+    camera: str
+    t: float
+    """When it was taken, by its camera's clock [s]."""
+    number: int
+    """Its place in the recording."""
+
+
+class ImageSource(Protocol):
+    """Where images come from."""
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+
+
+class Footage(ImageSource, Protocol):
+    """A recording of a program's run."""
+
+    frames: Sequence[Frame]
+    """All images with a time, in order."""
+    recorded: Collection[str]
+    """Cameras of the workspace that it has images of."""
+    other_topics: Sequence[str]
+    """Topics with images of no camera of the workspace."""
+    unplanned: int
+    """Images without a time: the step did not go as planned."""
+    damaged: dict[int, str]
+    """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
+    starts: Sequence[float]
+    """When the motion of each step of the program began, by the robot's clock [s]; of several runs in the first one."""
+    runs: int
+    """How often the program was run."""
+
+    def joints(self, t: Array) -> Mapping[str, Array]:
+        """Positions of joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m]."""
+
+    def as_planned(self, t: Array) -> Mask:
+        """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
+
+
+_APART = 1000.0
+"""Time between the steps of a folder of frames, whose times are those of the step [s]."""
+
+
+class FolderFootage:
+    """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
+
+    other_topics: Sequence[str] = ()
+    runs = 1
+
+    def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
+        """Raises InputError for a folder that cannot be used."""
+        self.path, self._program, self._workspace = folder, program, workspace
+        self.damaged: dict[int, str] = {}
+        self._entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+        self.recorded: Collection[str] = {entry.camera for entry in self._entries}
+        check_recorded(workspace, self.recorded)
+        longest = max((step.time for step in program.steps), default=0.0)
+        self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
+        usable = [(number, entry) for number, entry in enumerate(self._entries) if entry.t is not None]
+        self.frames: Sequence[Frame] = [
+            Frame(entry.camera, self.starts[entry.step - 1] + (entry.t or 0.0), number) for number, entry in usable
+        ]
+        self.unplanned = len(self._entries) - len(usable)
+
+    def joints(self, t: Array) -> Mapping[str, Array]:
+        """By the program."""
+        return planned_at(self._program, self.starts, t, _APART / 2)
+
+    def as_planned(self, t: Array) -> Mask:
+        """It is taken to be."""
+        return np.ones(len(t), dtype=bool)
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+        for frame in frames:
+            entry = self._entries[frame.number]
+            yield frame, read_image(entry.file, self._workspace.cameras[entry.camera], frame.t)
+
+
+def planned_at(program: Program, starts: Sequence[float], t: Array, early: float = 0.0) -> dict[str, Array]:
+    """Where a program wants its joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m].
+
+    starts: of its steps [s]; what is at most `early` [s] before one belongs to that step.
+    """
+    q = np.empty((len(t), len(program.joints)))
+    of = np.clip(np.searchsorted(starts, np.asarray(t) + early, side="right") - 1, 0, len(starts) - 1)
+    for index, (start, step) in enumerate(zip(starts, program.steps, strict=True)):
+        rows = of == index
+        if rows.any():
+            q[rows] = planned_joints(step, np.clip(t[rows] - start, 0.0, step.time))
+    return dict(zip(program.joints, q.T, strict=True))
+
+
+def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
+    """The image of a camera in a PNG file, taken at time t [s]. Raises InputError for one that cannot be used."""
+    content = read_png(file, PixelSize(camera.width, camera.height), camera.name)
+    damage = png_damage(content)
+    image = None if damage else decoded(bare_png(content))
+    if image is None:
+        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+        raise bad_input("unreadable", message, Place(file))
+    return CameraImage(camera.name, t, image)

@@ -1,0 +1,173 @@
+"""The prediction check on recorded images of a real cell."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.field.audit.clock import FARTHEST
+from sqrp_cli.field.audit.footage import Footage, Frame, ImageSource
+from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.monitor.attempt import PredictionCheck
+from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
+from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
+from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
+from sqrp_cli.run.robot_body import RobotBody
+
+Known = TypeVar("Known")
+
+AHEAD = 8
+"""Images that are looked at while others are read."""
+
+
+LEAST_LOST = 3
+"""Images, at least, that say of a literal to the end of a step that it is not as planned, for `MaybeLost`."""
+
+
+def audit(
+    program: Program,
+    workspace: Workspace,
+    footage: Footage,
+    cameras: Mapping[str, AuditedCamera],
+    threshold: float,
+    image_done: Callable[[], None],
+) -> AuditDocument:
+    """Compare a recording with a program.
+
+    cameras: what is known of them; images of clocks that are wrong are compared at the robot's times. Assumes that the
+    robot is where the recording says, and that everything goes as planned while it is where the program wants it.
+    Raises InputError for an image that cannot be used.
+    """
+    robot = RobotBody.load(workspace.robot)
+    offsets = {name: one.clock.offset or 0.0 for name, one in cameras.items() if one.clock.wrong}
+    steps = []
+    with DetectorPool(CellModel.of(workspace, robot)) as pool:
+        for index, step in enumerate(program.steps):
+            nominal = NominalStep(step, program.joints, robot)
+            audited = _StepAudit(index, nominal, list(workspace.cameras))
+            steps.append(audited)
+            pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
+            frames = frames_of(footage, index, step, offsets)
+            postures = Postures(step, footage.starts[index], nominal, footage)
+            for frame, detection in detected(pool, footage, frames, postures.at):
+                image_done()
+                audited.add(detection, frames[frame])
+    compared = sum(step.compared for step in steps)
+    begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
+    apart = {}
+    for camera in sorted(footage.recorded):
+        t = np.array([frame.t for frame in footage.frames if frame.camera == camera])
+        after = np.maximum(t - end, 0.0) + np.minimum(t - begin, 0.0)
+        if len(t) and np.abs(after).min() > FARTHEST:
+            apart[camera] = float(after[np.argmin(np.abs(after))])
+    return AuditDocument(
+        workspace=workspace.name,
+        steps=[step.short_task for step in program.steps],
+        times=[step.time for step in program.steps],
+        images=compared,
+        skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
+        repeated=sum(step.repeated for step in steps),
+        until=[step.until for step in steps],
+        runs=footage.runs,
+        damaged=len(footage.damaged),
+        damage=next(iter(footage.damaged.values()), None),
+        apart=apart,
+        missing=[name for name in workspace.cameras if name not in footage.recorded],
+        other_topics=list(footage.other_topics),
+        lost=[lost for step in steps for lost in step.lost],
+        threshold=threshold,
+        cameras=cameras,
+        prediction=[step.check.counts for step in steps],
+        usual=[step.check.usual for step in steps],
+        disagreements=[found for step in steps for found in step.check.disagreements],
+    )
+
+
+class _StepAudit:
+    """What the images of one step say, one after the other."""
+
+    def __init__(self, index: int, nominal: NominalStep, cameras: Collection[str]) -> None:
+        """index: of the step. cameras: names of all."""
+        self.check = PredictionCheck(index, nominal, cameras)
+        self.compared = self.repeated = 0
+        self.until: float | None = None
+        self._number, self._nominal, self._monitor = index + 1, nominal, StepMonitor(nominal, 1.0)
+        self._false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
+
+    def add(self, detection: Detection, t: float) -> None:
+        """Compare an image taken at time t [s] of the step."""
+        self.compared += 1
+        self.repeated += detection.frozen
+        self.until = t if self.until is None else max(self.until, t)
+        truths = {atom: self._nominal.holds(atom, t) for atom in self._false_at}
+        asked = self._monitor.monitored(t)
+        self.check.add(detection, t, asked, truths)
+        for atom in (atom for atom in asked if truths[atom]):
+            seen = detection.truth(atom)
+            if seen == Truth.FALSE:
+                self._false_at[atom].append(t)
+            elif seen == Truth.TRUE:
+                self._false_at[atom].clear()
+
+    @property
+    def lost(self) -> list[MaybeLost]:
+        """What enough images, up to the last that shows it, say is false."""
+        found = {atom: times for atom, times in self._false_at.items() if len(times) >= LEAST_LOST}
+        return [
+            MaybeLost(step=self._number, t=min(times), atom=atom, images=len(times)) for atom, times in found.items()
+        ]
+
+
+def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
+    """The images that were taken while a step went as planned, each with the time of the step [s]."""
+    frames = list(footage.frames)
+    t = np.array([frame.t - offsets.get(frame.camera, 0.0) for frame in frames])
+    tau = t - footage.starts[index]
+    # Times of files are rounded: the last image of a step may be some nanoseconds late.
+    inside = (tau >= -1e-6) & (tau <= step.time + 1e-6)
+    inside[inside] &= footage.as_planned(t[inside])
+    return {frames[i]: float(np.clip(tau[i], 0.0, step.time)) for i in np.flatnonzero(inside)}
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """Where the robot was, what it was commanded to hold, and where objects are, at times of a step."""
+
+    step: Step
+    start: float
+    """Of the step, by the robot's clock [s]."""
+    nominal: NominalStep
+    footage: Footage
+
+    def at(self, t: float) -> BelievedState:
+        """At time t [s] of the step."""
+        primitive = next((p for p in self.step.primitives if t <= p.end), self.step.primitives[-1])
+        joints = {name: float(q[0]) for name, q in self.footage.joints(np.array([self.start + t])).items()}
+        holding = primitive.held is not None or primitive.action == "Grasp"
+        return BelievedState(joints, holding, self.nominal.object_poses(t))
+
+
+def detected(
+    pool: DetectorPool, source: ImageSource, frames: Mapping[Frame, Known], believed: Callable[[Known], BelievedState]
+) -> Iterator[tuple[Frame, Detection]]:
+    """What images show, in order; believed: by what is known of each. Raises InputError for one that is broken."""
+    waiting: deque[Frame] = deque()
+    try:
+        for frame, image in source.images(list(frames)):
+            pool.submit(image, believed(frames[frame]))
+            waiting.append(frame)
+            if len(waiting) > AHEAD:
+                first = waiting.popleft()
+                yield first, pool.collect(first.camera)
+        yield from ((frame, pool.collect(frame.camera)) for frame in waiting)
+    except PerceptionError as error:
+        raise bad_input("perception", str(error), Place(source.path)) from error

@@ -1,0 +1,209 @@
+"""Surveys the cameras of a recording: where each is, and how far its clock is from the robot's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.field.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
+from sqrp_cli.field.audit.clock import FARTHEST, SPACING, ImageChanges, MotionInImage, brightness, rough_offsets
+from sqrp_cli.field.audit.expected_edges import STEP, EdgeRenderer, PlannedMoment
+from sqrp_cli.field.audit.footage import Footage, Frame
+from sqrp_cli.field.audit.report import AuditedCamera, AuditedClock, AuditedPose
+from sqrp_cli.geometry import Array, pose, transform
+from sqrp_cli.program.record import Program
+from sqrp_cli.run.monitor.nominal_step import NominalStep
+from sqrp_cli.run.robot_body import RobotBody
+
+IMAGES = 24
+"""Images of a camera whose edges are looked for, at most."""
+
+TRIED = 10
+"""Images of those, the ones that change most, by which offsets of the clock are compared."""
+
+MEMORY = 250_000_000
+"""Bytes of images, in grey, that are kept of a camera; at least `TRIED` images are."""
+
+AROUND = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)
+"""Offsets around a rough one that are compared [s]."""
+
+UNKNOWN = 0.02
+"""A clock whose offset is not known better than this [s] is not judged, and taken to be right."""
+
+LATE = 0.01
+"""Least offset by which a clock is wrong [s]."""
+
+TURNED, SHIFTED = 1.5e-3, 1.5e-3
+"""A camera that is off by less than this [rad, m] is where it should be: no mount and no calibration is better."""
+
+SURE = 4.0
+"""Standard deviations that an error must have to be one."""
+
+MEETS = 0.75
+"""Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
+
+
+def _audited(camera: Camera, images: int, fit: CameraFit | None) -> AuditedCamera:
+    """What is said of a camera of the workspace by the fit of its images."""
+    if fit is None:
+        return AuditedCamera(images=images, clock=AuditedClock(offset=None, error=None, wrong=False), pose=None)
+    error = float(np.sqrt(fit.covariance[6, 6]))
+    offset = None if error > UNKNOWN else float(fit.change[6])
+    least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
+    change = fit.change[:6]
+    pose = AuditedPose(
+        turn=change[:3].tolist(),
+        turn_error=fit.deviations[:3].tolist(),
+        shift=change[3:].tolist(),
+        shift_error=fit.deviations[3:6].tolist(),
+        pixels=fit.pixels,
+        residual=fit.residual,
+        points=fit.points,
+        moved=float(change @ np.linalg.solve(fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0,
+        pose=(camera.X_FC @ _moved(fit.change)).tolist(),
+    )
+    wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
+    clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
+    return AuditedCamera(images=images, clock=clock, pose=pose)
+
+
+def _moved(change: Array) -> Array:
+    """The pose (4, 4) of a camera after a turn and a shift (6,), in the optical frame before."""
+    R, _ = cv2.Rodrigues(np.ascontiguousarray(change[:3]))
+    return pose(R, change[3:6])
+
+
+class _Kept(NamedTuple):
+    """An image, in grey, that edges are looked for in."""
+
+    frame: Frame
+    gray: NDArray[np.uint8]
+
+
+def survey(
+    program: Program,
+    workspace: Workspace,
+    footage: Footage,
+    progress: Callable[[str, int], AbstractContextManager[Callable[[int], object]]],
+) -> dict[str, AuditedCamera]:
+    """What the images of each camera say of it, by name; progress: of images, then of cameras, which take far longer.
+
+    Raises InputError where an image cannot be used, or the cell cannot be drawn.
+    """
+    of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
+    with progress(f"Reading {footage.path}", len(footage.frames)) as advance:
+        kept, changes = _read(workspace, footage, of_camera, lambda: advance(1))
+    filmed = [camera for name, camera in workspace.cameras.items() if of_camera[name]]
+    found = {}
+    with (
+        closing(_Surveyor(program, workspace, footage)) as surveyor,
+        progress("Surveying the cameras", len(filmed)) as advance,
+    ):
+        for camera in filmed:
+            name = camera.name
+            fit = surveyor.fit(camera, kept[name], changes[name])
+            found[name] = _audited(camera, len(of_camera[name]), fit)
+            advance(1)
+    return found
+
+
+def _read(
+    workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], object]
+) -> tuple[dict[str, list[_Kept]], dict[str, ImageChanges]]:
+    """What is needed of all images: some whole ones, and by how much each differs from that before it."""
+    wanted = set()
+    for name, frames in of_camera.items():
+        camera = workspace.cameras[name]
+        most = int(np.clip(MEMORY // (camera.width * camera.height), TRIED, IMAGES))
+        t = np.array([frame.t for frame in frames])
+        near = np.flatnonzero(footage.as_planned(t))
+        if len(near):  # evenly spread
+            chosen = np.unique(np.linspace(0, len(near) - 1, min(len(near), most)).round().astype(int))
+            wanted |= {frames[near[i]] for i in chosen}
+    kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
+    changes = {name: ImageChanges([], []) for name in workspace.cameras}
+    for frame, image in footage.images(footage.frames):
+        done()
+        gray = brightness(image.image)
+        changes[frame.camera].add(frame.t, gray)
+        if frame in wanted:
+            kept[frame.camera].append(_Kept(frame, gray))
+    return kept, changes
+
+
+class _Surveyor:
+    """Fits cameras to their images."""
+
+    def __init__(self, program: Program, workspace: Workspace, footage: Footage) -> None:
+        self._program, self._footage, self._body = program, footage, (body := RobotBody.load(workspace.robot))
+        self._nominal = [NominalStep(step, program.joints, body) for step in program.steps]
+        self._renderer = EdgeRenderer(workspace, body, program.steps[0].before)
+        ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
+        self._spans = list(zip(footage.starts, ends, strict=True))
+
+    def close(self) -> None:
+        """Give back what draws."""
+        self._renderer.close()
+
+    def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
+        """The pose error of a camera and the offset of its clock."""
+        projection = Projection.of(camera)
+        # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
+        if not kept:
+            return None
+        guesses, t = [], [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
+        motion = MotionInImage.of(camera, self._body, self._footage, np.unique(np.concatenate(t).round(3)))
+        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
+        tried = [kept[i] for i in sorted(most.tolist())]
+        for at in dict.fromkeys([*rough_offsets(changes, motion), 0.0]):
+            few = self._seen(camera, projection, tried, at, camera.X_FC)
+            guess = fitted(few, projection, first_guess(few, projection, AROUND))
+            if guess is not None:
+                guesses.append((at, guess))
+        if not guesses:
+            return None
+        offset, fit = min(guesses, key=lambda one: one[1].moving_cost)
+        change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
+        for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
+            offset, X_CC = offset + change[6], _moved(change)
+            seen = self._seen(camera, projection, kept, offset, camera.X_FC @ X_CC)
+            better = fitted(seen, projection, np.zeros(7))
+            if better is None or better.cost > MEETS:
+                return None
+            fit, points, X_CC = better, np.concatenate([one.edges.points for one in seen]), X_CC @ _moved(better.change)
+            turn, _ = cv2.Rodrigues(X_CC[:3, :3])
+            change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
+        away = projection.pixels(points).points - projection.pixels(transform(X_CC, points)).points
+        pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
+        return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
+
+    def _seen(
+        self, camera: Camera, projection: Projection, kept: Sequence[_Kept], offset: float, X_FC: Array
+    ) -> list[SeenEdges]:
+        found = []
+        for one in kept:
+            moment = self._moment(one.frame.t - offset)
+            if moment is not None:
+                edges = self._renderer.edges(camera.name, X_FC, moment)
+                found.append(SeenEdges.of(edges, projection, one.gray))
+        return found
+
+    def _moment(self, t: float) -> PlannedMoment | None:
+        """Where everything was at a time of the robot's clock [s]; None outside the steps."""
+        index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
+        if index is None or not self._footage.as_planned(np.array([t]))[0]:
+            return None
+        step, tau = self._program.steps[index], t - self._spans[index][0]
+        joints = self._footage.joints(np.array([t, t + STEP]))
+        now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
+        held = next((p.held for p in step.primitives if tau <= p.end), None)
+        return PlannedMoment(now, later, self._nominal[index].object_poses(tau), held)

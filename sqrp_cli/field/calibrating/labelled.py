@@ -1,0 +1,222 @@
+"""Labelled frames: images of which it is known what stood where, by a program that was run or by a file of labels.
+
+`labels.csv` has a row for each object in each image: `camera`, `file` (a PNG beside it), `object`, its pose in the
+world (`x`, `y`, `z` in metres, `qx`, `qy`, `qz`, `qw`), and if wanted `detector` (which looks for it; empty: it only
+stands there), `there` (`no`: it was taken away, and the pose is where it would be), `vx`, `vy`, `vz` (its velocity in
+m/s).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Place, bad_input, expected_names
+from sqrp_cli.field.audit.footage import Footage, Frame, ImageSource, read_image
+from sqrp_cli.field.audit.frame_audit import Postures, frames_of
+from sqrp_cli.files.source import describe
+from sqrp_cli.files.units import LARGEST, as_number
+from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
+from sqrp_cli.program.record import Program, ProgramTarget
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.monitor.nominal_step import SPACING, NominalStep, values_when_open
+from sqrp_cli.run.perception.detections import BelievedState, DetectionTargets
+from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_text
+from sqrp_cli.run.robot_body import RobotBody
+from sqrp_cli.skill.target_box import TargetBox
+
+SAME_POSE = 1.0
+"""Images of a motion so close together [s] are learned from, or judged, together."""
+
+FLAT = 1e-3
+"""Thickness of the box around a marker [m]."""
+
+
+LABELS = "labels.csv"
+"""The file of labels in a folder of frames."""
+
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_REQUIRED = ("camera", "file", "object", *_POSE)
+_VELOCITY = ("vx", "vy", "vz")
+_COLUMNS = (*_REQUIRED, "detector", "there", *_VELOCITY)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LabelledImage:
+    """An image, and where everything was: in the middle of the exposure, when the shutter opens and when it closes.
+
+    holds: the true value of each atom that is looked for, without those that are just changing.
+    pose: images with the same number have much the same pose.
+    """
+
+    frame: Frame
+    believed: BelievedState
+    opens: BelievedState
+    closes: BelievedState
+    holds: Mapping[str, bool]
+    pose: int
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledImages:
+    """Images in which the same is looked for, in the order in which they were taken."""
+
+    source: ImageSource
+    sought: DetectionTargets
+    images: list[LabelledImage]
+
+
+def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iterator[LabelledImages]:
+    """The images of a run that were taken while it went as the program says, step by step."""
+    robot, first = RobotBody.load(workspace.robot), 0
+    for index, step in enumerate(program.steps):
+        nominal = NominalStep(step, program.joints, robot)
+        postures = Postures(step, footage.starts[index], nominal, footage)
+        images = []
+        for frame, t in frames_of(footage, index, step, {}).items():
+            half = 0.5 * workspace.cameras[frame.camera].exposure
+            opens, closes = (postures.at(min(max(t + by, 0.0), step.time)) for by in (-half, half))
+            # While the tool closes or opens nobody knows from when on an atom is that this changes.
+            closing = [p for p in step.primitives if p.action in ("Grasp", "Release") and p.start <= t <= p.end]
+            holds = {
+                atom: nominal.holds(atom, t)
+                for atom in step.targets
+                if all(nominal.holds(atom, p.start) == nominal.holds(atom, p.end + SPACING) for p in closing)
+            }
+            here = {"believed": postures.at(t), "opens": opens, "closes": closes}
+            images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
+        first += int(step.time / SAME_POSE) + 1
+        sought = DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step))
+        yield LabelledImages(footage, sought, images)
+
+
+def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
+    """The frames of a folder with a file of labels; whatever has no label stands where the workspace has it.
+
+    Raises InputError for a folder that cannot be used.
+    """
+    by_file = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
+    of_images = [list(labels) for _, labels in by_file]
+    source = _Files(folder, workspace, [labels[0].file for labels in of_images])
+    resting, numbered = workspace.stated_world, []
+    for number, labels in enumerate(of_images):
+        targets, states, camera = {}, [], workspace.cameras[labels[0].camera]
+        for t in (0.0, -0.5 * camera.exposure, 0.5 * camera.exposure):
+            moved = {one.object: pose(one.X_WO[:3, :3], one.X_WO[:3, 3] + t * one.velocity) for one in labels}
+            states.append(BelievedState(resting.joints, False, {**resting.X_WO, **moved}))
+        for label in labels:
+            if label.detector:  # it looks for the marker on the object, or for the object itself where it has none
+                obj, kind = workspace.objects[label.object], workspace.detectors[label.detector].kind
+                size, X_OB, normal = obj.size, pose(), None
+                if kind != "color" and obj.printed_marker is not None:
+                    side, normal = obj.printed_marker.side, (0.0, 0.0, 1.0)
+                    size, X_OB = (side, side, FLAT), pose(position=(0.0, 0.0, obj.size[2] / 2))
+                box = TargetBox.on_object(label.object, label.detector, size, read_only(X_OB), normal)
+                targets[f"there({label.object})"] = ProgramTarget(cameras=1, boxes=(box,), seen={})
+        image = LabelledImage(
+            frame=Frame(camera.name, float(number), number),
+            believed=states[0],
+            opens=states[1],
+            closes=states[2],
+            holds={f"there({label.object})": label.there for label in labels if label.detector},
+            pose=number,
+        )
+        numbered.append((targets, image))
+    for _, found in groupby(numbered, lambda one: tuple(one[0])):
+        alike, images = zip(*found, strict=True)
+        yield LabelledImages(source, DetectionTargets(alike[0], {}, {}), list(images))
+
+
+@dataclass(frozen=True, eq=False)
+class _Files:
+    """The PNG files of a folder, by the numbers of their frames."""
+
+    path: Path
+    workspace: Workspace
+    files: Sequence[Path]
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """As `ImageSource` says."""
+        for frame in frames:
+            yield frame, read_image(self.files[frame.number], self.workspace.cameras[frame.camera], frame.t)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Label:
+    """A row of the file: an object in an image.
+
+    X_WO: where it is, or would be, shape (4, 4). velocity: shape (3,) [m/s]. detector: that looks for it; None if it
+    only stands there. there: whether it really is there.
+    """
+
+    camera: str
+    file: Path
+    object: str
+    X_WO: Array
+    velocity: Array
+    detector: str | None
+    there: bool
+
+
+def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
+    """The rows of a folder's labels. Raises InputError for a file that is wrong, with its line."""
+    path = folder / LABELS
+    rows = csv.DictReader(io.StringIO(table_text(path), newline=""), strict=True)
+    try:
+        columns = rows.fieldnames or ()
+        for name in (*columns, *_REQUIRED):
+            if name not in _COLUMNS:
+                message = f"there is a column {describe(name)}; {expected_names(name[:LONGEST_NAME], _COLUMNS)}"
+                raise bad_input("wrong-columns", message, Place(path, 1))
+            if name not in columns:
+                message = f"there is no column `{name}`; expected {', '.join(_REQUIRED)}"
+                raise bad_input("wrong-columns", message, Place(path, 1))
+        for row in rows:
+            yield _label(row, Place(path, rows.reader.line_num), folder, workspace)
+    except csv.Error as error:
+        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.reader.line_num)) from error
+
+
+def _label(row: Mapping[str | None, str | None], place: Place, folder: Path, workspace: Workspace) -> Label:
+    """What a row says. Raises InputError for one that is wrong."""
+    if None in row or None in row.values():
+        raise bad_input("wrong-columns", "this row does not have one value for each column", place)
+    texts = {name: (row.get(name) or "").strip() for name in _COLUMNS}
+
+    def number(name: str) -> float:
+        value = as_number(texts[name])
+        if not abs(value) <= LARGEST:
+            message = f"`{name}` is {describe(texts[name])}, expected a number of at most {LARGEST:g} in size"
+            raise bad_input("wrong-value", message, place)
+        return value
+
+    numbers = np.array([number(name) for name in _POSE])
+    length = math.hypot(*numbers[3:])
+    if abs(length - 1.0) > 0.01:
+        message = f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)"
+        raise bad_input("not-a-rotation", message, place)
+    if texts["there"] not in ("yes", "no", ""):
+        raise bad_input("wrong-value", f"`there` is {describe(texts['there'])}, expected `yes` or `no`", place)
+    placed = {name: one for name, one in workspace.objects.items() if one.X_WO is not None}
+    known = (("detector", workspace.detectors), ("camera", workspace.cameras), ("object", placed))
+    for column, names in known:
+        if (found := texts[column]) not in names and (found or column != "detector"):
+            message = f"there is no {column} {describe(found)}; {expected_names(found[:LONGEST_NAME], names)}"
+            raise bad_input(f"unknown-{column}", message, place)
+    return Label(
+        camera=texts["camera"],
+        file=file_in(folder, texts["file"], place),
+        object=texts["object"],
+        X_WO=pose(quaternion_to_matrix(numbers[3:] / length), numbers[:3]),
+        velocity=np.array([number(name) if texts[name] else 0.0 for name in _VELOCITY]),
+        detector=texts["detector"] or None,
+        there=texts["there"] != "no",
+    )

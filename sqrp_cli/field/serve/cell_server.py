@@ -1,0 +1,397 @@
+"""The simulated cell on the wire: it follows trajectories, publishes joint states and images, and suffers faults."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import count
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import SqrpError
+from sqrp_cli.geometry import Array
+from sqrp_cli.program.record import Step
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds, transform_message
+from sqrp_cli.run.cell.interface import JointStates
+from sqrp_cli.run.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
+from sqrp_cli.run.cell.ros_cell import CLOCK
+from sqrp_cli.run.faults import InjectedFault
+from sqrp_cli.run.image import ImageArray
+from sqrp_cli.run.record.bag_recorder import camera_info, optical_frame
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+
+STEP = 0.004
+"""How far the cell is simulated at a time [s]; its clock is published as often."""
+
+JOINTS_EVERY = 2
+"""Joint states are published with every second step."""
+
+STANDS, STILL_FOR = 0.002, 5
+"""An arm whose joints are all slower [rad/s] for so many steps stands."""
+
+SAME_START = 0.002
+"""A motion that begins this close to where a step was planned to begin is that step [rad]."""
+
+MOST = 1e4
+"""No joint goes so far [rad or m], or moves so [per s, per s^2]."""
+
+_JOINT_STATE, _IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
+_INFO, _TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+_TRAJECTORY, _BOOL = "trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Bool"
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+
+
+def served_file(workspace: Workspace, joints: Sequence[str], domain: int, network: str) -> RobotFile:
+    """How `run --robot` reaches a cell that is served."""
+    fingers = workspace.robot.fingers
+    return RobotFile(
+        domain=domain,
+        network=network,
+        trajectory=TrajectoryEntry(topic="/joint_trajectory_controller/joint_trajectory"),
+        reliable=True,
+        use_sim_time=True,
+        joints={name: name for name in joints if fingers is None or name not in fingers.open},
+        cameras={
+            name: ImageTopicEntry(image=f"/{name}/image_raw", info=f"/{name}/camera_info") for name in workspace.cameras
+        },
+        tool=ToolTopicEntry(topic="/tool"),
+        force="/wrench",
+    )
+
+
+class CellServer:
+    """A simulated cell whose time passes as fast as that of the world, or slower where the computer is too slow."""
+
+    def __init__(
+        self,
+        cell: SimulatedCell,
+        workspace: Workspace,
+        file: RobotFile,
+        transport: Transport,
+        faults: Faults,
+        tell: Callable[[str], None],
+    ) -> None:
+        """file: what is published where. faults: that are to happen. tell: says what happens."""
+        self._cell, self._file, self._transport, self._tell = cell, file, transport, tell
+        self._workspace, self._faults, self._types = workspace, faults, transport.types
+        joints = file.joints or {}
+        at = cell.measured_joints()
+        fixed = {} if workspace.robot.fingers is None else dict(workspace.robot.fingers.open)
+        self.reference = FollowedTrajectory({wire: name for name, wire in joints.items()}, at, fixed)
+        self._origin = time.time_ns()
+        tell(f"time 0 is {self._origin * 1e-9:.6f} s of `/clock`")
+        self._steps = 0
+        self._exposures = dict.fromkeys(workspace.cameras, 0)
+        self._later: list[tuple[float, int, Callable[[], None]]] = []  # messages on their way, by the time of sending
+        self._numbers = count()
+        self._last: dict[str, ImageArray] = {}
+        self._frozen: Mapping[str, float] | None = None
+        self._q = np.array([at[name] for name in joints])
+        self._stood, self._still = True, STILL_FOR
+        self._complaint, self._complained = "", 0.0
+        publish, subscribe = transport.publish, transport.subscribe
+        assert file.tool is not None  # noqa: S101 - as `served_file` makes it
+        self._clock = publish(Topic(name=CLOCK.name, type=CLOCK.type, depth=10, reliable=True))
+        self._joints = publish(Topic(name=file.joint_states, type=_JOINT_STATE, depth=50, reliable=True))
+        self._wrench = publish(Topic(name=file.force or "/wrench", type=_WRENCH, depth=10, reliable=True))
+        self._images = {
+            name: publish(Topic(name=one.image, type=_IMAGE, depth=4, reliable=True))
+            for name, one in file.cameras.items()
+        }
+        self._infos: dict[str, Send] = {
+            name: publish(Topic(name=one.info or "", type=_INFO, depth=4, reliable=True))
+            for name, one in file.cameras.items()
+        }
+        self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
+        self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
+        self._trajectories = subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
+        transforms = [
+            transform_message(self._types, self._origin, camera.frame, optical_frame(name), camera.X_FC)
+            for name, camera in workspace.cameras.items()
+        ]
+        self._tf(self._types.make(_TF, transforms=transforms))
+
+    @property
+    def t(self) -> float:
+        """Time of the simulation [s]."""
+        return self._steps * STEP
+
+    @property
+    def stamp(self) -> int:
+        """The same on the clock that is published [ns]."""
+        return self._origin + round(self.t * 1e9)
+
+    def serve(self, until: Callable[[], bool], factor: float = 1.0) -> None:
+        """Let time pass until something is so; factor: at most so fast as that of the world."""
+        began, start = time.monotonic(), self.t
+        while not until():
+            self.step()
+            ahead = (self.t - start) / factor - (time.monotonic() - began)
+            if ahead > 0:
+                time.sleep(ahead)
+            elif ahead < -0.1:  # too slow: time lost is not made good
+                began, start = time.monotonic(), self.t
+
+    def step(self) -> None:
+        """Let a little time pass."""
+        try:
+            for arrived in self._trajectories.take():
+                self.follow(arrived.message)
+            for arrived in self._tool.take():
+                (self._cell.grasp if arrived.message.data else self._cell.release)()
+                self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
+        except MessageError as error:
+            self._complain(f"a message is malformed: {error}")
+        for fault in self._faults.due(self.t):
+            self._tell(f"{self.t:.3f} s: {fault.text} is made to happen")
+            match fault.kind:
+                case "slip":
+                    self._cell.slip()
+                case "miss-pick":
+                    self._cell.miss_next_grasp()
+                case "joints-frozen":
+                    self._frozen = self._cell.measured_joints()
+        self._steps += 1
+        self._cell.advance(self.t, self.reference)
+        # Say when the arm begins to move, and when it stands.
+        found = self._cell.measured_joints()
+        q = np.array([found[name] for name in self._file.joints or {}])
+        moves = float(np.abs(q - self._q).max(initial=0.0)) > STANDS * STEP
+        self._q = q
+        self._still = 0 if moves else self._still + 1
+        if moves and self._stood:
+            self._tell(f"{self.t:.3f} s: the arm moves")
+        elif self._still == STILL_FOR:
+            self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
+        self._stood = not moves and (self._stood or self._still >= STILL_FOR)
+        self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
+        if self._steps % JOINTS_EVERY == 0 and not self._faults.has("joints-loss"):
+            self._publish_joints()
+        self._publish_images()
+
+    def follow(self, message: Message) -> None:
+        """Follow a trajectory from now on, unless no controller would."""
+        try:
+            begins = self.reference.ends <= self.t and self.reference.moves_from(message)
+            stamp = nanoseconds(message.header.stamp)
+            start = None if stamp == 0 else (stamp - self._origin) * 1e-9
+            self.reference.replace(message, self.t, start)
+            if begins:
+                for told in self._faults.motion_begins(self.t, self.reference):
+                    self._tell(f"{self.t:.2f} s: {told}")
+        except RefusedTrajectory as error:
+            self._complain(f"a trajectory is refused: {error}")
+
+    def _complain(self, what: str) -> None:
+        """Say what is wrong with a message; the same again once a second at most, however many come."""
+        if what != self._complaint or self.t - self._complained >= 1.0:
+            self._tell(f"{self.t:.2f} s: {what}")
+            self._complaint, self._complained = what, self.t
+
+    def _publish_joints(self) -> None:
+        found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
+        names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
+        message = self._types.make(
+            _JOINT_STATE,
+            header=self._types.header(self.stamp),
+            name=[names[name] or name for name in found],
+            position=np.array(list(found.values())),
+        )
+        self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
+        force = self._types.make("geometry_msgs/msg/Vector3", z=self._cell.tool_force())
+        wrench = self._types.make("geometry_msgs/msg/Wrench", force=force)
+        self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
+
+    def _publish_images(self) -> None:
+        cameras = self._workspace.cameras
+        due = [name for name, camera in cameras.items() if self._exposures[name] / camera.rate <= self.t + 1e-9]
+        for name in due:
+            self._exposures[name] += 1
+        wanted = [name for name in due if not self._faults.has("camera-loss", name)]
+        for name, frame in self._cell.frames(wanted).items() if wanted else ():
+            image = self._last.get(name, frame.image) if self._faults.has("frozen", name) else frame.image
+            self._last[name] = image
+            late = cameras[name].lag + self._faults.delay("latency", name)
+            height, width, _ = image.shape
+            message = self._types.make(
+                _IMAGE,
+                header=self._types.header(self.stamp, optical_frame(name)),
+                height=height,
+                width=width,
+                encoding="rgb8",
+                step=3 * width,
+                data=image.reshape(-1),
+            )
+            self._after(late, partial(self._images[name], message))
+            self._infos[name](camera_info(self._types, cameras[name], self.stamp))
+        while self._later and self._later[0][0] <= self.t + 1e-9:
+            heapq.heappop(self._later)[2]()
+
+    def _after(self, seconds: float, send: Callable[[], None]) -> None:
+        if seconds <= 0:
+            send()
+        else:
+            heapq.heappush(self._later, (self.t + seconds, next(self._numbers), send))
+
+
+class RefusedTrajectory(SqrpError):  # noqa: N818 - it is an answer
+    """A trajectory that no controller would follow; the message says why."""
+
+
+class FollowedTrajectory:
+    """What a joint trajectory controller makes of trajectories: the reference of an arm that stands at first.
+
+    As joint_trajectory_controller of ros2_control: a new trajectory replaces the one before at once, the way from where
+    the arm is then wanted leads to its first point, and the arm holds where the last point is. Between points,
+    positions alone give lines, with velocities cubics, with accelerations quintics.
+    """
+
+    def __init__(self, names: Mapping[str, str], at: Mapping[str, float], fixed: Mapping[str, float]) -> None:
+        """names: of the joints, by those in messages. at: where they stand. fixed: other joints, which stay there."""
+        self._names = dict(names)
+        self.joints: Sequence[str] = (*names.values(), *fixed)
+        self._fixed = np.array(list(fixed.values()), dtype=float)
+        q = np.array([[at[name] for name in names.values()]])
+        self._times = np.zeros(1)
+        self._points = JointStates(q, np.zeros_like(q), np.zeros_like(q))
+        self._order = 5
+
+    def replace(self, message: Message, t: float, start: float | None) -> float:
+        """Follow another trajectory from time t [s] on; returns when it ends. Raises RefusedTrajectory.
+
+        start: what its times count from [s], None: from now on.
+        """
+        points = self._ordered(message)
+        times = np.array([nanoseconds(point.time_from_start) * 1e-9 for point in message.points])
+        start = t if start is None else start
+        if (np.diff(times) <= 0).any() or times[0] < 0:
+            raise RefusedTrajectory("the times of its points do not rise")
+        wanted = self.states(np.array([t]))
+        first = message.points[0]
+        self._order = 1 if not len(first.velocities) else 3 if not len(first.accelerations) else 5
+        count = len(self._names)
+        before = JointStates(*(values[:, :count] for values in wanted))
+        later = start + times > t
+        self._times = np.concatenate([[t], (start + times)[later]])
+        self._points = JointStates(*(np.concatenate([a, b[later]]) for a, b in zip(before, points, strict=True)))
+        return float(self._times[-1])
+
+    @property
+    def ends(self) -> float:
+        """When its last point is reached [s]."""
+        return float(self._times[-1])
+
+    def moves_from(self, message: Message) -> bool:
+        """Whether a trajectory leads away from where the arm is wanted."""
+        points = self._ordered(message)
+        return bool((np.abs(points.positions - self._points.positions[-1]) > 1e-9).any())
+
+    def states(self, t: Array) -> JointStates:
+        """As `ArmReference` says."""
+        last = len(self._times) - 1
+        piece = np.clip(np.searchsorted(self._times, t, side="right") - 1, 0, last)
+        following = np.minimum(piece + 1, last)
+        span = np.maximum(self._times[following] - self._times[piece], 1e-9)[:, None]
+        u = np.clip((t - self._times[piece])[:, None], 0.0, span)
+        begin, end = (JointStates(*(values[i] for values in self._points)) for i in (piece, following))
+        found = between(begin, end, u, span, self._order)
+        held = (piece == following)[:, None]
+        still = np.zeros_like(end.positions)
+        moved = [np.where(held, rest, one) for one, rest in zip(found, (end.positions, still, still), strict=True)]
+        fixed = np.tile(self._fixed, (len(t), 1))
+        return JointStates(*(np.hstack([a, b]) for a, b in zip(moved, (fixed, 0 * fixed, 0 * fixed), strict=True)))
+
+    def _ordered(self, message: Message) -> JointStates:
+        """Positions, velocities and accelerations, with the joints in our order. Raises RefusedTrajectory."""
+        if sorted(message.joint_names) != sorted(self._names):
+            raise RefusedTrajectory(
+                f"its joints are {', '.join(message.joint_names)}; expected {', '.join(self._names)}"
+            )
+        if not message.points:
+            raise RefusedTrajectory("it has no points")
+        order = [list(message.joint_names).index(name) for name in self._names]
+        rows = []
+        for kind in ("positions", "velocities", "accelerations"):
+            values = [getattr(point, kind) for point in message.points]
+            if any(len(one) not in ((len(order),) if kind == "positions" else (0, len(order))) for one in values):
+                raise RefusedTrajectory(f"its points have not one of the {kind} for each joint")
+            rows.append(np.array([one[order] if len(one) else np.zeros(len(order)) for one in values]))
+        if not all((np.abs(row) < MOST).all() for row in rows):
+            raise RefusedTrajectory("it holds values that no joint can have")
+        return JointStates(*rows)
+
+
+def between(begin: JointStates, end: JointStates, u: Array, span: Array, order: int) -> JointStates:
+    """The states a time u after the beginning of a span [s], (m, 1) each: the polynomial of an order that fits both."""
+    q0, v0, a0 = begin
+    q1, v1, a1 = end
+    x = u / span
+    if order == 1:
+        return JointStates(q0 + (q1 - q0) * x, (q1 - q0) / span + 0 * x, 0 * q0 * x)
+    if order == 3:
+        c2, c3 = 3 * (q1 - q0) - span * (2 * v0 + v1), 2 * (q0 - q1) + span * (v0 + v1)
+        c4 = c5 = np.zeros_like(c2)
+    else:
+        c2 = 0.5 * a0 * span**2
+        c3 = 10 * (q1 - q0) - span * (6 * v0 + 4 * v1) - span**2 * (1.5 * a0 - 0.5 * a1)
+        c4 = -15 * (q1 - q0) + span * (8 * v0 + 7 * v1) + span**2 * (1.5 * a0 - a1)
+        c5 = 6 * (q1 - q0) - 3 * span * (v0 + v1) - 0.5 * span**2 * (a0 - a1)
+    c1 = v0 * span
+    return JointStates(
+        q0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
+        (c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span,
+        (2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2,
+    )
+
+
+class Faults:
+    """The faults of a served cell. The times of each count from when the motion of its step begins."""
+
+    def __init__(self, faults: Sequence[InjectedFault], steps: Sequence[Step], joints: Sequence[str]) -> None:
+        """steps: of the program whose motions come. joints: of their trajectories."""
+        self._faults, self._steps, self._joints = list(faults), steps, joints
+        self._due: list[tuple[float, InjectedFault]] = []
+        self._happened: list[InjectedFault] = []
+        self._next = 0
+
+    def motion_begins(self, t: float, reference: FollowedTrajectory) -> list[str]:
+        """A motion begins at time t [s]; returns what is to be told of it.
+
+        The first is the first step, the next ones where the arm stands where the next step was planned to begin.
+        """
+        if self._next >= len(self._steps):
+            return []
+        step = self._steps[self._next]
+        if self._next:
+            q = dict(zip(reference.joints, reference.states(np.array([t])).positions[0].tolist(), strict=True))
+            first = step.primitives[0].trajectory.positions([0.0])[0].tolist()
+            planned = dict(zip(self._joints, first, strict=True))
+            if any(abs(q[name] - planned[name]) >= SAME_START for name in q if name in planned):
+                return []
+        self._next += 1
+        begins = next((one.start for one in step.primitives if not one.trajectory.stands), 0.0)
+        mine = [fault for fault in self._faults if fault.step == self._next]
+        self._due += [(t - begins + (fault.t or 0.0), fault) for fault in mine]
+        self._due.sort(key=lambda one: one[0])
+        return [f"step {self._next} ({step.short_task}) begins"]
+
+    def due(self, t: float) -> list[InjectedFault]:
+        """The faults that happen by time t [s] and were not given before."""
+        found = [fault for at, fault in self._due if at <= t + 1e-9]
+        self._due = [one for one in self._due if one[0] > t + 1e-9]
+        self._happened += found
+        return found
+
+    def has(self, kind: str, camera: str | None = None) -> bool:
+        """Whether a fault has happened, to a camera if it is one of cameras."""
+        return any(fault.kind == kind and fault.camera == camera for fault in self._happened)
+
+    def delay(self, kind: str, camera: str | None = None) -> float:
+        """By how much something is late [s]."""
+        return max((one.delay for one in self._happened if one.kind == kind and one.camera == camera), default=0.0)

@@ -1,0 +1,361 @@
+"""Values that several YAML files share, as Pydantic types: names, quantities, vectors, poses, files of robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, LiteralString, TypeVar, cast
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    StringConstraints,
+    Tag,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import (
+    no_info_before_validator_function,
+    no_info_wrap_validator_function,
+    plain_serializer_function_ser_schema,
+)
+
+from sqrp_cli.errors import expected_names
+from sqrp_cli.files import units
+from sqrp_cli.files.source import describe
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.records import dataclass
+
+Completed = TypeVar("Completed")
+
+
+class Entry(BaseModel):
+    """A mapping of a YAML file that accepts only the keys it declares."""
+
+    # A validator is built when a file is read with it, and not for every entry within another one.
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True, defer_build=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
+        if not isinstance(data, cls):
+            keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
+            _check_keys(data, keys)
+        return data
+
+
+class Stored:
+    """A frozen dataclass that a file holds as a mapping of its fields, by their aliases, and no other keys.
+
+    Pydantic checks a file by the annotations of the fields, and accepts an existing record unchanged.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Pydantic's schema of the dataclass, behind a check of the keys."""
+        schema: Any = {**handler.resolve_ref_schema(handler(source))}
+        fields = schema["schema"]["fields"]
+        keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
+
+        def check(data: object) -> object:
+            if not isinstance(data, cls):
+                _check_keys(data, keys)
+            return data
+
+        # Pydantic uses the schema with the reference where the record occurs again: it must include the check.
+        return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
+
+
+class AsStored:
+    """Marks a field whose type is a frozen dataclass that a file holds as a `Stored` one, but that knows no files."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        make: Callable[..., CoreSchema] = vars(Stored)["__get_pydantic_core_schema__"].__func__
+        return make(source, source, handler)
+
+
+def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
+    """A new record: each field from `found`, otherwise from the last of the known records that has it or tells it."""
+    names = [field.name for field in fields(cast("Any", record)) if field.name not in found]
+    told = ((name, getattr(other, name)) for other in known for name in names if hasattr(other, name))
+    given = {name: value for name, value in told if not callable(value)}  # a method tells nothing
+    return record(**given, **found)
+
+
+@dataclass(frozen=True)
+class Written:
+    """Marks a field of a record that a file writes in another form, such as an array as nested lists.
+
+    form: the type that Pydantic checks. read: from that form to the field, write: from the field to the form; None in
+    files that only people write.
+    """
+
+    form: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any] | None = None
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Pydantic's schema of the form, between `read` and `write`; an existing record is accepted unchanged."""
+
+        def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
+            return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
+
+        return no_info_wrap_validator_function(
+            validate,
+            handler.generate_schema(self.form),
+            serialization=plain_serializer_function_ser_schema(self.write) if self.write else None,
+        )
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+_Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
+
+PoseMatrix = Annotated[
+    Array, Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
+]
+"""A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
+
+
+def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
+    """Raises PydanticCustomError unless data is a mapping with only these keys.
+
+    keys: whether each is required.
+    """
+    if not isinstance(data, dict):
+        needed = [key for key, required in keys.items() if required]
+        raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
+    unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
+    if unknown:
+        raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
+
+
+class ForeignEntry(BaseModel):
+    """An entry of a file that other programs write: unknown keys are ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
+
+
+def one_of(*keys: str) -> Discriminator:
+    """Chooses the entry of a union by its unique key; the entry's tag is that key in `<...>`."""
+
+    def tag(data: object) -> str | None:
+        found = [key for key in keys if isinstance(data, dict) and key in data]
+        return f"<{found[0]}>" if len(found) == 1 else None
+
+    return Discriminator(
+        tag,
+        custom_error_type="ambiguous-entry",
+        custom_error_message="expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys),
+    )
+
+
+_This = TypeVar("_This")
+_Else = TypeVar("_Else")
+
+ListOr = Annotated[
+    Annotated[_This, Tag("<list>")] | Annotated[_Else, Tag("<else>")],
+    Discriminator(lambda data: "<list>" if isinstance(data, list) else "<else>"),
+]
+"""The first type where a file has a list, else the second."""
+
+MappingOr = Annotated[
+    Annotated[_This, Tag("<mapping>")] | Annotated[_Else, Tag("<else>")],
+    Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>"),
+]
+"""The first type where a file has a mapping, else the second."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+"""A name that logic formulas can use: letters, digits, `_` and `-`, starting with a letter."""
+
+Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+@dataclass(frozen=True)
+class In:
+    """Marks a number of a file: its dimension, None for a plain number, and its bounds in SI units.
+
+    Text with a unit of the dimension is accepted too. An angle of more than a turn needs a unit.
+    """
+
+    dimension: units.Dimension | None
+    least: float
+    most: float
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        number = {"type": "number", "minimum": self.least, "maximum": self.most}
+        if self.dimension is None:
+            return number
+        described = f"A number in SI units and radians, or {units.expected_quantity(self.dimension)}."
+        return {"anyOf": [number, {"type": "string"}], "description": described}
+
+    def read(self, value: object) -> float:
+        """The number in a file, in SI units. Raises PydanticCustomError for a wrong unit or value."""
+        read = units.read_quantity(value)
+        if read is None or read.dimension not in (None, self.dimension):
+            raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
+        if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
+            found = f"found {describe(value)}, which would be radians"
+            raise refused("wrong-unit", f"{found}; expected {self._expected()}")
+        if not self.least <= read.value <= self.most:
+            raise refused("wrong-value", f"found {describe(value)}, expected {self._bound(value, read.value)}")
+        return read.value
+
+    def _expected(self) -> str:
+        return units.expected_quantity(*((self.dimension,) if self.dimension else ()))
+
+    def _bound(self, value: object, number: float) -> str:
+        word, bound = ("least", self.least) if number < self.least else ("most", self.most)
+        meant = units.meant_instead(value, self.dimension, self.least, self.most)
+        return f"a value of at {word} {units.in_unit(bound, self.dimension)}" + (f"; {meant}" if meant else "")
+
+
+def refused(code: LiteralString, message: str) -> PydanticCustomError:
+    """An error with a message that may hold any characters."""
+    return PydanticCustomError(code, "{message}", {"message": message})
+
+
+Length = Annotated[float, In(units.LENGTH, -units.LARGEST_LENGTH, units.LARGEST_LENGTH)]
+Distance = Annotated[float, In(units.LENGTH, 0.0, units.LARGEST_LENGTH)]
+Size = Annotated[float, In(units.LENGTH, units.SMALLEST_SIZE, units.LARGEST_LENGTH)]
+Angle = Annotated[float, In(units.ANGLE, -units.LARGEST_ANGLE, units.LARGEST_ANGLE)]
+Time = Annotated[float, In(units.TIME, 0.0, units.LONGEST)]
+Pixels = Annotated[float, In(units.PIXELS, 0.0, units.LARGEST)]
+Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
+Number = Annotated[float, In(None, -units.LARGEST, units.LARGEST)]
+
+
+_A_NUMBER = {"type": "number", "minimum": -units.LARGEST, "maximum": units.LARGEST}
+
+
+def _joint_quantity(value: object) -> units.Quantity:
+    read = units.read_quantity(value)
+    if read is None:
+        expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
+        raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
+    if abs(read.value) > units.LARGEST:
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
+    return read
+
+
+AnyQuantity = Annotated[
+    units.Quantity,
+    BeforeValidator(_joint_quantity),
+    PlainSerializer(lambda quantity: quantity.value),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "string"}], "description": "A number, or one with its unit."}),
+]
+"""A quantity whose dimension is checked later, where it is used."""
+
+
+def _of_length(*lengths: int) -> BeforeValidator:
+    def validate(value: object) -> object:
+        if not isinstance(value, list) or len(value) not in lengths:
+            expected = " or ".join(str(length) for length in lengths)
+            raise refused("wrong-length", f"found {describe(value)}, expected a list of {expected} numbers")
+        return value
+
+    return BeforeValidator(validate)
+
+
+Position = Annotated[tuple[Length, Length, Length], _of_length(3)]
+Extents = Annotated[tuple[Size, Size, Size], _of_length(3)]
+Direction = Annotated[tuple[Number, Number, Number], _of_length(3)]
+Rotation = Annotated[tuple[Angle, Angle, Angle], _of_length(3)]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
+Range = Annotated[tuple[Distance, Distance], _of_length(2)]
+Scale = Annotated[
+    tuple[Number, Number, Number],
+    _of_length(3),
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "array", "items": _A_NUMBER}]}),
+]
+
+
+class Pose(Entry):
+    """A pose: a position, and an orientation in one of two notations."""
+
+    position: Position = Field(default=(0.0, 0.0, 0.0), description="x, y, z.")
+    quaternion: Quaternion | None = Field(default=None, description="Orientation as x, y, z, w; of length 1.")
+    rpy: Rotation | None = None
+    """Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF."""
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if self.quaternion is not None and self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`quaternion` and `rpy` both give the orientation; keep one")
+        if self.quaternion is not None:
+            length = sum(value * value for value in self.quaternion) ** 0.5
+            if abs(length - 1.0) > 0.01:
+                raise refused("not-a-rotation", f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)")
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        if self.quaternion is not None:
+            return pose(quaternion_to_matrix(self.quaternion), self.position)
+        return pose(rpy_to_matrix(self.rpy or (0.0, 0.0, 0.0)), self.position)
+
+
+class CameraPose(Pose):
+    """The pose of a camera's optical frame (z forward, x right, y down)."""
+
+    look_at: Position | None = None
+    """The point in the middle of the image, instead of an orientation."""
+    up: Direction = Field(default=(0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> CameraPose:
+        if self.look_at is None:
+            if "up" in self.model_fields_set:
+                raise PydanticCustomError("conflicting-keys", "`up` has a meaning only together with `look_at`")
+            return self
+        if self.quaternion is not None or self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
+        if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
+            raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
+        if max(map(abs, self.up)) < units.SHORTEST_DIRECTION:
+            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)
+
+
+def _argument(value: object) -> object:
+    """An argument as xacro takes it: text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.15g}" if isinstance(value, int | float) else value
+
+
+XacroArgument = Annotated[
+    str, BeforeValidator(_argument), WithJsonSchema({"type": ["string", "number", "boolean"]}),
+]  # fmt: skip
+
+
+class XacroEntry(Entry):
+    """A xacro file and the values of its arguments."""
+
+    xacro: Text = Field(description="The file; relative to this file, or package://.")
+    args: dict[str, XacroArgument] = Field(default={}, description="Values of its arguments, by name.")
+
+
+DescriptionEntry = MappingOr[XacroEntry, Text]
+"""A robot description: the path of a plain file or a xacro, or a xacro with arguments."""

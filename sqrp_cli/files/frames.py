@@ -1,0 +1,91 @@
+"""Frames that poses refer to: their names in files, and their world poses.
+
+A frame is `world`, a link of the robot, an object, or `OBJECT@start`. Skills also write `tool` for the tool frame, and
+their parameters for objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from sqrp_cli.files.entries import Text, Written
+from sqrp_cli.geometry import Array, read_only
+
+WORLD = "world"
+"""The cell's world, wherever a frame is named."""
+
+WORLD_LINK = "robot/world"
+"""Name of a URDF's link `world`, which is at the robot's base and need not be the cell's world."""
+
+TOOL = "tool"
+"""In a skill: the tool frame, or all parts of the tool."""
+
+_START = "@start"
+
+_X_WW = read_only(np.eye(4))
+
+
+class FrameName(str):
+    """The name of a frame, as files write it."""
+
+    __slots__ = ()
+
+    @classmethod
+    def at_start_of(cls, name: str) -> FrameName:
+        """The frame that stays where an object was when the step began."""
+        return cls(name + _START)
+
+    @property
+    def at_start(self) -> bool:
+        """Whether it stays where an object was when the step began."""
+        return self.endswith(_START)
+
+    @property
+    def owner(self) -> str:
+        """The object before `@start`, else the whole name."""
+        return self.removesuffix(_START)
+
+
+StoredFrame = Annotated[FrameName, Written(Text, FrameName, str)]
+"""A frame as a field of a record that a file holds."""
+
+
+def link_called(name: str, links: Collection[str]) -> str:
+    """The link that a name means in a file about the robot."""
+    return WORLD_LINK if name == WORLD and WORLD_LINK in links else name
+
+
+def frame_poses(
+    X_WL: Mapping[str, Array], X_WO: Mapping[str, Array], starts: Mapping[str, Array], X_WW: Array = _X_WW
+) -> dict[str, Array]:
+    """World poses X_WF of all frames by name, with the given shapes (..., 4, 4).
+
+    X_WL: of links. X_WO: of objects, and starts: of objects when the step began. X_WW: of the world itself, in the
+    wanted shape.
+    """
+    return {**X_WO, **{FrameName.at_start_of(name): X_WS for name, X_WS in starts.items()}, **X_WL, WORLD: X_WW}
+
+
+class Stay(NamedTuple):
+    """Where an object is over consecutive samples of a motion."""
+
+    rows: slice
+    """The samples."""
+    X_TO: Array | None
+    """Its pose in the tool frame while it is held, shape (4, 4)."""
+    X_WO: Array | None
+    """Where it rests while it is not."""
+
+
+def carried_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
+    """World poses of an object that moves with the tool while it is held and rests otherwise, shape (m, 4, 4).
+
+    X_WT: poses of the tool frame, shape (m, 4, 4). stays: cover all m samples; each is used before the next is drawn.
+    """
+    X_WO = np.empty_like(X_WT)
+    for stay in stays:
+        X_WO[stay.rows] = stay.X_WO if stay.X_TO is None else X_WT[stay.rows] @ stay.X_TO
+    return X_WO

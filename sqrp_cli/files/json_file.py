@@ -1,0 +1,159 @@
+"""Reading JSON safely: limited depth, finite numbers, no repeated keys.
+
+A problem names the file, the line, and the key as in `results[3].q_avg`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite, too_deep
+from sqrp_cli.files.units import as_number
+
+MAX_DEPTH = 32
+"""Deepest nesting of objects and lists."""
+
+MAX_DIGITS = 20
+"""Most characters of a whole number."""
+
+LONGEST_NAME = 60
+"""Most characters of a key in messages."""
+
+_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
+_BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
+_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+
+
+class JsonDocument(SourceDocument):
+    """The content of a JSON file, with the place of every key and value."""
+
+    def name(self, path: KeyPath) -> str:
+        """As `json_name`."""
+        return json_name(path)
+
+
+def json_name(path: KeyPath) -> str:
+    """How messages name a key: `results[3].q_avg`, or `tasks["pickup green"]`."""
+    named = ""
+    for key in path:
+        short = str(key) if len(str(key)) <= LONGEST_NAME else f"{str(key)[:LONGEST_NAME]}..."
+        named += f"[{key}]" if isinstance(key, int) else f".{short}" if _WORD.fullmatch(short) else f'["{short}"]'
+    return named.removeprefix(".")
+
+
+def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - JSON holds anything
+    """The value of a JSON text; path, line: of its beginning, for problems.
+
+    Raises InputError, with line and column, for a text that is not JSON, nests deeper than `MAX_DEPTH`, has a number
+    that is not finite or longer than `MAX_DIGITS`, or repeats a key. Lone surrogates are kept: file names that are not
+    UTF-8 have them.
+    """
+
+    def unique(pairs: list[tuple[str, Any]]) -> Data:
+        if len(data := dict(pairs)) < len(pairs):
+            raise _Unfit
+        return data
+
+    def number(text: str) -> float:
+        if not math.isfinite(value := float(text)):
+            raise _Unfit
+        return value
+
+    def whole(text: str) -> int:
+        if len(text) > MAX_DIGITS:
+            raise _Unfit
+        return int(text)
+
+    try:
+        if text.count("[") + text.count("{") > MAX_DEPTH:
+            depth = 0
+            for bracket in _BRACKET.finditer(text):
+                depth += (bracket[0] in "[{") - (bracket[0] in "]}")
+                if depth > MAX_DEPTH:
+                    raise _Unfit
+        return json.loads(text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number)
+    except json.JSONDecodeError as error:
+        message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:].removesuffix(' at')}"
+        raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None
+    except _Unfit:
+        raise InputError(_unfit(path, text, line)) from None
+
+
+def json_document(path: Path, text: str, data: Data) -> JsonDocument:
+    """A parsed JSON text with the place of every key and value, to report problems in it."""
+    keys: dict[KeyPath, Place] = {}
+    values: dict[KeyPath, Place] = {}
+    for token in _tokens(path, text, 1):
+        (keys if token.is_key else values)[token.path] = token.place
+        if not token.is_key:
+            keys.setdefault(token.path, token.place)
+    return JsonDocument(path=path, content=text.encode(), data=data, keys=keys, values=values)
+
+
+class _Unfit(Exception):  # noqa: N818
+    """A JSON text has a value that is not accepted."""
+
+
+class _Token(NamedTuple):
+    """A key, or the beginning of a value."""
+
+    text: str
+    path: KeyPath
+    """The path to it."""
+    is_key: bool
+    place: Place
+
+
+def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
+    """The keys and values of a JSON text, in order; up to the damage if it is damaged."""
+    keys: list[str | int | None] = []  # in each list the index, in each object the key, None before it
+    begin, done = 0, 0
+    for match in _TOKEN.finditer(text):
+        sign, start = match[0], match.start()
+        line += text.count("\n", done, start)
+        begin = text.rfind("\n", done, start) + 1 or begin
+        done = start
+        place = Place(path, line, start - begin + 1)
+        if sign == "," and keys:
+            last = keys[-1]
+            keys[-1] = last + 1 if isinstance(last, int) else None
+        elif sign in "]}":
+            del keys[-1:]
+        elif sign not in ":,":
+            if is_key := bool(keys) and keys[-1] is None:
+                try:
+                    keys[-1] = str(json.loads(sign))
+                except ValueError:
+                    keys[-1] = sign
+            yield _Token(sign, tuple(key for key in keys if key is not None), is_key, place)
+            if not is_key and sign in "[{":
+                keys.append(0 if sign == "[" else None)
+
+
+def _unfit(path: Path, text: str, line: int) -> Problem:
+    """The first key or value that is not accepted."""
+    seen: set[KeyPath] = set()
+    for token in _tokens(path, text, line):
+        if len(token.path) >= MAX_DEPTH and token.text in "[{":
+            return too_deep(token.place, MAX_DEPTH)
+        name = json_name(token.path)
+        if token.is_key and token.path in seen:
+            return Problem("duplicate-key", f"`{name}`: this key is given twice", token.place)
+        if token.is_key:
+            seen.add(token.path)
+        if token.text.startswith('"'):
+            continue
+        unsigned = token.text.lstrip("-")
+        if unsigned.isdigit() and len(token.text) > MAX_DIGITS:
+            message = f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
+            return Problem("not-finite", f"`{name}`: {message}" if name else message, token.place)
+        endless = unsigned[:1].isdigit() and not unsigned.isdigit() and math.isinf(as_number(token.text))
+        if endless or unsigned in ("NaN", "Infinity"):
+            return not_finite(token.place, token.text, name)
+    return Problem("json-syntax", "this is no JSON that is accepted", Place(path, line))

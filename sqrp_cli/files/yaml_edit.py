@@ -1,0 +1,250 @@
+"""Editing a YAML file as text: single values, whole entries and new ones; the rest stays, comments too.
+
+Also patches: the text of a change, and the command that applies it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import io
+import os
+import shlex
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import yaml
+
+from sqrp_cli.errors import InputError, Place, bad_input, expected_names, nearest
+from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.files.yaml_file import parse_yaml
+
+
+def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
+    """The content of a document with new values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
+
+    Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
+    belongs to an anchor that is also used elsewhere.
+    """
+    text = document.content.decode("utf-8-sig")
+    known = document.leaves
+    for path in values:
+        if path not in known:
+            message = f"the file has no value `{path}`; {expected_names(path, known)}"
+            raise bad_input("unknown-value", message, Place(document.path))
+    root = _root(text)
+    nodes = {path: _node(root, tuple(path.split("."))) for path in values}
+    spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
+    for start, end, value in spans:
+        value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
+        text = text[:start] + value + rest
+    return _changed_only(
+        document, text, ", ".join(values), lambda name: any(f"{name}.".startswith(f"{path}.") for path in values)
+    )
+
+
+def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
+    """The content of a document with values, lists or mappings written anew, or added to a mapping.
+
+    values: by dotted path, as YAML text in a line. Raises InputError for a path that leads nowhere, and where that
+    would change anything else.
+    """
+    leaves = {path: text for path, text in values.items() if path in document.leaves}
+    content = edited(document, leaves) if leaves else document.content
+    for path, text in values.items():
+        if path in leaves:
+            continue
+        document = parse_yaml(document.path, content)
+        known = {dotted(keys): keys for keys in document.values}
+        keys, (parent, _, key) = known.get(path) if path else None, path.rpartition(".")
+        if keys is not None and isinstance(document.at(keys[:-1]), dict):
+            content = respelled(document, keys, str(keys[-1]), text)
+        elif keys is not None:
+            whole = document.content.decode("utf-8-sig")
+            node = _node(_root(whole), keys)
+            content = _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
+        elif key and parent in known and isinstance(document.at(known[parent]), dict):
+            content = appended(document, known[parent], f"{key}: {text}")
+        else:
+            # All paths of a file are hundreds: those of its top, and the nearest, are enough to go on from.
+            close = nearest(path, known)
+            names = {name for name, keys in known.items() if len(keys) == 1 or (keys and name == close)}
+            message = f"the file has no value `{path}`; {expected_names(path, names)}"
+            raise bad_input("unknown-value", message, Place(document.path))
+    return content
+
+
+def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | None:
+    """What `with_values` writes to make a content of a document; None where that cannot make it."""
+    after = parse_yaml(before.path, content)
+    text = content.decode("utf-8-sig")
+    root = _root(text)
+    values = {}
+    for path in _differing(before.data, after.data, ()):
+        node = _node(root, path)
+        values[dotted(path)] = text[node.start_mark.index : _end(node)]
+    try:
+        return values if with_values(before, values) == content else None
+    except InputError:
+        return None
+
+
+def _differing(before: object, after: object, path: KeyPath) -> Iterator[KeyPath]:
+    """The shortest paths below which two documents differ, and of what the second one adds."""
+    if isinstance(before, dict) and isinstance(after, dict) and before.keys() <= after.keys():
+        for key in after:
+            yield from _differing(before[key], after[key], (*path, key)) if key in before else [(*path, key)]
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for index, pair in enumerate(zip(before, after, strict=True)):
+            yield from _differing(*pair, (*path, index))
+    elif before != after or type(before) is not type(after):
+        yield path
+
+
+def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
+    """Keys and values of a mapping, its own before merged ones."""
+    own, merged = [], []
+    for key, value in node.value:
+        if key.value == "<<" and key.style is None:
+            merged += _pairs(value)
+        else:
+            own.append((str(key.value), value))
+    return [*own, *merged]
+
+
+def respelled(document: SourceDocument, path: KeyPath, key: str, value: str) -> bytes:
+    """The content of a document with an entry of a mapping, key and value, written anew; both as YAML text in a line.
+
+    Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    node = _node(_root(text), path[:-1])
+    name, old = next((name, value) for name, value in node.value if str(name.value) == str(path[-1]))
+    text = text[: name.start_mark.index] + f"{key}: {value}" + text[_end(old) :]
+    return _checked(document, text, path)
+
+
+def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:
+    """The content of a document with an item after the last one of a mapping or list; item: as YAML text in a line.
+
+    An item of a mapping has its key. A mapping or list that is missing is added at the end of the file; only at the top
+    of a file may one be missing. Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    listed = ":" not in item.partition("{")[0]
+    if path not in document.values:
+        text = text.rstrip("\n") + f"\n\n{path[-1]}:\n  {'- ' if listed else ''}{item}\n"
+        return _checked(document, text, path)
+    node = _node(_root(text), path)
+    if _in_one_line(node) or not node.value:
+        end = text.rindex("]" if listed else "}", node.start_mark.index, node.end_mark.index)
+        before = text[:end].rstrip()
+        text = before + (", " if node.value else "") + item + text[end:]
+        return _checked(document, text, path)
+    first = node.value[0] if listed else node.value[0][0]
+    end = _end(node)
+    line = text.find("\n", end)
+    line = len(text) if line < 0 else line
+    column = node.start_mark.column if listed else first.start_mark.column
+    new = f"\n{' ' * column}{'- ' if listed else ''}{item}"
+    return _checked(document, text[:line] + new + text[line:], path)
+
+
+def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str], items: Sequence[str]) -> bytes:
+    """The content of a document with other entries of a mapping: those of `kept`, then `items`, one in a line each.
+
+    items: as YAML text with their keys; at least one entry is left. Comments between entries go, those within stay.
+    Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    if path not in document.values:
+        content = document.content
+        for item in items:
+            content = appended(parse_yaml(document.path, content), path, item)
+        return content
+    node = _node(_root(text), path)
+    entries = [(str(key.value), text[key.start_mark.index : _end(value)]) for key, value in node.value]
+    left = [*(entry for name, entry in entries if name in kept), *items]
+    if _in_one_line(node) or not node.value:
+        new = "{" + ", ".join(left) + "}"
+        start, end = node.start_mark.index, node.end_mark.index
+        return _checked(document, text[:start] + new + text[end:], path)
+    first, end = node.value[0][0].start_mark, _end(node)
+    if entries[-1][0] not in kept:
+        line = text.find("\n", end)
+        end = len(text) if line < 0 else line
+    new = f"\n{' ' * first.column}".join(left)
+    return _checked(document, text[: first.index] + new + text[end:], path)
+
+
+def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
+    """The text as bytes. Raises InputError if a value outside of `path` differs."""
+    within = dotted(path[:-1] if path in document.values else path)
+    return _changed_only(document, text, dotted(path), lambda name: f"{name}.".startswith(within))
+
+
+def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Callable[[str], bool]) -> bytes:
+    """The text as bytes. Raises InputError if a value differs that is not meant, as where an anchor is used twice."""
+    content = text.encode()
+    known, leaves = document.leaves, parse_yaml(document.path, content).leaves
+    others = [name for name in (*known, *leaves) if not is_meant(name) and known.get(name) != leaves.get(name)]
+    if others:
+        message = f"changing `{what}` would also change `{min(others)}`, which is the same text in the file"
+        raise bad_input("shared-value", message, Place(document.path), mend="write the value out in both places")
+    return content
+
+
+def _root(text: str) -> yaml.Node:
+    root = yaml.compose(text, yaml.SafeLoader)
+    assert root is not None  # noqa: S101 - it has values
+    return root
+
+
+def _node(node: yaml.Node, path: KeyPath) -> yaml.Node:
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[int(key)]
+        else:
+            node = next(value for name, value in _pairs(node) if name == str(key))
+    return node
+
+
+def _end(node: yaml.Node) -> int:
+    """Where the text of a value ends; a block ends with its last value, before comments that follow."""
+    if _in_one_line(node) or not node.value:
+        return int(node.end_mark.index)
+    last = node.value[-1]
+    return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
+
+
+def _in_one_line(node: yaml.Node) -> bool:
+    """Whether its text ends where the parser says: it is a scalar, or in brackets."""
+    return not isinstance(node, yaml.CollectionNode) or bool(node.flow_style)
+
+
+def patch(document: SourceDocument, content: bytes, name: str | None = None) -> str:
+    """A unified diff from a document to a new content; empty if nothing differs.
+
+    name: of the file in it; by default as `to_apply` needs it.
+    """
+    name = in_patch(document.path) if name is None else name
+    before, after = ([*io.StringIO(text.decode(), newline="\n")] for text in (document.content, content))
+    lines = difflib.unified_diff(before, after, name, name)
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+
+def from_here(path: Path) -> str:
+    """The name of a file in a patch and in a command: relative if it is below the current folder."""
+    current = Path.cwd()
+    return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()
+
+
+def in_patch(path: Path) -> str:
+    """The name of a file in a patch; where it is not below the current folder, `patch` takes its bare name only."""
+    name = from_here(Path(os.path.normpath(Path.cwd() / path)))
+    return path.name if Path(name).is_absolute() else name
+
+
+def to_apply(patch: Path, path: Path) -> str:
+    """The command that applies a patch of a file, in the current folder."""
+    at = "" if in_patch(path) != path.name else f" -d {shlex.quote(str(path.parent))}"
+    return f"patch -p0{at} < {shlex.quote(str(patch))}"

@@ -1,0 +1,455 @@
+"""The boundary of the compiled kernel: records and arrays in, arrays out.
+
+Nothing is kept between calls but solids, which are made once; calls of several threads run side by side. Frames, parts
+and colours are numbers here: who asks knows their names. What goes in is checked here, because the kernel does not.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from ctypes import c_int64, c_void_p
+from enum import IntEnum
+from typing import Any, NamedTuple
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.kernel import library
+from sqrp_cli.records import dataclass
+
+CAMERA = np.dtype(
+    [
+        ("model", "f8"), ("distortion", "f8", 8), ("radius", "f8"), ("matrix", "f8", (2, 3)), ("width", "f8"),
+        ("height", "f8"), ("near", "f8"), ("far", "f8"), ("gain", "f8"), ("X_FC", "f8", (4, 4)), ("frame", "f8"),
+    ]
+)  # fmt: skip
+"""A camera: see `Camera` in `camera.hpp`."""
+
+BOX = np.dtype(
+    [
+        ("half", "f8", 3), ("shrunk", "f8", 3), ("middle", "f8", 3), ("normal", "f8", 3), ("has_normal", "f8"),
+        ("nearest", "f8"), ("farthest", "f8"), ("incidence", "f8"), ("pixels", "f8"), ("visible", "f8"),
+        ("judges_rest", "f8"), ("reads", "f8"), ("least_light", "f8"), ("most_light", "f8"), ("whole", "f8"),
+        ("frame", "f8"), ("X_FB", "f8", (4, 4)),
+    ]
+)  # fmt: skip
+"""A box of a target with the limits of its detector: see `Box` in `camera.hpp`."""
+
+LIGHT = np.dtype([("kind", "f8"), ("intensity", "f8"), ("heading", "f8", 3), ("position", "f8", 3), ("cosine", "f8")])
+"""A light: see `Light` in `scene.hpp`."""
+
+MOST_LIGHTS = 8
+"""Of a call."""
+
+Record = NDArray[np.void]
+"""Of one of these types."""
+
+
+class Form(IntEnum):
+    """The exact form of a solid."""
+
+    MESH = 0
+    BOX = 1
+    SPHERE = 2
+    CYLINDER = 3
+    CAPSULE = 4
+
+
+class _Request(ctypes.Structure):
+    """`Request` in `scene.hpp`."""
+
+    _fields_ = (
+        ("solid_count", c_int64), ("solids", c_void_p), ("solid_frame", c_void_p), ("solid_part", c_void_p),
+        ("is_scenery", c_void_p), ("X_WF", c_void_p), ("pose_count", c_void_p), ("box_count", c_int64),
+        ("boxes", c_void_p), ("opaque", c_void_p), ("alike", c_void_p), ("own", c_void_p), ("camera_count", c_int64),
+        ("cameras", c_void_p), ("light_count", c_int64), ("lights", c_void_p),
+    )  # fmt: skip
+
+
+class Solid:
+    """A solid as the kernel holds it, in the frame of its parent."""
+
+    def __init__(
+        self, vertices: Array, triangles: Indices, form: Form, *, X_PG: Array, half: Sequence[float], ball: Ball
+    ) -> None:
+        """vertices: (n, 3) [m]; triangles: indices of three each, (f, 3), counter-clockwise seen from outside.
+
+        form: it is placed by X_PG (4, 4); half: half its sides, or its radius, 0 and half its straight part [m]. Raises
+        ValueError for no triangles, for vertices that do not exist, and for what is not finite.
+        """
+        vertices, triangles = np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(triangles, np.int64)
+        figures = np.array([*np.reshape(X_PG, -1), *half, *ball.center, ball.radius], dtype=float)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.shape != (len(triangles), 3) or not len(triangles):
+            raise ValueError(f"a solid needs triangles, found shapes {vertices.shape} and {triangles.shape}")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ValueError(f"a triangle names a vertex that is none of {len(vertices)}")
+        if len(figures) != 23 or not (np.isfinite(vertices).all() and np.isfinite(figures).all()):
+            raise ValueError("a solid has a figure that is not finite")
+        made = library.load()
+        made.solid_new.restype = c_void_p
+        self.address: int = made.solid_new(
+            _at(vertices), len(vertices), _at(triangles), len(triangles), int(form), _at(figures)
+        )
+        finalize(self, made.solid_free, c_void_p(self.address))
+
+    def distance(self, other: Solid, X_AB: Array, within: float, enough: float) -> float | None:
+        """The distance to another solid [m] if it is at most `within`, otherwise None; 0 where they meet.
+
+        X_AB: pose of the other one's parent in that of this one, (4, 4). enough: one of at most this may be too large.
+        Raises ValueError for a pose that is not finite.
+        """
+        X_AB = np.ascontiguousarray(X_AB, dtype=float)
+        if X_AB.shape != (4, 4) or not np.isfinite(X_AB).all():
+            raise ValueError(f"a pose must be finite and of shape (4, 4), found {X_AB}")
+        measure = library.load().solid_distance
+        measure.restype = ctypes.c_double
+        figures = map(ctypes.c_double, (within, enough))
+        found: float = measure(c_void_p(self.address), c_void_p(other.address), _at(X_AB), *figures)
+        return found if found <= within + 1e-9 else None
+
+
+class Ball(NamedTuple):
+    """A ball around a solid, in the frame of its parent."""
+
+    center: Sequence[float]
+    """[m]"""
+    radius: float
+    """[m]"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolidTable:
+    """s solids of a call."""
+
+    solids: Sequence[Solid]
+    frame: Indices
+    """Of each one's parent, by number, shape (s,)."""
+    part: Indices
+    """Pieces of one number are named together, shape (s,)."""
+    is_scenery: Mask
+    """Whether its colour is known, so that it can be behind a box, shape (s,)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Masks:
+    """What solids are to boxes, shape (s, b) each."""
+
+    opaque: Mask
+    """Whether one can hide the box."""
+    alike: Mask
+    """Whether it looks like what the box seeks."""
+    own: Mask
+    """Whether it is what the box seeks."""
+
+
+class Items(NamedTuple):
+    """Questions: whether cameras see all of some consecutive boxes in a state; arrays of shape (n,)."""
+
+    state: Indices
+    first: Indices
+    """The first box, by index."""
+    boxes: Indices
+    """How many there are."""
+
+
+class Verdicts(NamedTuple):
+    """What c cameras make of n boxes, arrays of shape (c, n)."""
+
+    cause: NDArray[np.int8]
+    """Of `Cause` in `camera.hpp`: the first limit that fails."""
+    by: Indices
+    """The image's side, the solid that hides or shades it or is behind it, or the light that is too bright; else -1."""
+    figure: Array
+    """By how much a limit is missed [m, pixels or rad]."""
+    visible: Array
+    """The visible share, NAN where an earlier limit failed or it was not measured."""
+
+
+class Aspects(NamedTuple):
+    """How c cameras face n boxes, arrays of shape (c, n)."""
+
+    cause: NDArray[np.int8]
+    """The first limit that fails, of those that do not depend on the scene."""
+    distance: Array
+    """From camera to box centre [m]."""
+    incidence: Array
+    """Angle between the box's normal and the direction to the camera; 0 without a normal [rad]."""
+    size: Array
+    """Square root of the area of the outline of its corners; NAN behind a camera [pixels]."""
+
+
+def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -> Array:
+    """World poses (N, m, 4, 4) of N joints at m positions (m, N) [rad or m]; see `JointTree` for the other arrays."""
+    terms, positions = np.ascontiguousarray(terms, dtype=float), np.ascontiguousarray(positions, dtype=float)
+    joints, count = len(parents), len(positions)
+    if len(turns) != joints or terms.shape != (joints, 3, 4, 4) or positions.shape != (count, joints):
+        raise ValueError(f"{joints} joints have terms of shape {terms.shape} and positions of shape {positions.shape}")
+    if not (np.asarray(parents) < np.arange(joints)).all():
+        raise ValueError("a joint comes before its parent")
+    X_WJ = np.empty((joints, count, 4, 4))
+    parents, turns = _whole(parents), np.ascontiguousarray(turns, dtype=np.int64)
+    given = (c_int64(joints), _at(parents), _at(turns), _at(terms), c_int64(count), _at(positions), _at(X_WJ))
+    library.load().joint_poses(*given)
+    return X_WJ
+
+
+class _Collisions(ctypes.Structure):
+    """`Collisions` in `collision.hpp`."""
+
+    _fields_ = (
+        ("joints", c_int64), ("driven", c_int64), ("arm", c_int64), ("spine_joints", c_int64), ("bodies", c_int64),
+        ("pairs", c_int64), ("parents", c_void_p), ("turns", c_void_p), ("axes", c_void_p), ("terms", c_void_p),
+        ("ratios", c_void_p), ("offsets", c_void_p), ("radii", c_void_p), ("spine", c_void_p), ("solids", c_void_p),
+        ("frame", c_void_p), ("depth", c_void_p), ("rods_from", c_void_p), ("rods", c_void_p), ("X_FP", c_void_p),
+        ("inner", c_void_p), ("outer", c_void_p), ("clearance", c_void_p),
+    )  # fmt: skip
+
+
+class Collisions:
+    """Solids on and around an arm, and pairs of them that must not touch."""
+
+    def __init__(self, solids: Sequence[Solid], whole: Mapping[str, Any], real: Mapping[str, Any]) -> None:
+        """whole, real: arrays of these numbers by name.
+
+        Of N joints, parents first: `parents` (N,), -1 for the world; `turns` (N,), else they slide; `axes` (N, 3);
+        `terms` (N, 3, 4, 4) as of `JointTree`; `ratios` (N, d) and `offsets` (N,) as of `Couplings`. Of the n joints of
+        the arm, the first ones of the d driven: `radii` (n,), a size of each one's motions. Of the solids: `frame`, the
+        joint that carries each, -1 for the world; `depth`, how many of the joints of the `spine` (s,) move it; `rods`
+        from `rods_from[k]` to `rods_from[k + 1]`, the joints beside the spine that move it, too; `X_FP`, the poses of
+        their parents. Of pairs: `inner`, `outer` and `clearance` [m]. Raises ValueError for what is not finite, and for
+        indices of nothing.
+        """
+        arrays: dict[str, NDArray[Any]] = {name: _whole(np.asarray(values)) for name, values in whole.items()}
+        arrays |= {name: np.ascontiguousarray(values, dtype=float) for name, values in real.items()}
+        arrays["solids"] = np.array([solid.address for solid in solids], dtype=np.uint64)
+        joints, bodies = len(arrays["parents"]), len(solids)
+        if not all(np.isfinite(array).all() for array in arrays.values()):
+            raise ValueError("a figure of an arm, or of what is around it, is not finite")
+        ends = {"parents": joints, "spine": joints, "rods": joints, "frame": joints, "inner": bodies, "outer": bodies}
+        for name, end in ends.items():
+            if len(arrays[name]) and not -1 <= arrays[name].min() <= arrays[name].max() < end:
+                raise ValueError(f"`{name}` names one that is none of {end}")
+        self.pairs, self.arm = len(arrays["inner"]), len(arrays["radii"])
+        self.driven = arrays["ratios"].shape[1]
+        self._kept = [solids, arrays]
+        self._scene = _Collisions(
+            joints=joints, driven=self.driven, arm=self.arm, spine_joints=len(arrays["spine"]), bodies=bodies,
+            pairs=self.pairs, **{name: array.ctypes.data for name, array in arrays.items()},
+        )  # fmt: skip
+
+    def touching(self, q: Array, *, every: bool) -> Mask:
+        """Which pairs are closer than their clearance at m positions of the driven joints (m, d), shape (m, pairs).
+
+        every: whether all are found, or only the last one at each position.
+        """
+        q, found = self._positions(q), np.zeros((len(q), self.pairs), dtype=np.uint8)
+        library.load().collisions_touching(
+            ctypes.byref(self._scene), _at(q), c_int64(len(q)), c_int64(every), _at(found)
+        )
+        return found.view(bool)
+
+    def motion_bounds(self, q: Array, variation: Array) -> Array:
+        """How far each pair can move against each other around q (d,), where the arm's joints differ by (n,) [m]."""
+        (q,), bounds = self._positions(q[None]), np.zeros(self.pairs)
+        change = np.ascontiguousarray(variation, dtype=float)
+        library.load().collisions_bounds(ctypes.byref(self._scene), _at(q), _at(change), _at(bounds))
+        return bounds
+
+    def first_contact(
+        self, breaks: Array, coefficients: Array, slopes: Array, fingers: Array, resolution: float
+    ) -> tuple[int, float] | None:
+        """The first pair that comes too close along a path of the arm, and where; None proves that none does.
+
+        breaks (p + 1,), coefficients (p, k, n), slopes (p, n): of its pieces, as of `JointPath` and its
+        `derivative_bounds`. fingers: positions of the other driven joints. resolution: see `PlacedScene.check_path`.
+        """
+        fingers = np.ascontiguousarray(fingers, dtype=float)
+        arrays = [np.ascontiguousarray(array, dtype=float) for array in (breaks, coefficients, slopes)]
+        pieces, terms, joints = coefficients.shape
+        shapes = [array.shape for array in arrays]
+        if (
+            shapes != [(pieces + 1,), (pieces, terms, self.arm), (pieces, self.arm)]
+            or len(fingers) + joints != self.driven
+        ):
+            raise ValueError(f"a path has the shapes {shapes}, expected one of {self.arm} joints")
+        if not all(np.isfinite(array).all() for array in (*arrays, fingers)):
+            raise ValueError("a path is not finite")
+        at, search = ctypes.c_double(), library.load().collisions_first
+        search.restype = c_int64
+        found: int = search(
+            ctypes.byref(self._scene), c_int64(pieces), c_int64(terms - 1), *map(_at, (*arrays, fingers)),
+            ctypes.c_double(resolution), ctypes.byref(at),
+        )  # fmt: skip
+        return None if found < 0 else (found, at.value)
+
+    def _positions(self, q: Array) -> Array:
+        q = np.ascontiguousarray(q, dtype=float)
+        if q.shape != (len(q), self.driven) or not np.isfinite(q).all():
+            raise ValueError(f"positions must be finite and of {self.driven} joints, found the shape {q.shape}")
+        return q
+
+
+class Scene:
+    """Solids, boxes, cameras and lights, wherever their frames are: what many requests have in common."""
+
+    def __init__(self, solids: SolidTable, *, boxes: Record, masks: Masks, cameras: Record, lights: Record) -> None:
+        """boxes, cameras, lights: records of these types, shape (b,), (c,) and (l,).
+
+        Raises ValueError for shapes that do not fit, and for NAN.
+        """
+        s, b = len(solids.solids), len(boxes)
+        if any(mask.shape != (s, b) for mask in (masks.opaque, masks.alike, masks.own)):
+            raise ValueError(f"masks of {s} solids and {b} boxes must have the shape ({s}, {b})")
+        if not all(len(column) == s for column in (solids.frame, solids.part, solids.is_scenery)):
+            raise ValueError(f"columns of {s} solids must have as many rows")
+        if len(lights) > MOST_LIGHTS:
+            raise ValueError(f"found {len(lights)} lights, expected at most {MOST_LIGHTS}")
+        for name, records, kind in (("box", boxes, BOX), ("camera", cameras, CAMERA), ("light", lights, LIGHT)):
+            if records.dtype != kind or np.isnan(np.ascontiguousarray(records).view(float)).any():
+                raise ValueError(f"a {name} has a figure that is none")
+        frames = np.concatenate([solids.frame, boxes["frame"], cameras["frame"]])
+        if frames.min(initial=0) < 0:
+            raise ValueError("the number of a frame is negative")
+        self.frames, self.cameras, self.boxes = int(frames.max(initial=-1)) + 1, len(cameras), b
+        self._kept: list[object] = [solids.solids]
+        self.fields = {
+            "solid_count": s, "box_count": b, "camera_count": len(cameras), "light_count": len(lights),
+            "solids": self._keep(np.array([solid.address for solid in solids.solids], dtype=np.uint64)),
+            "solid_frame": self._keep(_whole(solids.frame)), "solid_part": self._keep(_whole(solids.part)),
+            "is_scenery": self._keep(_flags(solids.is_scenery)), "boxes": self._keep(np.ascontiguousarray(boxes)),
+            "cameras": self._keep(np.ascontiguousarray(cameras)), "lights": self._keep(np.ascontiguousarray(lights)),
+            "opaque": self._keep(_flags(masks.opaque)), "alike": self._keep(_flags(masks.alike)),
+            "own": self._keep(_flags(masks.own)),
+        }  # fmt: skip
+        """Those of `_Request` that do not depend on states."""
+
+    def _keep(self, array: NDArray[Any]) -> int:
+        self._kept.append(array)
+        address: int = array.ctypes.data
+        return address
+
+
+class Request:
+    """A scene in m states: what a call is about."""
+
+    def __init__(self, scene: Scene, states: int, X_WF: Sequence[Array]) -> None:
+        """X_WF: poses of every frame, by number, (m, 4, 4) each, or (1, 4, 4) where it never moves, finite; states: m.
+
+        Raises ValueError for shapes that do not fit, and where a frame is missing.
+        """
+        if any(X.shape[1:] != (4, 4) or len(X) not in (1, states) for X in X_WF) or len(X_WF) < scene.frames:
+            raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
+        self._scene, self._states = scene, states
+        self._X = [np.ascontiguousarray(X, dtype=float) for X in X_WF]
+        self._count = np.array([len(X) for X in X_WF], dtype=np.int64)
+        self._places = np.array([X.__array_interface__["data"][0] for X in self._X], dtype=np.uint64)
+        at, counts = self._places.ctypes.data, self._count.ctypes.data
+        self._request = _Request(X_WF=at, pose_count=counts, **scene.fields)
+
+    def cover(self, items: Items, needed: Indices, tiers: Sequence[Indices], sights: NDArray[np.int8]) -> None:
+        """Find out in place whether cameras see items: of `sights` (c, n), -1 becomes 0 or 1 as far as it matters.
+
+        needed: how many cameras must see each item, shape (n,). tiers: cameras by index, those with the fastest
+        response first; of later ones no more are asked than needed. Items of the same boxes follow each other.
+        """
+        items = self._checked(items)
+        if (
+            sights.shape != (self._scene.cameras, len(items.state))
+            or sights.dtype != np.int8
+            or not sights.flags.c_contiguous
+        ):
+            raise ValueError(f"sights must be of int8, with the shape ({self._scene.cameras}, {len(items.state)})")
+        order = _whole(np.concatenate([np.empty(0, dtype=np.int64), *tiers]))
+        if len(order) and not (order.min() >= 0 and order.max() < self._scene.cameras):
+            raise ValueError(f"a camera of a tier is none of {self._scene.cameras}")
+        ends, needed = _whole(np.cumsum([len(tier) for tier in tiers])), _whole(needed)
+        state, first, count = items
+        self._call("cover", len(state), state, first, count, needed, len(tiers), ends, order, sights)
+
+    def judge(self, box: Indices, state: Indices, *, shares: bool) -> Verdicts:
+        """What all cameras make of boxes in states, shape (n,) each; shares: whether visible shares are measured."""
+        box, state = self._looks(box, state)
+        shape = self._scene.cameras, len(box)
+        found = Verdicts(
+            np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int64), np.empty(shape), np.full(shape, np.nan)
+        )
+        self._call("judge", len(box), box, state, *found[:3], found.visible if shares else None, None)
+        return found
+
+    def measure(self, box: Indices, state: Indices) -> Aspects:
+        """How all cameras face boxes in states, shape (n,) each."""
+        box, state = self._looks(box, state)
+        shape = self._scene.cameras, len(box)
+        cause, by, figure, facing = (
+            np.empty(shape, np.int8),
+            np.empty(shape, np.int64),
+            np.empty(shape),
+            np.empty((3, *shape)),
+        )
+        self._call("judge", len(box), box, state, cause, by, figure, None, facing)
+        return Aspects(cause, *facing)
+
+    def occluders(self, box: Indices, camera: Indices, state: Indices, parts: int) -> tuple[Array, Array]:
+        """How much of boxes each of some parts hides from cameras: as the first, and as the only one, (n, parts) each.
+
+        box, camera, state: by index, shape (n,). All boxes must lie in front of the cameras.
+        """
+        box, state = self._looks(box, state)
+        camera = _whole(camera)
+        if camera.shape != box.shape or (
+            len(camera) and not (camera.min() >= 0 and camera.max() < self._scene.cameras)
+        ):
+            raise ValueError(f"a camera is none of {self._scene.cameras}")
+        first, alone = np.zeros((len(box), parts)), np.zeros((len(box), parts))
+        self._call("occluders", len(box), box, camera, state, parts, first, alone)
+        return first, alone
+
+    def look_from(self, X_FC: Array, items: Items, asked: Mask | None = None, *, limits_only: bool = False) -> Mask:
+        """Which items each of l lenses, the request's cameras, sees from each of p poses in their frame, (l, p, n).
+
+        X_FC: the poses, (p, 4, 4). asked: which items from which pose, shape (p, n); the others are not looked at, and
+        not seen. limits_only: whether only the limits of camera and detector count.
+        """
+        items, X_FC = self._checked(items), np.ascontiguousarray(X_FC, dtype=float)
+        if X_FC.shape[1:] != (4, 4) or not np.isfinite(X_FC).all():
+            raise ValueError(f"the poses of a camera must be finite and of shape (p, 4, 4), found {X_FC.shape}")
+        if asked is not None and asked.shape != (len(X_FC), len(items.state)):
+            raise ValueError(f"what is asked must have the shape ({len(X_FC)}, {len(items.state)})")
+        sees = np.zeros((self._scene.cameras, len(X_FC), len(items.state)), dtype=np.uint8)
+        wanted = None if asked is None else _flags(asked)
+        self._call("look_from", len(X_FC), X_FC, len(items.state), *items, wanted, int(limits_only), sees)
+        return sees.view(bool)
+
+    def _call(self, name: str, *arguments: int | NDArray[Any] | None) -> None:
+        given = [_at(one) if isinstance(one, np.ndarray) else one for one in arguments]
+        getattr(library.load(), name)(ctypes.byref(self._request), *given)
+
+    def _looks(self, box: Indices, state: Indices) -> tuple[Indices, Indices]:
+        items = self._checked(Items(state, box, np.ones(len(box), dtype=np.int64)))
+        return items.first, items.state
+
+    def _checked(self, items: Items) -> Items:
+        """Raises ValueError for a state or box that does not exist."""
+        state, first, count = map(_whole, items)
+        if not state.shape == first.shape == count.shape == (len(state),):
+            raise ValueError(f"columns of items differ: {state.shape}, {first.shape}, {count.shape}")
+        if len(state) and not (state.min() >= 0 and state.max() < max(self._states, 1)):
+            raise ValueError(f"a state is none of {self._states}")
+        if len(state) and not (first.min() >= 0 and count.min() >= 1 and (first + count).max() <= self._scene.boxes):
+            raise ValueError(f"a box is none of {self._scene.boxes}")
+        return Items(state, first, count)
+
+
+def _at(array: NDArray[Any]) -> c_void_p:
+    return c_void_p(array.ctypes.data)
+
+
+def _whole(numbers: Indices) -> Indices:
+    return np.ascontiguousarray(numbers, dtype=np.int64)
+
+
+def _flags(mask: Mask) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(mask, dtype=np.uint8)

@@ -1,1 +1,0 @@
-"""Phase 1, knowledge: the files of a cell, read and validated into frozen records."""

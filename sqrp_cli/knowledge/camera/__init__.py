@@ -1,1 +1,0 @@
-"""Cameras, detectors and the projection of a camera."""

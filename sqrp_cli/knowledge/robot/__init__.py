@@ -1,1 +1,0 @@
-"""Robots and tools from their URDF and SRDF, and their joint trees."""

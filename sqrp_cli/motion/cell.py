@@ -1,0 +1,126 @@
+"""A workspace prepared for computing: robot model, collision scene and cameras; too large ones are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.motion.collision import CollisionScene, SelfContacts, find_self_contacts
+from sqrp_cli.motion.fingers import closed_on
+from sqrp_cli.motion.placed_scene import NamePairs
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.solids import load_solid
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Data that all candidates of a workspace share; computed once."""
+
+    workspace: Workspace
+    model: RobotModel
+    collision: CollisionScene
+    observer: Observer
+    self_contacts: SelfContacts | None
+    """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
+    seed: int
+    """Seed of all random numbers in planning."""
+
+    @classmethod
+    def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
+        """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
+        robot = workspace.robot
+        model = RobotModel.load(robot)
+        _check_size(workspace, model)
+        objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
+        parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
+        contacts = find_self_contacts(model, seed) if robot.srdf is None else None
+        unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
+        colors = {obj.name: obj.color or "" for obj in objects}
+        own = set(model.links) - model.tool_links  # a part of the robot has the name of its link in output
+        named = [(part, part.parent if part.parent in own else part.name) for part in parts]
+        solids = tuple(replace(load_solid(part, name), color=colors.get(part.parent)) for part, name in named)
+        return cls(
+            workspace=workspace,
+            model=model,
+            collision=CollisionScene(model, objects, unchecked, workspace.padding),
+            observer=Observer(tuple(workspace.cameras.values()), solids, workspace.lights),
+            self_contacts=contacts,
+            seed=seed,
+        )
+
+    def seen_by(self, workspace: Workspace) -> Cell:
+        """The cell of a workspace that differs in its cameras only; motions stay the same."""
+        observer = replace(self.observer, cameras=tuple(workspace.cameras.values()))
+        return replace(self, workspace=workspace, observer=observer)
+
+    @property
+    def unchecked_pairs(self) -> NamePairs:
+        """Pairs of links whose contact is not checked, beside neighbours."""
+        return self.workspace.robot.disabled_pairs if self.self_contacts is None else self.self_contacts.unchecked
+
+    @property
+    def initial_world(self) -> World:
+        """The world before any program has run. Raises InputError if the fingers cannot hold the held object."""
+        world, model = self.workspace.stated_world, self.model
+        if world.held is None or world.X_TO is None:
+            return world
+        fingers = closed_on(self.collision, world.held, world.X_TO, model.finger_positions(world.joints))
+        if isinstance(fingers, str):
+            place = self.workspace.places.get(f"objects.{world.held}.pose")
+            raise bad_input("not-held", f"`{world.held}` is stated to be held, but {fingers}", place)
+        return replace(
+            world,
+            X_WO={**world.X_WO, world.held: model.tool_pose(model.home) @ world.X_TO},
+            joints={**world.joints, **dict(zip(model.fingers.joints, fingers.tolist(), strict=True))},
+        )
+
+    def solid_name(self, index: int) -> str:
+        """The name of the observer's solid in output."""
+        return self.observer.solids[index].name
+
+
+LARGEST_LINK = 20.0
+"""Largest extent of a moving link from its origin, and largest distance of joints from each other [m].
+
+The larger a link, the more finely its motion has to be divided.
+"""
+
+MOST_SHAPES = 4000
+"""Most solid shapes of robot, tool and objects together."""
+
+
+def _check_size(workspace: Workspace, model: RobotModel) -> None:
+    """Raises InputError, at the line of the URDF, for a link that moves and reaches further than `LARGEST_LINK`.
+
+    Likewise for a joint further than that from the one that carries it, and for more than `MOST_SHAPES`.
+    """
+    shapes = len(model.parts) + sum(len(obj.parts) for obj in workspace.objects.values())
+    if shapes > MOST_SHAPES:
+        message = f"robot and objects have {shapes:,} shapes, expected at most {MOST_SHAPES:,}"
+        raise bad_input("too-many-shapes", message, workspace.whole_file, mend="join them into meshes")
+    tree, robot = model.tree, workspace.robot
+    far: list[tuple[float, str, Place | None]] = [
+        (
+            float(np.linalg.norm(X_PJ[:3, 3])),
+            f"joint `{joint.name}` is {{}} m from the one that carries it",
+            joint.place,
+        )
+        for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True)
+        if parent >= 0
+    ]
+    places = {link.name: link.place for urdf in robot.urdfs for link in urdf.links.values()}
+    for part in model.parts:
+        if tree.mounts[part.parent].joint >= 0:
+            away = float(np.linalg.norm(load_solid(part).vertices, axis=1).max())
+            what = f"link `{part.parent}` moves, and part `{part.name}` of it reaches {{}} m from its origin"
+            far.append((away, what, places.get(part.parent)))
+    for away, what, place in far:
+        if away > LARGEST_LINK:
+            message = f"{what.format(f'{away:.3g}')}, expected at most {LARGEST_LINK:g} m"
+            mend = "check the units, in metres, and the `scale` of meshes"
+            raise bad_input("link-too-large", message, place, mend=mend)

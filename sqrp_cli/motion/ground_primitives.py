@@ -1,0 +1,357 @@
+"""A skill's primitive actions, grounded as far as possible before the arm's motion is planned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.motion.collision import CollisionScene
+from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
+from sqrp_cli.motion.placed_scene import NamePairs, pair
+from sqrp_cli.motion.tool_curve import ToolCurve, ToolLine, arc_through, helix_about
+from sqrp_cli.motion.waypoints import WaypointGrounder, setting_number, setting_value
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.branches import BranchChoice
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.sight.solids import distance
+from sqrp_cli.skill.settings import ANY, MotionValue, Reference, Setting
+from sqrp_cli.skill.skill import (
+    HOME,
+    ArcMove,
+    FingerMove,
+    Grasp,
+    HelixMove,
+    JointMove,
+    PrimitiveAction,
+    Release,
+    Skill,
+    StraightMove,
+    ToolMove,
+    Wait,
+)
+from sqrp_cli.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class SkillUse:
+    """A skill with its binding and its setting."""
+
+    skill: Skill
+    binding: Mapping[str, str]
+    """The object of each skill parameter."""
+    values: Mapping[str, MotionValue]
+    """Value of every motion parameter."""
+    objects: Mapping[str, SceneObject]
+    """Of the workspace."""
+    world: World
+    """World before it."""
+    vias: Mapping[str, Array] = field(default_factory=dict)
+    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
+    branch: Mapping[str, MotionValue] = field(default_factory=dict)
+    """Of a way: its choice among `plan_motion.Branches`."""
+
+
+@dataclass(frozen=True)
+class GuardedLine:
+    """What a straight move does that ends at contact."""
+
+    force: float
+    """At the tool, what counts as contact [N]."""
+    beyond: ToolLine
+    """The line from where contact is expected to where the move ends without."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPrimitive:
+    """A primitive action whose waypoint, settings and surroundings are known."""
+
+    name: str
+    kind: type[PrimitiveAction]
+    to: str | None
+    X_start: Array
+    X_end: Array
+    """Pose X_WT of the tool frame when it begins and ends, shape (4, 4)."""
+    world: World
+    """Poses of objects, and the held one, during it."""
+    home: bool = False
+    """A joint move to the home configuration.
+
+    Otherwise any joint positions of the wanted branches that bring the tool to `X_end`.
+    """
+    via_home: bool = False
+    """A joint move that stops at home on the way."""
+    vias: Array | None = None
+    """Joint positions that a joint move bends around on its way, shape (k, n) [rad or m]; not one by home."""
+    branches: BranchChoice = field(default_factory=BranchChoice)
+    free: Mapping[str, str] = field(default_factory=dict)
+    """Of a joint move: the motion parameters that leave its branch free, by `elbow`, `shoulder`, `wrist`."""
+    speed: float = 0.0
+    acceleration: float = 0.0
+    jerk: float = 0.0
+    """Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0."""
+    turn_speed: float | None = None
+    """How fast the tool may turn on a curve [rad/s], None if only its joints limit that."""
+    curves: tuple[ToolCurve, ...] = ()
+    """Of a move of the tool: what it moves along, with a stop after each; empty for all else."""
+    guard: GuardedLine | None = None
+    """Of a move that looks for contact."""
+    touching: frozenset[str] = frozenset()
+    """Names of the objects that tool and held object may touch from here to the next joint move."""
+    hold: float = 0.0
+    """How long it stands still [s]; 0 for moves."""
+    fingers: Trajectory | None = None
+    """Motion of the fingers during it, None if they stand still."""
+    allowed: NamePairs = frozenset()
+    """Pairs of names that may touch as part of the skill."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundSkill:
+    """The primitives of a skill in one binding, and the world after the last one (facts and arm joints as before)."""
+
+    primitives: tuple[GroundPrimitive, ...]
+    final: World
+
+
+def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Infeasible:
+    """Follow tool and objects through the skill; infeasible if the pose of an object is unknown."""
+    model, world = scene.model, use.world
+    X_home = model.tool_pose(model.home)
+    X_WT = model.tool_pose(model.arm_positions(world.joints))
+    X_TO: dict[str, Array] = {}
+    grounded: list[GroundPrimitive] = []
+    for primitive in use.skill.primitives:
+        if world.held is not None and world.X_TO is not None:
+            X_TO[world.held] = world.X_TO
+        waypoints = WaypointGrounder(
+            waypoints=use.skill.waypoints,
+            binding=use.binding,
+            values=use.values,
+            objects=use.objects,
+            X_WH=X_home,
+            X_WO=world.X_WO,
+            X_TO=X_TO,
+        )
+        named, begun = _waypoints_of(primitive), replace(use, world=world)
+        if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
+            return Infeasible((missing,))
+        curves, guard = _curves(primitive, X_WT, waypoints), None
+        if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
+            # Its first part ends where contact is expected; the rest is where it goes on without.
+            line, other = ToolLine(X_WT, curves[0].X_end), use.binding[primitive.until_contact]
+            expected = other in world.X_WO and other != world.held
+            share = _contact_share(scene, world, line, other) if expected else None
+            first = line if share is None else line.until(share)
+            guard = GuardedLine(setting_number(primitive.force, use.values), ToolLine(first.X_end, line.X_end))
+            curves = (first,)
+        X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_WT
+        after = _after(primitive, begun, X_end, scene)
+        if isinstance(after, Infeasible):
+            return after
+        ground = _ground(primitive, named[-1] if named else None, X_WT, X_end, begun)
+        grounded.append(_with_fingers(replace(ground, curves=curves, guard=guard), model, after))
+        X_WT, world = X_end, after
+    return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
+
+
+def _waypoints_of(primitive: PrimitiveAction) -> tuple[str, ...]:
+    """Names of the waypoints of a primitive, the last one at its end (a helix: its axis)."""
+    match primitive:
+        case JointMove(to=to):
+            return (to,)
+        case StraightMove(waypoints=waypoints):
+            return waypoints
+        case ArcMove(to=waypoints):
+            return tuple(waypoints)
+        case HelixMove(axis=axis):
+            return (axis,)
+    return ()
+
+
+def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGrounder) -> tuple[ToolCurve, ...]:
+    """What a move takes the tool along; empty if it is none of the tool."""
+    match primitive:
+        case StraightMove(waypoints=names):
+            poses = [X_start, *map(waypoints.pose, names)]
+            return tuple(ToolLine(one, other) for one, other in pairwise(poses))
+        case ArcMove(to=[through, end]):
+            return (arc_through(X_start, waypoints.pose(through)[:3, 3], waypoints.pose(end)),)
+        case HelixMove(axis=axis, turn=turn, advance=advance, keep_orientation=keep):
+            angle, along = (setting_number(setting, waypoints.values) for setting in (turn, advance))
+            return (helix_about(waypoints.pose(axis), X_start, angle, along, keep_orientation=keep),)
+    return ()
+
+
+def _ground(primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse) -> GroundPrimitive:
+    values = use.values
+    base = GroundPrimitive(
+        name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=use.world
+    )
+    match primitive:
+        case JointMove():
+            via_home = to != HOME and setting_value(primitive.via, values) == HOME
+            settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
+            return replace(
+                base,
+                home=to == HOME,
+                via_home=via_home,
+                vias=None if via_home else use.vias.get(primitive.name),
+                branches=BranchChoice(*(str(setting_value(setting, values)) for setting in settings.values())),
+                free={} if to == HOME else _free(settings, values),
+                speed=setting_number(primitive.speed, values),
+            )
+        case ToolMove():
+            named = [*primitive.touching, getattr(primitive, "until_contact", None)]
+            return replace(
+                base,
+                speed=setting_number(primitive.speed, values),
+                acceleration=setting_number(primitive.acceleration, values),
+                jerk=setting_number(primitive.jerk, values),
+                turn_speed=None if primitive.turn_speed is None else setting_number(primitive.turn_speed, values),
+                touching=frozenset(use.binding[name] for name in named if name is not None),
+            )
+        case Grasp() | Release() | Wait() | FingerMove():
+            return replace(base, hold=setting_number(primitive.duration, values))
+
+
+def _free(settings: Mapping[str, Setting], values: Mapping[str, MotionValue]) -> dict[str, str]:
+    """The parameters of settings that leave them free, by the settings' names."""
+    named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
+    return {name: parameter for name, parameter in named.items() if values[parameter] == ANY}
+
+
+def _with_fingers(primitive: GroundPrimitive, model: RobotModel, after: World) -> GroundPrimitive:
+    """The primitive with the motion of its fingers up to the world after it, as long as its standstill, or longer."""
+    start, end = model.finger_positions(primitive.world.joints), model.finger_positions(after.joints)
+    if np.array_equal(start, end):
+        return primitive
+    fingers = move_fingers(model.fingers, start, end, primitive.hold)
+    return replace(primitive, fingers=fingers, hold=fingers.duration)
+
+
+def _after(primitive: PrimitiveAction, use: SkillUse, X_WT: Array, scene: CollisionScene) -> World | Infeasible:
+    """The world after a primitive that ends with the tool at X_WT.
+
+    Grasp closes the fingers on the object and attaches it, release opens them and detaches it.
+    """
+    world, fingers = use.world, scene.model.fingers
+    match primitive:
+        case Grasp(name=name, object=parameter):
+            grasped = use.binding[parameter]
+            if world.held is not None:
+                return Infeasible((f"the tool still holds `{world.held}`, so `{name}` cannot grasp `{grasped}`",))
+            if grasped not in world.X_WO:
+                return Infeasible((f"it is not known where `{grasped}` is",))
+            X_TO = inverse(X_WT) @ world.X_WO[grasped]
+            closed = closed_on(scene, grasped, X_TO, scene.model.finger_positions(world.joints))
+            if isinstance(closed, str):
+                return Infeasible((f"{name}: {closed}",))
+            joints = {**world.joints, **dict(zip(fingers.joints, closed.tolist(), strict=True))}
+            return replace(world, held=grasped, X_TO=X_TO, joints=joints)
+        case Release(name=name):
+            if world.held is None or world.X_TO is None:
+                return Infeasible((f"the tool holds nothing that `{name}` could release",))
+            X_WO = {**world.X_WO, world.held: X_WT @ world.X_TO}
+            freed = replace(world, X_WO=X_WO, held=None, X_TO=None)
+            return _with_fingers_at(primitive, use, freed, scene.model)
+        case FingerMove(name=name):
+            if world.held is not None:
+                return Infeasible((f"the tool holds `{world.held}`, so `{name}` cannot move its fingers",))
+            return _with_fingers_at(primitive, use, world, scene.model)
+    return world
+
+
+def _with_fingers_at(
+    primitive: FingerMove | Release, use: SkillUse, world: World, model: RobotModel
+) -> World | Infeasible:
+    """The world with the fingers as wide open as a primitive says; as far as they do where it does not."""
+    width = None if primitive.width is None else setting_number(primitive.width, use.values)
+    positions = opened_to(model.fingers, width)
+    if isinstance(positions, str):
+        return Infeasible((f"{primitive.name}: {positions}",))
+    return replace(world, joints={**world.joints, **dict(zip(model.fingers.joints, positions.tolist(), strict=True))})
+
+
+def _with_allowed_contacts(
+    primitives: Sequence[GroundPrimitive], final: World, scene: CollisionScene
+) -> tuple[GroundPrimitive, ...]:
+    """The primitives with the contacts that grasps and releases allow, up to the nearest joint moves around them.
+
+    The grasped or released object may touch its support, and a tool without fingers. Fingers may touch it only while
+    they close on it, hold it (see `CollisionScene.placed`) and open; when open they keep their clearance from it.
+    """
+    worlds = [*(primitive.world for primitive in primitives), final]
+    allowed: list[set[tuple[str, str]]] = [set() for _ in primitives]
+    for i, primitive in enumerate(primitives):
+        if primitive.kind is Grasp:
+            name, resting = worlds[i + 1].held, worlds[i]
+        elif primitive.kind is Release:
+            name, resting = worlds[i].held, worlds[i + 1]
+        else:
+            continue
+        if name is None:
+            continue
+        carriers = scene.supports(name, resting.X_WO[name], resting)
+        contacts = {pair(name, other) for other in carriers}
+        at_tool = {pair(name, link) for link in scene.model.hand_links}
+        for k in _without_joint_moves(primitives, i):
+            allowed[k] |= contacts | (at_tool if k == i or not scene.model.fingers.joints else set())
+    for i, primitive in enumerate(primitives):
+        for k in range(i, _without_joint_moves(primitives, i).stop) if primitive.touching else ():
+            own = {*scene.model.hand_links, *filter(None, [worlds[k].held])}
+            allowed[k] |= {pair(one, other) for one in own for other in primitive.touching if one != other}
+    return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
+
+
+def _without_joint_moves(primitives: Sequence[GroundPrimitive], i: int) -> range:
+    """Indices around i of the primitives up to the nearest joint move before and after."""
+    first = last = i
+    while first > 0 and primitives[first - 1].kind is not JointMove:
+        first -= 1
+    while last + 1 < len(primitives) and primitives[last + 1].kind is not JointMove:
+        last += 1
+    return range(first, last + 1)
+
+
+TOUCH = 1e-5
+"""Distance that counts as contact [m]."""
+
+ARM_OF_TURN = 0.5
+"""No part of tool and held object is further from the tool frame [m]: bounds their motion while the tool turns."""
+
+
+def _contact_share(scene: CollisionScene, world: World, line: ToolLine, other: str) -> float | None:
+    """The first s in [0, 1] at which the tool, or what it holds, touches an object on a line; None if it does not.
+
+    Steps are as long as the distance allows (conservative advancement), so that no contact is stepped over.
+    """
+    model = scene.model
+    X_WF = model.link_poses(model.with_fingers(model.home, model.finger_positions(world.joints))[None])
+    X_TW = inverse(X_WF[model.tool_frame][0])
+    names = [(solid, solid.part.parent) for solid in scene.solids]
+    moving = [(solid, X_TW @ X_WF[name][0]) for solid, name in names if name in model.hand_links]
+    if world.held is not None and world.X_TO is not None:
+        moving += [(solid, world.X_TO) for solid in scene.object_solids[world.held]]
+    motion = line.length + ARM_OF_TURN * line.turning
+    s = 0.0
+    while s <= 1.0:
+        X_WT, left = line.poses(np.array([s]))[0], (1.0 - s) * motion + TOUCH
+        near = [
+            apart
+            for solid, X_TP in moving
+            for resting in scene.object_solids[other]
+            if (apart := distance(solid, X_WT @ X_TP, resting, world.X_WO[other], left, TOUCH)) is not None
+        ]
+        if not near:
+            return None
+        if min(near) <= TOUCH:
+            return s
+        s += max(min(near), TOUCH) / motion
+    return None

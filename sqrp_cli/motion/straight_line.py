@@ -1,0 +1,222 @@
+"""The joint path that moves the tool on a straight line, or another curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
+from sqrp_cli.motion.tool_curve import ToolCurve, progress
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.pose_search import HeldJoints, Kinematics, least_steps, misses, newton, pose_errors
+from sqrp_cli.robot.reach import PastLimit
+from sqrp_cli.robot.robot import AXES_OF_A_POSE
+from sqrp_cli.trajectory import JointPath
+
+TOLERANCE = 1e-6
+"""Largest deviation of the tool from the line, in m and rad, between the points of interpolation."""
+
+NEWTON_TOLERANCE = 1e-11
+"""Largest error of the tool's pose at the points of interpolation, in m and rad."""
+
+LARGEST_STEP = 0.3
+"""Largest motion of a joint between neighbouring points of the line [rad or m]: beyond it, the step is halved."""
+
+SMALLEST_STEP = 1e-3
+"""Shortest step, as a share of the line: below it the arm cannot continue."""
+
+FIRST_DEGREE, LAST_DEGREE, LAST_WINDING_DEGREE = 4, 64, 256
+"""Degrees of the polynomials that are tried first and last, also of a curve that winds, doubling in between."""
+
+LARGEST_TURN = 1.0
+"""Turn of a curve that winds between neighbouring points [rad], so that no whole turn is overlooked."""
+
+LIMIT_SAMPLES = 101
+"""Points along a line at which joint limits are checked, ends included."""
+
+
+def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn: Mask) -> list[JointPath | Infeasible]:
+    """As `follow`; a redundant arm, or one that may turn its tool away a little, holds joints that would leave limits.
+
+    may_turn: joints that whole turns may bring within their limits, shape (n,). If holding joints still does not help,
+    the path is the one that moves the joints least, limits ignored.
+    """
+    followed = follow(model, q0, line)
+    held = np.zeros(q0.shape, dtype=bool)
+    at_limit = ((q0 <= model.lower + LIMIT_SLACK) | (q0 >= model.upper - LIMIT_SLACK)) & (model.angle_tolerance > 0.0)
+    most = len(model.arm) - (0 if model.angle_tolerance else AXES_OF_A_POSE)
+    tried, going = list(followed), list(range(len(q0)))
+    for _ in range(most + 1):
+        for row in list(going):
+            path = tried[row]
+            # Where a joint that begins at its limit would move past it at once, there may be no path to judge by.
+            more = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else at_limit[row]
+            if more.any() and not (more & held[row]).any() and (more | held[row]).sum() <= most:
+                held[row] |= more
+            else:
+                going.remove(row)
+        for mask in np.unique(held[going], axis=0) if going else ():
+            rows = [row for row in going if (held[row] == mask).all()]
+            for row, path in zip(rows, follow(HeldJoints(model, mask), q0[rows], line), strict=True):
+                tried[row] = path
+    return [
+        trial if isinstance(trial, JointPath) and not past_limits(model, trial, may_turn).any() else path
+        for trial, path in zip(tried, followed, strict=True)
+    ]
+
+
+def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | Infeasible]:
+    """As `straight_line` from each of b joint positions, shape (b, n), joint limits ignored.
+
+    All branches are followed at once. The points of each degree are among those of twice the degree; the points in
+    between first check the fit, then refine it.
+    """
+    # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
+    s = _points(FIRST_DEGREE)
+    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
+    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
+    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
+    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
+    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
+    far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
+    stuck = np.full(len(q0), np.inf)
+    for k in range(FIRST_DEGREE if len(far) else 0):
+        going = far[np.isinf(stuck[far])]
+        from_to = (np.full(len(going), at) for at in s[k : k + 2])
+        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
+    return _through(model, line, _unless_stuck(line, q, stuck))
+
+
+def _through(model: Kinematics, line: ToolCurve, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
+    """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
+    met = [q for q in points if not isinstance(q, Infeasible)]
+    fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
+    return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
+
+
+def _fitted(model: Kinematics, line: ToolCurve, q: Array) -> list[JointPath | Infeasible]:
+    """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
+    degree = q.shape[1] - 1
+    between = _points(2 * degree)[1::2]
+    guesses = _refine_matrix(degree) @ q
+    errors = _errors(model, guesses.reshape(-1, q.shape[2]), np.tile(line.poses(between), (len(q), 1, 1)))
+    deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
+    paths: list[JointPath | Infeasible] = [
+        JointPath(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q
+    ]
+    misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
+    if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
+        for row in misfits:
+            at = progress(line, float(between[deviations[row].argmax()]))
+            paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
+    elif len(misfits):
+        finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
+        for row, path in zip(misfits, finer, strict=True):
+            paths[row] = path
+    return paths
+
+
+def _refined_points(model: Kinematics, line: ToolCurve, q: Array, guesses: Array) -> list[Array | Infeasible]:
+    """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
+    count, degree, n = guesses.shape
+    s, between = _points(degree), _points(2 * degree)[1::2]
+    reached, met = _meet(model, guesses.reshape(-1, n), np.tile(line.poses(between), (count, 1, 1)))
+    reached = reached.reshape(guesses.shape)
+    near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
+    rows, k = np.nonzero(~(near & met.reshape(near.shape)))
+    stuck = np.full((count, degree), np.inf)
+    reached[rows, k], stuck[rows, k] = _advance(model, line, q[rows, k], s[k], between[k])
+    refined = np.empty((count, 2 * degree + 1, n))
+    refined[:, ::2], refined[:, 1::2] = q, reached
+    return _unless_stuck(line, refined, stuck.min(axis=1))
+
+
+def _unless_stuck(line: ToolCurve, points: Array, stuck: Array) -> list[Array | Infeasible]:
+    """The points of each of b branches, shape (b, k, n), or why it is stuck at `stuck`, shape (b,), if finite."""
+    reason = "the arm cannot follow the {} beyond {}: it is singular there"
+    return [
+        q if np.isinf(at) else Infeasible((reason.format(line.word, progress(line, float(at))),))
+        for q, at in zip(points, stuck, strict=True)
+    ]
+
+
+def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | None:
+    """Why a path along the line is outside the joints' limits, or None when it keeps them."""
+    excess = past_limits(model, path)
+    if not excess.any():
+        return None
+    s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+    q = path.positions(s)
+    outside = ((q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)) & (excess > 0.0)
+    if not outside.any():
+        return str(PastLimit.worst(model, excess))
+    first = int(outside.any(axis=1).argmax())
+    joint = int(outside[first].argmax())
+    past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
+    return f"{past}, which it reaches after {progress(line, float(s[first]))} of the {line.word}"
+
+
+def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+    """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
+
+    Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and the positions s where the arm cannot continue,
+    infinite where it can, shape (m,). A step is halved if its next point is not found.
+    """
+    stuck = np.full(len(q), np.inf)
+    if not len(q):
+        return q, stuck
+    reached, met = _meet(model, q, line.poses(to))
+    met &= _is_short(line, s, to)
+    shortest = to - s < SMALLEST_STEP
+    stuck[~met & shortest] = s[~met & shortest]
+    halved = np.flatnonzero(~met & ~shortest)
+    middle = 0.5 * (s + to)
+    reached[halved], stuck[halved] = _advance(model, line, q[halved], s[halved], middle[halved])
+    on = halved[np.isinf(stuck[halved])]
+    reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on])
+    return reached, stuck
+
+
+def _errors(model: Kinematics, q: Array, X_WT: Array) -> Array:
+    """What keeps the tool from poses (m, 4, 4) at joint positions q (m, n), shape (m, 6); see `misses`."""
+    return misses(model, q, X_WT).errors if model.angle_tolerance else pose_errors(model.tool_poses(q), X_WT)
+
+
+def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
+    """Whether the curve hardly winds between positions s and `to`, shape (m,) each."""
+    return (to - s) * line.winding <= LARGEST_TURN
+
+
+def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:
+    """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
+    q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
+    return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
+
+
+@cache
+def _points(degree: int) -> Array:
+    """The Chebyshev points of a degree, ends included, on [0, 1], shape (degree + 1,)."""
+    points: Array = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+    points.setflags(write=False)
+    return points
+
+
+@cache
+def _fit_matrix(degree: int) -> Array:
+    """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
+    matrix = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree)).astype(np.float64)
+    matrix.setflags(write=False)
+    return matrix
+
+
+@cache
+def _refine_matrix(degree: int) -> Array:
+    """Maps values at the Chebyshev points to those of the polynomial through them in between."""
+    between = np.polynomial.chebyshev.chebvander(2 * _points(2 * degree)[1::2] - 1, degree)
+    matrix: Array = between @ _fit_matrix(degree)
+    matrix.setflags(write=False)
+    return matrix

@@ -1,1 +1,0 @@
-"""Phase 2, programming: from a task to ranked candidates and a program."""

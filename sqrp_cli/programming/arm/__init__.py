@@ -1,1 +1,0 @@
-"""The arm: forward and inverse kinematics, and reach."""

@@ -1,1 +1,0 @@
-"""Coverage of a whole motion: sampled states, timelines, qualities, faults and verdicts."""

@@ -1,1 +1,0 @@
-"""Motion planning for a skill: fast, within the limits, free of collisions."""

@@ -1,1 +1,0 @@
-"""Collision checks, at one position and along a path."""

@@ -1,1 +1,0 @@
-"""Paths for the arm: straight lines, joint moves, ways around obstacles."""

@@ -1,1 +1,0 @@
-"""Paths of joint moves that the cameras can follow."""

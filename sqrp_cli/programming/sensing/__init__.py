@@ -1,1 +1,0 @@
-"""Visibility for the cameras: field of view, detector limits and occlusion."""

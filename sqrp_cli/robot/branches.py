@@ -1,0 +1,139 @@
+"""Branches of inverse kinematics by name, for arms with six revolute joints: elbow, shoulder and wrist."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sqrp_cli.errors import bad_input
+from sqrp_cli.geometry import Array, Mask, cross
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.skill.settings import ANY, FASTEST
+
+WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
+"""The names, each with the word for a positive figure and that for a negative one; see `_figures`."""
+
+BETWEEN = 1e-9
+"""Largest size of a figure that belongs to neither of two branches."""
+
+ALONG = np.cos(0.02)
+"""Cosine from which two axes count as parallel: within 0.02 rad."""
+
+LEAST_OFFSET = 5e-3
+"""Least distance of the shoulder from the first joint's axis, along that of the second, to have a side [m]."""
+
+
+@dataclass(frozen=True)
+class BranchChoice:
+    """The wanted branches; `any` accepts all."""
+
+    elbow: str = ANY
+    """`up` or `down`: the third joint is above or below the line from the second joint to the wrist."""
+    shoulder: str = ANY
+    """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
+    wrist: str = ANY
+    """`no_flip` or `flip`: the fifth joint is bent to the same side as at home, or to the other one.
+
+    A joint's position is that of its frame in the URDF. The wrist is the fourth joint if its axis is parallel to the
+    third's, else the fifth.
+    """
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {word}" for name, word in self.chosen.items())
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """The wanted word for each name, of those that do not accept all."""
+        return {name: word for name, word in vars(self).items() if word not in (ANY, FASTEST)}
+
+
+def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
+    """Whether each of m arm positions, shape (m, n), belongs to the wanted branches, shape (m,).
+
+    Positions between two branches (a stretched arm) belong to neither. Raises InputError for a name without meaning for
+    the arm.
+    """
+    wanted = np.ones(len(q), dtype=bool)
+    chosen = choice.chosen
+    if not chosen:
+        return wanted
+    for name, why in _senseless(model).items():
+        if name in chosen:
+            message = f"`{name}={chosen[name]}` has no meaning for this arm: {why}"
+            raise bad_input("unknown-branch", message, mend=f"leave it at `{name}=any`")
+    for row, words in enumerate(_words(model, q)):
+        wanted[row] = all(words[name] == word for name, word in chosen.items())
+    return wanted
+
+
+def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
+    """The branch of each of m arm positions, shape (m, n): the word for each name that has a meaning for the arm.
+
+    A position between two branches has no word for these.
+    """
+    senseless = _senseless(model)
+    if len(senseless) == len(WORDS):
+        return [{} for _ in q]
+    return [
+        {name: word for name, word in words.items() if word and name not in senseless} for words in _words(model, q)
+    ]
+
+
+def _words(model: RobotModel, q: Array) -> list[dict[str, str]]:
+    """The word of each of m positions, shape (m, n), for each name; empty between two branches."""
+
+    def word(figure: float, yes: str, no: str) -> str:
+        return (yes if figure > 0 else no) if abs(figure) > BETWEEN else ""
+
+    return [
+        {name: word(figure, *words) for (name, words), figure in zip(WORDS.items(), figures, strict=True)}
+        for figures in _figures(model, q).tolist()
+    ]
+
+
+def _figures(model: RobotModel, q: Array) -> Array:
+    """Three numbers of each of m positions, positive for elbow up, shoulder left and no flip; shape (m, 3)."""
+    axes, origins = model.joint_lines(q)
+    is_third = np.abs(_dot(axes[:, 2], axes[:, 3])) > ALONG
+    wrist = np.where(is_third[:, None], origins[:, 3], origins[:, 4])
+    first, second = axes[:, 0], axes[:, 1]
+    line, to_elbow = (
+        vector - _dot(vector, second)[:, None] * second
+        for vector in (wrist - origins[:, 1], origins[:, 2] - origins[:, 1])
+    )
+    across = cross(second, line)
+    elbow = _dot(to_elbow, across) * across[:, 2]
+    side = _dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
+    side *= np.where(first[:, 2] < 0, -1.0, 1.0)
+    home = model.joint_lines(model.home[None]).axes
+    return np.stack([elbow, side, _bend(axes) * _bend(home)], axis=1)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors, shape (m, 3) each."""
+    dot: Array = np.einsum("mi,mi->m", a, b)
+    return dot
+
+
+def _bend(axes: Array) -> Array:
+    """Signed bend of the fifth joint by the axes, (m, n, 3): 0 where those of the fourth and the sixth are parallel."""
+    return _dot(cross(axes[:, 3], axes[:, 5]), axes[:, 4])
+
+
+def _senseless(model: RobotModel) -> Mapping[str, str]:
+    """Why names have no meaning for the arm; those that have one are not in it."""
+    if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
+        return dict.fromkeys(WORDS, "it takes an arm with six joints that turn one by one")
+    (axes,), (origins,) = model.joint_lines(model.home[None])
+    why = {}
+    if abs(axes[1] @ axes[2]) < ALONG:
+        why["elbow"] = "the axes of its second and third joint are not parallel"
+    if abs((origins[1] - origins[0]) @ axes[1]) < LEAST_OFFSET or abs(axes[0] @ axes[1]) > 1 - ALONG:
+        why["shoulder"] = "its second joint is not beside the axis of the first one"
+    if max(abs(axes[3] @ axes[4]), abs(axes[4] @ axes[5])) > 0.02:
+        why["wrist"] = "the axes of its last three joints are not at right angles"
+    elif abs(_bend(axes[None])[0]) < 1e-6:
+        why["wrist"] = "its fifth joint is straight at home"
+    return why

@@ -1,0 +1,357 @@
+"""Forward kinematics of a robot with its tool and fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.geometry import Array, Mask, cross, inverse, read_only
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.joint_tree import Couplings, JointTree, driving_joints
+from sqrp_cli.robot.robot import JointLimits, Robot
+from sqrp_cli.robot.urdf import UrdfJoint
+from sqrp_cli.shapes import Part
+from sqrp_cli.trajectory import JointSpan
+
+ROUNDS = 100
+"""Rounds of moving the points on the axes to shorten their chain."""
+
+LEAST_DISTANCE = 1e-9
+"""Added to distances from axes, so that their shares are defined when all are zero [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WristSphere:
+    """A sphere that a point on the arm's last axis cannot leave.
+
+    A point on an axis is fixed in both links that the axis joins. So the chosen point on the last axis is no further
+    from the one on the first than the sum of distances between points on neighbouring axes, and the tool pose
+    determines its place.
+    """
+
+    center: Array
+    """In the world [m], shape (3,)."""
+    radius: float
+    """[m]"""
+    point: Array
+    """The point on the last axis, in the tool frame [m], shape (3,)."""
+
+    def excess(self, X_WT: Array) -> float:
+        """How far [m] the point lies outside of the sphere at a tool pose X_WT, shape (4, 4); negative inside."""
+        wrist = X_WT[:3, :3] @ self.point + X_WT[:3, 3]
+        return float(np.linalg.norm(wrist - self.center)) - self.radius
+
+    @classmethod
+    def around(cls, axes: Array, points: Array, X_WT: Array) -> WristSphere:
+        """The sphere of an arm at any position with a tool pose X_WT: n axes and a point on each, shape (n, 3) each.
+
+        The points move to shorten their chain: one after the other to the place on its axis with the shortest way
+        between its neighbours, which divides the difference of their heights along the axis in the ratio of their
+        distances from it.
+        """
+        points, n = points.copy(), len(points)
+        for _ in range(ROUNDS):
+            for k in range(n):
+                neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
+                heights = neighbours @ axes[k]
+                # With both neighbours on the axis, as where axes meet in one point, any place between them is shortest.
+                distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
+                shares = distances[::-1] / distances.sum()
+                points[k] += (heights * shares).sum() * axes[k]
+        radius = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        X_TW = inverse(X_WT)
+        return cls(points[0], radius, X_TW[:3, :3] @ points[-1] + X_TW[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class FingerModel:
+    """The fingers of a gripper; without any, f is 0. Positions and limits in rad or m, and s, of shape (f,) each."""
+
+    joints: tuple[str, ...]
+    """Names of the f joints that drive them."""
+    open: Array
+    closed: Array
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    links: frozenset[str]
+    """All links that these joints move."""
+    width: float | None = None
+    """Clear width between them when open, if stated [m]; closed, it is 0."""
+
+
+class ToolMotion(NamedTuple):
+    """Poses and Jacobians of the tool frame at m joint positions."""
+
+    X_WT: Array
+    """Shape (m, 4, 4)."""
+    J: Array
+    """Jacobians, shape (m, 6, n): velocity over angular velocity, in world axes."""
+
+
+class JointLines(NamedTuple):
+    """The axes of joints at m positions, shape (m, n, 3) each."""
+
+    axes: Array
+    """Unit vectors."""
+    origins: Array
+    """A point on each [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
+
+    The arm's n joints are those that drive the ones from the robot's root to the tool frame. Joints of neither arm nor
+    fingers rest at 0 or the limit nearest to it; joints that mimic another one follow it. Positions and limits of the
+    arm's joints are in rad or m, and s, of shape (n,) each.
+    """
+
+    arm: tuple[str, ...]
+    """Names of the arm's joints, from the root outwards."""
+    turns: Mask
+    """Which of them turn; the others slide."""
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    home: Array
+    """Their positions at the start of a program."""
+    fingers: FingerModel
+    """Those of its gripper."""
+    tool_links: frozenset[str]
+    tool_frame: str
+    """The link that grasps."""
+    parts: tuple[Part, ...]
+    """The solid parts of robot and tool."""
+    adjacent_pairs: frozenset[tuple[str, str]]
+    """Links with parts, each pair in alphabetical order, that are rigidly connected or meet at a joint."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
+    tree: JointTree
+    """Every joint and link of robot and tool."""
+    couplings: Couplings
+    """Positions of all joints from those of the driven ones, which are those of arm and fingers."""
+    _chain_tree: JointTree
+    """Of the joints that carry the tool frame."""
+    _chain_couplings: Couplings
+    """Of the joints of that chain to those of the arm."""
+
+    @staticmethod
+    def load(robot: Robot) -> RobotModel:
+        """Put robot and tool together.
+
+        Names are as `RobotReader` checks them. Raises InputError for a joint without limits, or a tool frame that no
+        joint moves.
+        """
+        tree = JointTree.of(robot)
+        chain = tree.chain(robot.tool_frame)
+        arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
+        if not arm:
+            raise bad_input("no-arm", f"no joint moves the tool frame `{robot.tool_frame}`", Place(robot.urdf.path))
+        names = tuple(robot.fingers.open) if robot.fingers else ()
+        opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
+        driving = {
+            index
+            for index, joint in enumerate(tree.joints)
+            if joint.name in names or (joint.mimic is not None and joint.mimic.joint in names)
+        }
+        fingers = FingerModel(
+            joints=names,
+            open=read_only([opened[name] for name in names]),
+            closed=read_only([closed[name] for name in names]),
+            **_limit_arrays([tree.joints[tree.index(name)] for name in names], robot),
+            links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
+            width=None if robot.fingers is None else robot.fingers.width,
+        )
+        carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in robot.parts})
+        adjacent = frozenset(
+            (one, other)
+            for (one, a), (other, b) in combinations(carried, 2)
+            if a == b or (a >= 0 and tree.parents[a] == b) or (b >= 0 and tree.parents[b] == a)
+        )
+        return RobotModel(
+            arm=tuple(tree.joints[index].name for index in arm),
+            turns=tree.turns[arm],
+            **_limit_arrays([tree.joints[index] for index in arm], robot),
+            home=read_only([robot.home.get(tree.joints[index].name, tree.joints[index].rest) for index in arm]),
+            fingers=fingers,
+            tool_links=frozenset(robot.tool.urdf.links if robot.tool else ()),
+            tool_frame=robot.tool_frame,
+            parts=robot.parts,
+            adjacent_pairs=adjacent,
+            angle_tolerance=robot.angle_tolerance,
+            tree=tree,
+            couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
+            _chain_tree=tree.along(chain),
+            _chain_couplings=Couplings.of(tree.joints, arm, robot.rest).along(chain),
+        )
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Every link of robot and tool."""
+        return tuple(self.tree.mounts)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
+        return (*self.arm, *self.fingers.joints)
+
+    @cached_property
+    def position_limits(self) -> JointSpan:
+        """Position limits of the driven joints, n + f of them."""
+        fingers = self.fingers
+        return JointSpan(np.concatenate([self.lower, fingers.lower]), np.concatenate([self.upper, fingers.upper]))
+
+    @property
+    def hand_links(self) -> frozenset[str]:
+        """The links that may touch a grasped object: those of the tool, and the robot's own fingers."""
+        return self.tool_links | self.fingers.links
+
+    @cached_property
+    def still_links(self) -> frozenset[str]:
+        """The links that no driven joint moves."""
+        moves = (self.couplings.ratios != 0.0).any(axis=1)
+        return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
+
+    @cached_property
+    def home_links(self) -> Mapping[str, Array]:
+        """World pose X_WL of every link with the arm at home and the fingers open, shape (4, 4) each."""
+        return {link: X_WL[0] for link, X_WL in self.link_poses(self.home[None]).items()}
+
+    def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
+        """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
+
+        fingers: their positions, shape (f,); open by default.
+        """
+        if q.shape[-1] == len(self.joints):
+            return q
+        added = self.fingers.open if fingers is None else fingers
+        return np.concatenate([q, np.broadcast_to(added, (*q.shape[:-1], len(added)))], axis=-1)
+
+    def link_poses(self, q: Array) -> Mapping[str, Array]:
+        """World pose X_WL of every link, shape (m, 4, 4) each, at m positions of the driven joints, shape (m, n + f).
+
+        With those of the arm alone, shape (m, n), the fingers are open.
+        """
+        tree, rows = self._link_tree
+        positions = self.couplings.positions(self.with_fingers(q))
+        rests = np.zeros((len(q), len(tree.parents) - len(self.tree.parents)))
+        X_WL = tree.poses(np.concatenate([positions, rests], axis=1))
+        still = {
+            link: np.broadcast_to(on.X_JL, (len(q), 4, 4)) for link, on in self.tree.mounts.items() if on.joint < 0
+        }
+        return {link: still[link] if link in still else X_WL[:, rows[link]] for link in self.tree.mounts}
+
+    @cached_property
+    def _link_tree(self) -> tuple[JointTree, Mapping[str, int]]:
+        """The tree with a joint at rest for each link beside the one that carries it, and which joint each link has."""
+        tree, eye = self.tree, np.eye(4)
+        beside = {k: on for k, on in tree.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye)}
+        terms = np.zeros((len(beside), 3, 4, 4))
+        terms[:, 0] = [on.X_JL for on in beside.values()] or terms[:, 0]
+        extended = replace(
+            tree,
+            parents=(*tree.parents, *(on.joint for on in beside.values())),
+            turns=np.concatenate([tree.turns, np.zeros(len(beside), dtype=bool)]),
+            terms=np.concatenate([tree.terms, terms]),
+        )
+        rows = {link: on.joint for link, on in tree.mounts.items()}
+        return extended, rows | {link: len(tree.parents) + k for k, link in enumerate(beside)}
+
+    def frame_poses(self, q: Array) -> Array:
+        """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
+
+        Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
+        """
+        X_WJ = self.tree.poses(self.couplings.positions(q))
+        X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
+        X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
+        return X_WF
+
+    def tool_pose(self, q: Array) -> Array:
+        """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
+        X_WT: Array = self.tool_poses(q[None, : len(self.arm)])[0]
+        return X_WT
+
+    def jacobian(self, q: Array) -> Array:
+        """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
+        J: Array = self.tool_poses_and_jacobians(q[None, : len(self.arm)]).J[0]
+        return J
+
+    def tool_poses(self, q: Array) -> Array:
+        """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        return X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+
+    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
+        """As `tool_pose` and `jacobian` at m positions of shape (m, n)."""
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
+        arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
+        columns = np.concatenate([cross(axes, arms), axes], axis=-1)
+        if len(slides := self._chain_tree.sliding):
+            columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
+        return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios)
+
+    @property
+    def arm_ratios(self) -> Array:
+        """How far each of the N joints of `tree` moves with each of the arm's, shape (N, n); linkages have others."""
+        return self.couplings.ratios[:, : len(self.arm)]
+
+    @property
+    def joints_move_alone(self) -> bool:
+        """Whether no joint on the way to the tool frame follows another one."""
+        return all(joint.mimic is None for joint in self._chain_tree.joints)
+
+    def joint_lines(self, q: Array) -> JointLines:
+        """The axes of the arm's joints, in the world, at m arm positions, shape (m, n)."""
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        own = (self._chain_couplings.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
+        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
+        return JointLines(axes[:, own], X_WJ[:, :, :3, 3][:, own])
+
+    def joint_origins(self, q: Array) -> Array:
+        """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
+        origins: Array = self.joint_lines(q[None]).origins[0]
+        return origins
+
+    @cached_property
+    def wrist_sphere(self) -> WristSphere | None:
+        """The sphere that bounds the arm's last axis; None if a joint slides or follows another one."""
+        if not self.turns.all() or not self.joints_move_alone:
+            return None
+        axes = self.jacobian(self.home)[3:].T
+        return WristSphere.around(axes, self.joint_origins(self.home), self.tool_pose(self.home))
+
+    def arm_positions(self, values: Mapping[str, float]) -> Array:
+        """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
+        return np.array([values[name] for name in self.arm])
+
+    def finger_positions(self, values: Mapping[str, float]) -> Array:
+        """Positions of the joints that drive the fingers, shape (f,), from those of joints by name [rad or m]."""
+        return np.array([values[name] for name in self.fingers.joints])
+
+    def joint_values(self, q: Array) -> dict[str, float]:
+        """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
+        positions = self.couplings.positions(self.with_fingers(q)).tolist()
+        return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
+
+
+def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]:
+    """Each of the limits of some joints."""
+    for joint in joints:
+        if joint.name not in robot.limits:
+            raise bad_input("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place)
+    limits = [robot.limits[joint.name] for joint in joints]
+    return {part.name: read_only([getattr(one, part.name) for one in limits]) for part in fields(JointLimits)}

@@ -1,0 +1,361 @@
+"""Reading a URDF into the records of `urdf`, checking that its links form a tree, and doubting its values.
+
+The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
+`<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from sqrp_cli.errors import Place, Problem, bad_input, expected_names
+from sqrp_cli.files.frames import WORLD, WORLD_LINK
+from sqrp_cli.files.units import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
+from sqrp_cli.files.xml_file import Element
+from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.robot import urdf
+from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
+from sqrp_cli.shapes import FIGURES, shape_of
+
+MAX_LINKS = 2000
+"""Most links of a robot."""
+MAX_JOINTS = 200
+"""Most movable joints of a robot."""
+MAX_SHAPES = 500
+"""Most shapes of a robot, collision and visual ones together."""
+
+LONGEST_SLIDE = 100.0
+"""Largest position limit of a prismatic joint [m]."""
+
+MOST_TURNS = 100
+"""Largest position limit of a turning joint [turns]; larger ones mean "no limit" and are clipped to this."""
+
+NAMED = 5
+"""Most links or joints that a warning names."""
+
+LEAST_MOMENT = 1e-9
+"""Moments of inertia below this are rounding [kg m^2]."""
+
+ROUNDING = 1e-4
+"""Share of the largest principal moment by which another may be below 0: exported moments are rounded."""
+
+TRIANGLE_ROUNDING = 0.05
+"""Share by which a principal moment may be above the sum of the others, likewise."""
+
+_JOINT_TYPES: tuple[urdf.JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
+
+_SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius",)}
+"""Attributes of shapes that are nothing if one is 0; a capsule without a straight part is a sphere."""
+
+_Named = TypeVar("_Named", urdf.UrdfLink, urdf.UrdfJoint)
+
+
+def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
+    """Read and validate a URDF, expanded first if it has xacro elements; source: what else it is made of.
+
+    A turning joint has limits of at most `MOST_TURNS`: that many turns are as good as no limit, and joint positions
+    keep their precision. Doubtful values get a warning.
+
+    Raises InputError, with file and line, for XML that cannot be read (see `read_robot_xml`), missing or malformed
+    values, a repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type
+    that is not supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and
+    links that do not form one tree.
+    """
+    xml = read_robot_xml(path, source)
+    robot = xml.root
+    _check_size(robot)
+    links = _unique(_link(element) for element in robot.all("link"))
+    if not links:
+        raise robot.error("no-links", "the robot has no <link>")
+    joints = _unique(_joint(element) for element in robot.all("joint"))
+    _check_references(links, joints)
+    root = _root(links, joints, robot.place)
+    # Every joint after the one that carries it, otherwise in file order.
+    ordered: dict[str, urdf.UrdfJoint] = {}
+    children: dict[str, list[urdf.UrdfJoint]] = {}
+    for joint in joints.values():
+        children.setdefault(joint.parent, []).insert(0, joint)
+    waiting = [*children.get(root, [])]
+    while waiting:
+        joint = waiting.pop()
+        ordered[joint.name] = joint
+        waiting += children.get(joint.child, [])
+    model = urdf.UrdfModel(robot.attributes.get("name", path.stem), path, links, ordered, root)
+    warnings = (*xml.warnings, *_doubts(model, robot))
+    most = 2 * math.pi * MOST_TURNS
+    for name, joint in ordered.items():
+        if joint.type == "revolute":
+            ordered[name] = replace(joint, lower=max(joint.lower, -most), upper=min(joint.upper, most))
+    if WORLD in links:
+        called = {name: name for name in links} | {WORLD: WORLD_LINK}
+        links = {called[name]: replace(link, name=called[name]) for name, link in links.items()}
+        for name, joint in ordered.items():
+            ordered[name] = replace(joint, parent=called[joint.parent], child=called[joint.child])
+        model = replace(model, links=links, root=called[root])
+    return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
+
+
+def _check_size(robot: Element) -> None:
+    """Raises InputError, before reading any, for too many links, movable joints or shapes."""
+    links = [*robot.all("link")]
+    joints = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
+    if len(links) > MAX_LINKS or joints > MAX_JOINTS:
+        message = f"the robot has {len(links):,} links and {joints:,} joints that move"
+        message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
+        raise robot.error("too-many-links", message)
+    shapes = [piece for _, piece in _pieces(robot)]
+    if len(shapes) > MAX_SHAPES:
+        message = f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision>"
+        message += " and <visual> of a robot together"
+        mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
+        raise shapes[MAX_SHAPES].error("too-many-shapes", message, mend)
+
+
+def _pieces(robot: Element) -> Iterator[tuple[Element, Element]]:
+    """Each <collision> and <visual> of a robot, after its link."""
+    return ((link, one) for link in robot.all("link") for one in link.children if one.tag in ("collision", "visual"))
+
+
+def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
+    named: dict[str, _Named] = {}
+    for item in items:
+        if item.name in named:
+            kind = "link" if isinstance(item, urdf.UrdfLink) else "joint"
+            message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
+            raise bad_input("duplicate-name", message, item.place)
+        named[item.name] = item
+    return named
+
+
+def _link(element: Element) -> urdf.UrdfLink:
+    collision, visual = (
+        tuple(_geometry(child) for child in element.all(tag) if not _is_empty(child)) for tag in ("collision", "visual")
+    )
+    name, inertial, found = element.text("name"), element.first("inertial"), None
+    if inertial is not None and inertial.first("mass") is not None:
+        moments, keys = inertial.first("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        xx, xy, xz, yy, yz, zz = (0.0 if moments is None else moments.number(key, 0.0) for key in keys)
+        mass, least = inertial.need("mass").number("value"), min(xx, yy, zz)
+        if mass < 0.0:
+            raise inertial.need("mass").error("wrong-value", f"link `{name}` has a mass of {mass:g} kg")
+        if moments is not None and least < -LEAST_MOMENT:
+            message = f"link `{name}` has a moment of inertia of {least:g} kg m^2, expected none below 0"
+            raise moments.error("wrong-value", message)
+        inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        found = urdf.Inertial(mass, _origin(inertial), inertia)
+    return urdf.UrdfLink(name, collision, visual, found, element.place)
+
+
+def _is_empty(piece: Element) -> bool:
+    """Whether a <collision> or <visual> is nothing: a box, sphere, cylinder or capsule with a size of 0."""
+    shapes = [shape for holder in piece.all("geometry") for shape in holder.children if shape.tag in _SIZES]
+    sizes = [size for shape in shapes for key in _SIZES[shape.tag] for size in shape.attributes.get(key, "").split()]
+    return any(re.fullmatch(r"[+-]?(0+\.?0*|\.0+)(e[+-]?\d+)?", size, re.IGNORECASE) for size in sizes)
+
+
+def _geometry(element: Element) -> urdf.LinkGeometry:
+    holder, name = element.need("geometry"), element.attributes.get("name")
+    if len(holder.children) != 1:
+        raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
+    shape = holder.children[0]
+    if shape.tag == "mesh":
+        x, y, z = shape.numbers("scale", 3, (1.0, 1.0, 1.0))
+        if 0.0 in (x, y, z):
+            raise shape.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
+        mesh = urdf.MeshReference(shape.text("filename"), (x, y, z))
+        return urdf.LinkGeometry(name, mesh, _origin(element), shape.place)
+    if shape.tag not in FIGURES:
+        expected = expected_names(shape.tag, (*FIGURES, "mesh"))
+        raise shape.error("unknown-shape", f"unknown shape {shape}; {expected}")
+    figures: list[float] = []
+    for key, count in FIGURES[shape.tag].items():
+        figures += shape.numbers(key, count, most=LARGEST_LENGTH)
+        if min(figures) < SMALLEST_SIZE:
+            found = f"{shape}: `{key}` is `{shape.text(key)}`"
+            raise shape.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
+    return urdf.LinkGeometry(name, shape_of(shape.tag, figures), _origin(element), shape.place)
+
+
+def _joint(element: Element) -> urdf.UrdfJoint:
+    name, kind = element.text("name"), element.text("type")
+    if kind in ("floating", "planar"):
+        message = f"joint `{name}` is {kind}; only {', '.join(_JOINT_TYPES)} are supported"
+        raise element.error("unsupported-joint", message)
+    if kind not in _JOINT_TYPES:
+        expected = expected_names(kind, _JOINT_TYPES)
+        raise element.error("unknown-joint-type", f"joint `{name}` has the unknown type `{kind}`; {expected}")
+    joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
+    limits = _limits(element, name, joint_type)
+    direction = np.array([1.0, 0.0, 0.0])
+    if (axis := element.first("axis")) is not None and joint_type != "fixed":
+        direction = np.array(axis.numbers("xyz", 3))
+        if (length := np.linalg.norm(direction)) < 1e-9:
+            message, mend = f"the axis of joint `{name}` has length zero", 'name it, such as xyz="0 0 1"'
+            raise axis.error("zero-axis", message, mend)
+        direction = direction / length
+    mimic, follows = element.first("mimic"), None
+    if mimic is not None and joint_type != "fixed":
+        multiplier, offset = mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)
+        follows = urdf.Mimic(mimic.text("joint"), multiplier, offset)
+    return urdf.UrdfJoint(
+        name=name,
+        type=joint_type,
+        parent=element.need("parent").text("link"),
+        child=element.need("child").text("link"),
+        X_PJ=_origin(element),
+        axis=read_only(direction),
+        lower=limits.lower,
+        upper=limits.upper,
+        velocity=limits.velocity or None,
+        effort=limits.effort or None,
+        mimic=follows,
+        place=element.place,
+    )
+
+
+class _Limits(NamedTuple):
+    """The limits of a joint; 0 where URDF states none."""
+
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+
+
+def _limits(element: Element, name: str, joint_type: urdf.JointType) -> _Limits:
+    limit = element.first("limit")
+    if limit is None:
+        if joint_type not in ("fixed", "continuous"):
+            raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
+        endless = math.inf if joint_type == "continuous" else 0.0
+        return _Limits(-endless, endless, 0.0, 0.0)
+    lower, upper, velocity = 0.0, 0.0, 0.0
+    if joint_type != "fixed":
+        velocity = _magnitude(limit, "velocity")
+        if 0.0 < velocity < SMALLEST_LIMIT:
+            message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
+            raise limit.error("wrong-value", message)
+        if joint_type == "continuous":
+            lower, upper = -math.inf, math.inf
+        else:
+            most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE
+            lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
+        if lower > upper:
+            message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
+            raise limit.error("wrong-value", message)
+    return _Limits(lower, upper, velocity, _magnitude(limit, "effort"))
+
+
+def _magnitude(limit: Element, attribute: str) -> float:
+    """A limit without sign; 0 if it is not stated."""
+    value = limit.number(attribute, 0.0, NO_LIMIT)
+    if value < 0.0:
+        raise limit.error("wrong-value", f"`{attribute}` is {value:g}, expected a positive number")
+    return value
+
+
+def _origin(element: Element) -> Array:
+    origin = element.first("origin")
+    if origin is None:
+        return read_only(np.eye(4))
+    xyz = origin.numbers("xyz", 3, (0.0, 0.0, 0.0), LARGEST_LENGTH)
+    return read_only(pose(rpy_to_matrix(origin.numbers("rpy", 3, (0.0, 0.0, 0.0))), xyz))
+
+
+def _check_references(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint]) -> None:
+    """Raises InputError for joints between unknown links, or that follow no joint that moves by itself."""
+    for joint in joints.values():
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
+                raise bad_input("unknown-link", message, joint.place)
+        if joint.mimic is None:
+            continue
+        movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
+        leader = movable.get(joint.mimic.joint)
+        if leader is None:
+            expected = expected_names(joint.mimic.joint, movable)
+            message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
+            raise bad_input("unknown-joint", message, joint.place)
+        if leader.mimic is not None:
+            message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
+            raise bad_input("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`")
+
+
+def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
+    """The one link that no joint carries; checks that every link is reached from it exactly once."""
+    carriers: dict[str, urdf.UrdfJoint] = {}
+    for joint in joints.values():
+        if joint.child in carriers:
+            other = carriers[joint.child].name
+            message = f"link `{joint.child}` is the child of two joints, `{other}` and `{joint.name}`"
+            raise bad_input("two-parents", message, joint.place)
+        carriers[joint.child] = joint
+    roots = [name for name in links if name not in carriers]
+    if len(roots) > 1:
+        message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
+        raise bad_input("two-roots", message, links[roots[1]].place)
+    rooted: set[str] = set()
+    for name in links:
+        walked = {name: None}
+        while name in carriers and name not in rooted:
+            name = carriers[name].parent
+            if name in walked:
+                way = [*walked]
+                cycle = [*way[way.index(name) :], name]
+                message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
+                mend = f"leave out one of their joints, such as `{carriers[cycle[0]].name}`: a URDF is a tree"
+                raise bad_input("cycle", message, carriers[cycle[0]].place, mend=mend)
+            walked[name] = None
+        rooted.update(walked)
+    if not roots:
+        raise bad_input("cycle", "no link is a root", place)
+    return roots[0]
+
+
+def _doubts(model: urdf.UrdfModel, robot: Element) -> Iterator[Problem]:
+    """Warnings about limits that are none, joints that cannot move, impossible inertias and shapes without a size.
+
+    No principal moment of a body is below 0 or above the sum of the others (the triangle rule). Exported products of
+    inertia sometimes break it, so it is not an error. Links fixed to each other make one body.
+    """
+
+    def doubt(code: str, kind: str, found: Sequence[_Named], doubt: str, mend: str) -> Iterator[Problem]:
+        """One warning that names all links or joints found, at the place of the first; none without any."""
+        if found:
+            names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
+            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+            message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {doubt}"
+            yield Problem(code, message, found[0].place, severity="warning", mend=mend)
+
+    joints, most = model.joints.values(), 2 * math.pi * MOST_TURNS
+    endless = [joint for joint in joints if joint.type == "revolute" and max(-joint.lower, joint.upper) > most]
+    what = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
+    yield from doubt("no-limit", "joint", endless, what, 'a joint without limits has the type "continuous"')
+    blocked = [joint for joint in joints if joint.movable and joint.lower == joint.upper and not joint.mimic]
+    what, mend = "a `lower` that is its `upper` limit, and cannot move", "state both limits, or make it a joint"
+    yield from doubt("no-motion", "joint", blocked, what, f'{mend} of the type "fixed"')
+    stated = [(link, link.inertial) for link in model.links.values() if link.inertial is not None]
+    sound = {model.root, *(model.body_of[link.name] for link, inertial in stated if inertial.mass > 0.0)}
+    weightless = [link for link, _ in stated if link.collision and model.body_of[link.name] not in sound]
+    what = "a mass of 0 kg although solid and moving, simulated as 500 kg/m^3"
+    yield from doubt("no-mass", "link", weightless, what, "state the mass, usually 0.01 kg to 1000 kg")
+    impossible = []
+    for link, inertial in stated:
+        low, middle, high = np.linalg.eigvalsh(inertial.inertia).tolist()
+        too_large = high > (1.0 + TRIANGLE_ROUNDING) * (low + middle) + LEAST_MOMENT
+        if too_large or low < -ROUNDING * max(high, 0.0) - LEAST_MOMENT:
+            impossible.append(link)
+    what = "a principal moment of inertia below 0 or above the sum of the other two, which no body has"
+    yield from doubt("doubtful-inertia", "link", impossible, what, "check units and signs of <inertia>, in kg m^2")
+    if empty := [(link.text("name"), piece) for link, piece in _pieces(robot) if _is_empty(piece)]:
+        names = ", ".join(f"`{name}`" for name in dict.fromkeys(name for name, _ in empty))
+        message, place = f"a shape with a size of 0 is left out, of {names}", empty[0][1].place
+        yield Problem("no-size", message, place, severity="warning", mend="state its size, or remove it")

@@ -1,0 +1,283 @@
+"""The robot of a cell, and its entries in a workspace file.
+
+`programming.arm.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.camera.markers import Marker as Marker
+from sqrp_cli.files import units
+from sqrp_cli.files.entries import (
+    AnyQuantity,
+    DescriptionEntry,
+    Entry,
+    Extents,
+    In,
+    MappingOr,
+    Pose,
+    Size,
+    Text,
+)
+from sqrp_cli.files.units import Dimension
+from sqrp_cli.geometry import Array, check_poses
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.shapes import Geometry, Part
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of one joint in rad (or m for a prismatic joint) and seconds; position limits may be infinite."""
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+@dataclass(frozen=True)
+class StopLimits:
+    """Limits of one joint during a protective stop, in rad (or m for a prismatic joint) and seconds."""
+
+    acceleration: float
+    jerk: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tool:
+    """A tool, whose root link is fixed to a link of the robot."""
+
+    urdf: UrdfModel
+    """Its links and joints."""
+    link: str
+    X_LT: Array
+    """Pose of its root link in `link`, shape (4, 4)."""
+    file: Path | None
+    """The URDF that describes it; None for a tool of boxes."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if `X_LT` is not a pose."""
+        check_poses("the tool", self.X_LT)
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """The fingers of a gripper: positions of their driven joints when open and when closed [rad or m].
+
+    Both name the same joints. Joints that mimic them follow; between the two positions, all move in step.
+    """
+
+    open: Mapping[str, float]
+    """By the joint's name."""
+    closed: Mapping[str, float]
+    """By the joint's name, with nothing between the fingers."""
+    width: float | None = None
+    """Clear width between them when open, None where it is not stated [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """The robot of a cell."""
+
+    urdf: UrdfModel
+    """Its links and joints, without those of the tool."""
+    srdf: Path | None
+    """Resolved path."""
+    package_roots: tuple[Path, ...]
+    """Folders that `package://NAME/` is looked up in, first hit wins."""
+    X_WB: Array
+    """Pose of the robot's root link in the world, shape (4, 4)."""
+    tool: Tool | None
+    tool_frame: str
+    """The link of robot or tool that grasps: its z axis points out of the tool, into the object."""
+    home: Mapping[str, float]
+    """Position of each arm joint at the start of a program [rad or m]; other joints rest at 0, or at the nearest
+    limit."""
+    limits: Mapping[str, JointLimits]
+    """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
+    stop_limits: Mapping[str, StopLimits]
+    """Of the same joints while the robot stops to protect itself and others."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose, for an arm with fewer than six axes [rad]; else 0."""
+    geometry: Geometry
+    """Which geometry of the links is solid and opaque; a link without collision geometry uses its visual one."""
+    parts: tuple[Part, ...]
+    """That geometry, of the robot's links and then of the tool's."""
+    disabled_pairs: frozenset[tuple[str, str]]
+    """Pairs of links whose contact is not checked, each pair in alphabetical order."""
+    fingers: Fingers | None = None
+    """Of its gripper; None if it has none that move."""
+    markers: Mapping[str, Marker] = field(default_factory=dict)
+    """On links, by the link's name."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if `X_WB` is not a pose."""
+        check_poses("the robot's base", self.X_WB)
+
+    @property
+    def urdfs(self) -> tuple[UrdfModel, ...]:
+        """The robot's description, and its tool's if it has one."""
+        return (self.urdf,) if self.tool is None else (self.urdf, self.tool.urdf)
+
+    @property
+    def rest(self) -> Mapping[str, float]:
+        """Position of joints while nothing moves them [rad or m]: the arm's at home, the fingers' when open."""
+        return {**self.home, **(self.fingers.open if self.fingers else {})}
+
+
+class ToolBoxEntry(Entry):
+    """A box of a tool."""
+
+    size: Extents = Field(description="Full extents along its own axes.")
+    pose: Pose = Field(default=Pose(), description="Pose of its centre in the tool's root link.")
+
+
+class ToolEntry(Entry):
+    """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
+
+    urdf: DescriptionEntry | None = None
+    """The tool's own URDF or xacro; relative to this file, or package://."""
+    boxes: list[ToolBoxEntry] | None = Field(default=None, min_length=1, max_length=100)
+    """Boxes that enclose the tool, instead of a URDF."""
+    frame: Pose | None = None
+    """With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of the tool. It is
+    the tool frame, called `tool_tip`."""
+    link: Text = Field(description="The link of the robot that carries the tool's root link.")
+    pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
+    prefix: str = Field(default="", max_length=100)
+    """Put before the names of the tool's links and joints, for a robot that has links or joints of the same names. The
+    workspace calls them by the longer names."""
+
+    @model_validator(mode="after")
+    def _urdf_or_boxes(self) -> ToolEntry:
+        if (self.urdf is None) == (self.boxes is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `urdf`, `boxes`")
+        if (self.boxes is None) != (self.frame is None):
+            raise PydanticCustomError("conflicting-keys", "`boxes` needs `frame`, and `frame` goes with `boxes`")
+        return self
+
+
+ANGLE_TOLERANCE = math.radians(0.5)
+"""Of an arm with fewer than six axes, unless the workspace states another: URDFs round right angles to 1.57 or 3.14."""
+
+MOST_TOLERANCE = math.radians(10)
+"""Largest tolerance that may be stated."""
+
+AXES_OF_A_POSE = 6
+"""An arm with this many axes takes any pose within its reach, exactly."""
+
+PositionsEntry = MappingOr[dict[str, AnyQuantity], Text]
+"""Positions of joints by name, or the name of a state of the SRDF that has them."""
+
+
+class FingersEntry(Entry):
+    """The fingers of a gripper: closed by `grasp` until they touch the object, opened by `release`."""
+
+    open: PositionsEntry
+    """Position of each joint that drives the fingers when they are open, or the name of a state of the SRDF. Joints
+    that mimic them follow."""
+    closed: PositionsEntry = Field(description="The same when they are closed with nothing between them.")
+    width: Size | None = None
+    """Clear width between open fingers, for skills that open them by a width."""
+
+
+@dataclass(frozen=True)
+class LimitKind:
+    """Marks a joint limit with its dimensions and default."""
+
+    turning: Dimension
+    """Of a joint that turns."""
+    sliding: Dimension
+    """Of a joint that slides."""
+    assumed: float
+    """The limit where neither the workspace nor the URDF states one, in rad (or m) and s."""
+
+    def of(self, joint: UrdfJoint) -> Dimension:
+        """Its dimension for a joint."""
+        return self.sliding if joint.type == "prismatic" else self.turning
+
+
+_Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED, assumed=1.0)
+_Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assumed=5.0)
+_Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
+
+
+PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]
+"""A limit of joints by name, or of all of them."""
+
+Factor = Annotated[float, In(None, 1e-3, 1.0)]
+
+
+class LimitsEntry(Entry):
+    """Limits of the joints: one value for all of them, or one for each joint by name.
+
+    What is stated here goes before what a file of MoveIt says.
+    """
+
+    moveit: Text | None = None
+    """A joint_limits.yaml of MoveIt: its velocities, accelerations and jerks, with its default scaling factors;
+    position limits where they are narrower than the URDF's."""
+    velocity_scaling: Factor | None = None
+    """Of velocities of that file and the URDF; default: as the file says, else 1."""
+    acceleration_scaling: Factor | None = None
+    """Of accelerations of that file; default: as the file says, else 1."""
+    velocity: Annotated[PerJoint | None, _Velocity] = Field(default=None, description="Default: the URDF's.")
+    acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    """Default: 5 rad/s^2 or m/s^2."""
+    jerk: Annotated[PerJoint | None, _Jerk] = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
+    stop_acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    """Of a stop because nobody watches any more. Default, and least: as of every motion."""
+    stop_jerk: Annotated[PerJoint | None, _Jerk] = None
+    """Of such a stop. Default, and least: as of every motion."""
+
+    @model_validator(mode="after")
+    def _scaling_of_moveit(self) -> LimitsEntry:
+        if self.moveit is None and (self.velocity_scaling or self.acceleration_scaling):
+            raise PydanticCustomError("conflicting-keys", "scaling has a meaning only together with `moveit`")
+        return self
+
+    @classmethod
+    def kind(cls, limit: str) -> LimitKind:
+        """The kind of one of the limits."""
+        return next(mark for mark in cls.model_fields[limit].metadata if isinstance(mark, LimitKind))
+
+
+class RobotEntry(Entry):
+    """The robot, its tool and where it stands."""
+
+    urdf: DescriptionEntry = Field(description="The robot's URDF or xacro; relative to this file, or package://.")
+    srdf: DescriptionEntry | None = None
+    """Its SRDF, also as xacro: named states and collision pairs that need no check."""
+    package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
+    base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
+    tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
+    tool_frame: Text | None = None
+    """The link that grasps; its z axis points out of the tool, into the object. A tool of boxes has its own."""
+    home: PositionsEntry
+    """Position of every joint of the arm by its name, or the name of a state of the SRDF."""
+    fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
+    markers: dict[str, Marker] = Field(default={}, description="ArUco markers on links, by the link's name.")
+    limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
+    angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = None
+    """By how much the tool may be turned away from a pose where joints or their limits do not allow it. Default: 0.5
+    deg for an arm of fewer than six axes, else 0."""
+    geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
+
+    @model_validator(mode="after")
+    def _one_tool_frame(self) -> RobotEntry:
+        own = self.tool is not None and self.tool.frame is not None
+        if own and self.tool_frame is not None:
+            raise PydanticCustomError(
+                "conflicting-keys", "`tool_frame` and `tool.frame` both say what grasps; keep one"
+            )
+        return self

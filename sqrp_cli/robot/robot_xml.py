@@ -1,0 +1,168 @@
+"""The XML of robot descriptions, URDF and SRDF: plain, or expanded from xacro.
+
+Xacro files are expanded by the library `xacro`, in a process of its own with limits (`xacro_child`).
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
+from sqrp_cli.files.input_file import read_input
+from sqrp_cli.files.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
+from sqrp_cli.records import dataclass
+
+MAX_SECONDS = 20
+"""Most computing time of an expansion [s]."""
+
+MAX_MEMORY = 1_500_000_000
+"""Most memory of an expansion [bytes]."""
+
+MAX_WAIT = 90.0
+"""Longest wait for an expansion, on however busy a machine [s]."""
+
+ROOT = "robot"
+"""The root element of URDF and SRDF."""
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """What a robot description is made of besides its own file."""
+
+    roots: Sequence[Path] = ()
+    """Folders in which packages are looked up."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Values of xacro arguments by name."""
+    search: Sequence[Path] = ()
+    """Further folders in which packages may be found; of these folders, nothing but those packages is read."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotXml:
+    """A robot description as XML."""
+
+    root: Element
+    """Its `<robot>`, without xacro."""
+    expanded: str | None
+    """The same as text, if it was expanded from xacro."""
+    content: bytes
+    """What its digest is of: the file, or what its xacro stands for."""
+    packages: tuple[str, ...] = ()
+    """The packages that its xacro names."""
+    warnings: tuple[Problem, ...] = ()
+    """Those that the file itself gives."""
+
+
+_OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
+"""Tags of xacro before 2014, without its prefix; those that are properties of the whole file are read all the same."""
+
+
+def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
+    """A URDF or SRDF. A file with xacro elements is expanded, whatever its name.
+
+    Raises InputError as `read_xml` and `expand`, and for arguments of a file that is no xacro.
+    """
+    source = source or RobotSource()
+    content = read_input(path, MAX_BYTES)
+    root = parse_xml(path, content, ROOT)
+    if not has_xacro(root):
+        if source.arguments:
+            named = ", ".join(f"`{name}`" for name in source.arguments)
+            message = f"this file has no xacro elements, so it takes no arguments; found {named}"
+            mend = "leave the arguments out, or name the .xacro file"
+            raise bad_input("xacro-argument", message, root.place, mend=mend)
+        return RobotXml(root, None, content)
+    expanded = expand(path, source)
+    old = next((child for child in expanded.root.children if child.tag in _OLD_TAGS), None)
+    if old is not None:
+        message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
+        raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")
+    return expanded
+
+
+def has_xacro(element: Element) -> bool:
+    """Whether an element or one within it is of xacro, or has an attribute that xacro replaces."""
+    return (
+        element.tag.startswith("xacro:")
+        or any("${" in value or "$(" in value for value in element.attributes.values())
+        or any(has_xacro(child) for child in element.children)
+    )
+
+
+def expand(path: Path, source: RobotSource) -> RobotXml:
+    """The `<robot>` that a xacro file stands for.
+
+    Every element has the place where it is written, in this file or an included one. Raises InputError, with that
+    place, for whatever prevents it: a wrong expression, an unknown macro or argument, a file that is missing or outside
+    the known folders, too much work or memory. Also if the library is not installed.
+    """
+    if find_spec("xacro") is None:
+        message = "this is a xacro file, which needs the extra `xacro`"
+        raise bad_input("missing-extra", message, Place(path), mend="pip install 'sqrp[xacro]'")
+    asked = {"path": str(path), "arguments": dict(source.arguments),
+             "roots": list(map(str, source.roots)), "search": list(map(str, source.search)),
+             "seconds": MAX_SECONDS, "memory": MAX_MEMORY}  # fmt: skip
+    code = f"import sys; sys.path[:] = {[entry for entry in sys.path if entry]!r}; "
+    code += "from sqrp_cli.robot.xacro_child import main; main()"
+    command = [sys.executable, "-I", "-B", "-c", code]
+    try:
+        done = subprocess.run(  # noqa: S603 - no shell, and of this program alone
+            command, input=json.dumps(asked).encode(), capture_output=True, env={}, timeout=MAX_WAIT, check=False
+        )
+        found = json.loads(done.stdout)
+    except (subprocess.TimeoutExpired, ValueError) as error:
+        message = "expanding this file takes too much time or memory: a macro or an expression may lead back to itself"
+        raise bad_input("xacro", message, Place(path)) from error
+    known: dict[str, str | None] = found.get("asked", {})
+    if "problem" in found:
+        problem = _problem(found["problem"])
+        if problem.mend is None and known:  # a missing file often follows from an argument
+            given = [f"{name} ({source.arguments.get(name, default)})" if default is not None else name
+                     for name, default in [*known.items()][:12]]  # fmt: skip
+            problem = replace(problem, mend=f"the file's arguments, with their values: {', '.join(given)}")
+        raise InputError(problem)
+    for name in source.arguments:
+        if name not in known:
+            message = f"the file takes no argument `{name}`; {expected_names(name, known)}"
+            raise bad_input("xacro-argument", message, Place(path))
+    root = _element(found["root"], 0)
+    if root.tag != ROOT:
+        raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{ROOT}>")
+    text = as_text(root)
+    return RobotXml(root, text, text.encode(), (*found["packages"],), (*map(_problem, found["warnings"]),))
+
+
+def _problem(told: dict[str, Any]) -> Problem:
+    place = told["place"]
+    return Problem(**{**told, "place": place and Place(**{**place, "file": Path(place["file"])})})
+
+
+def _element(told: list[Any], depth: int) -> Element:
+    tag, attributes, file, line, column, children = told
+    place = Place(Path(file), line, column)
+    if depth > MAX_DEPTH:
+        raise bad_input("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place)
+    return Element(tag, attributes, place, [_element(child, depth + 1) for child in children])
+
+
+def as_text(root: Element) -> str:
+    """An element as XML, each within it on a line of its own, with attributes in alphabetical order."""
+    from xml.sax.saxutils import quoteattr  # loads much of the network's library, and few descriptions are expanded
+
+    def lines(element: Element, depth: int) -> Iterator[str]:
+        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(element.attributes.items()))
+        start = f"{'  ' * depth}<{element.tag}{attributes}"
+        yield f"{start}>" if element.children else f"{start}/>"
+        for child in element.children:
+            yield from lines(child, depth + 1)
+        if element.children:
+            yield f"{'  ' * depth}</{element.tag}>"
+
+    return "\n".join(lines(root, 0)) + "\n"

@@ -1,0 +1,179 @@
+"""The true state of a run's cell, for checks of what was detected, pictures and the log, never for perception.
+
+And the events of a run that goes exactly as planned: a program for ROS tools.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.geometry import Array, matrix_to_quaternion
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.ros.bag import written
+from sqrp_cli.run.cell.interface import CellState, RunnableCell, StoppableReference
+from sqrp_cli.run.monitor.attempt import Attempt
+from sqrp_cli.run.monitor.nominal_step import NominalStep, Situation, holds, planned_joints
+from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.record.bag_recorder import BagRecorder
+from sqrp_cli.run.record.events import (
+    AskedBox,
+    Event,
+    EventPublisher,
+    EvidenceSeen,
+    PrimitiveBegan,
+    RunEnded,
+    ShownAtom,
+    StepBegan,
+    WholeState,
+)
+from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
+
+RATE = 25.0
+"""States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
+
+DIGITS = 5
+"""Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
+
+
+class GroundTruth:
+    """The true state of a cell: a simulated one knows it; of a real one joints are measured, the rest is planned."""
+
+    def __init__(self, cell: RunnableCell, body: RobotBody, world: World) -> None:
+        """world: before the first step."""
+        self._cell, self._body, self._world = cell, body, world
+        self.attempt: Attempt | None = None
+        """What the robot is at."""
+
+    def state(self, t: float) -> CellState:
+        """The state now, at time t [s] of a real cell."""
+        if (known := self._cell.truth()) is not None:
+            return known
+        attempt, joints = self.attempt, self._cell.measured_joints()
+        if attempt is None:
+            return CellState(t, self._world.X_WO, self._world.held, joints)
+        tau = 0.0 if attempt.start is None else t - attempt.start
+        now = [one for one in attempt.step.primitives if one.start <= tau]
+        return CellState(t, attempt.beliefs(tau), now[-1].held if now and not attempt.failed else None, joints)
+
+    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
+        """The present value of each atom that an attempt monitors; in a real cell as planned for a time tau [s]."""
+        targets = attempt.step.targets
+        if (truth := self._cell.truth()) is None:
+            return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in targets}
+        is_open = self._body.closure(truth.joints) <= OPEN_SHARE
+        starts, when_open = attempt.step.before.X_WO, attempt.when_open
+        situation = Situation(self._body.link_poses(truth.joints), truth.X_WO, starts, truth.held, is_open)
+        return {atom: holds(atom, target, situation, when_open=when_open[atom]) for atom, target in targets.items()}
+
+
+class StateRecorder:
+    """Lets time pass as a cell does, and publishes its true poses at a fixed rate, without any other effect.
+
+    The first event is complete, the others have only changes.
+    """
+
+    def __init__(self, cell: RunnableCell, state: Callable[[float], CellState], publisher: EventPublisher) -> None:
+        """state: of the cell at the time now [s]."""
+        self._cell, self._state, self._publisher = cell, state, publisher
+        self._number, self._now = 0, 0.0
+        self._last: WholeState | None = None
+
+    def advance(self, t: float, reference: StoppableReference) -> float:
+        """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
+        while (due := self._number / RATE) <= t + 1e-9:
+            self._now = self._cell.advance(due, reference)
+            self._publish(due, self._state(self._now))
+            self._number += 1
+        self._now = self._cell.advance(t, reference)
+        return self._now
+
+    def finish(self) -> None:
+        """Publish the state at the end."""
+        truth = self._state(self._now)
+        if self._last is None or truth.t > self._last.t + 1e-9:
+            self._publish(truth.t, truth)
+
+    def _publish(self, t: float, truth: CellState) -> None:
+        state = WholeState(
+            t=t,
+            joints=list(truth.joints),
+            q=[_rounded(q) for q in truth.joints.values()],
+            held=truth.held,
+            objects={name: _logged_pose(X) for name, X in truth.X_WO.items()},
+        )
+        self._publisher.publish(state if self._last is None else state.since(self._last))
+        self._last = state
+
+
+def step_began(step: Step, number: int, t: float) -> StepBegan:
+    """The event that an attempt at a step begins at time t [s], with the boxes in which its images are judged, by atom.
+
+    The frame of each is a link of the robot, or the world for a box at `object@start`. A box that moves with a carried
+    object is left out: images are searched for it where the robot believes it is, not where the object is or was.
+    """
+    carried, before = {step.before.held, *(primitive.held for primitive in step.primitives)}, step.before.X_WO
+    boxes: dict[str, list[AskedBox]] = {atom: [] for atom in step.targets}
+    for atom, box in ((atom, box) for atom, target in step.targets.items() for box in target.boxes):
+        name = box.frame.owner
+        if name in before and not box.frame.at_start and name in carried:
+            continue
+        frame, X_FB = (WORLD, before[name] @ box.X_FB) if name in before else (str(box.frame), box.X_FB)
+        pose = [[_rounded(x) for x in row] for row in X_FB.tolist()]
+        boxes[atom].append(AskedBox(frame=frame, size=list(box.size), pose=pose))
+    parameters, time = dict(step.parameters), round(step.time, 6)
+    return StepBegan(t=t, number=number, skill=step.skill, parameters=parameters, time=time, boxes=boxes)
+
+
+def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
+    """The events that a run would have if it went exactly as planned."""
+    begin, last = 0.0, None
+    for number, step in enumerate(program.steps, 1):
+        nominal = NominalStep(step, program.joints, body)
+        yield step_began(step, number, begin)
+        t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
+        q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
+        literals: Mapping[str, ShownAtom] = {}
+        for now, positions in zip(t.tolist(), q.tolist(), strict=True):
+            while due and due[0].start <= now + 1e-9:
+                primitive = due.pop(0)
+                yield PrimitiveBegan(t=begin + primitive.start, name=primitive.name)
+            objects = {name: _logged_pose(X) for name, X in nominal.object_poses(now).items()}
+            held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
+            state = WholeState(t=begin + now, joints=list(program.joints), q=positions, held=held, objects=objects)
+            yield state if last is None else state.since(last)
+            last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
+            for atom in step.targets:
+                value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
+                covered, cameras = nominal.is_covered(atom, now), dict.fromkeys(nominal.covering(atom, now), value)
+                shown = value if covered else Truth.UNKNOWN
+                seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
+            if seen != literals:
+                yield EvidenceSeen(t=begin + now, exposed=begin + now, step_time=now, literals=seen)
+                literals = seen
+        begin += step.time
+    yield RunEnded(t=begin, event="done")
+
+
+def write_planned_run(path: Path, program: Program, workspace: Workspace) -> None:
+    """Write what is planned as a recording, by the suffix of its name. Raises InputError where that cannot be."""
+    body = RobotBody.load(workspace.robot)
+    with written(path) as writer:
+        recorder = BagRecorder(writer, workspace, body)
+        recorder.tell_planned(0.0, planned=True)
+        for event in planned_events(program, body):
+            recorder(event)
+
+
+def _logged_pose(X_WO: Array) -> list[float]:
+    """A pose (4, 4) as the log has it: x, y, z [m] and a quaternion x, y, z, w."""
+    return [_rounded(float(x)) for x in (*X_WO[:3, 3], *matrix_to_quaternion(X_WO[:3, :3]))]
+
+
+def _rounded(value: float) -> float:
+    return round(value, DIGITS) + 0.0  # no -0.0, which is not 0.0 to whoever reads the log

@@ -1,0 +1,308 @@
+"""Cell, cameras and perception on one clock: time passes from one event to the next, for all together."""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from itertools import groupby
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Program
+from sqrp_cli.robot.robot import Robot
+from sqrp_cli.run.arm_motion import ArmMotion
+from sqrp_cli.run.cell.interface import RunnableCell
+from sqrp_cli.run.faults import FaultTracker
+from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder
+from sqrp_cli.run.monitor.attempt import Attempt
+from sqrp_cli.run.perception.detections import BelievedState, Detection
+from sqrp_cli.run.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
+from sqrp_cli.run.perception.streams import Streams
+from sqrp_cli.run.record.events import ContactFelt, EventPublisher, EvidenceSeen, ShownAtom, Stopping
+from sqrp_cli.run.record.images import ImageRecorder
+from sqrp_cli.run.record.report import TRUTH_SPACING
+
+MOST_COMMANDS = 20
+"""Most commands to the tool that are remembered."""
+
+FEELING = 0.004
+"""Time between looks at the force of a guarded move [s]."""
+
+SAME_INSTANT = 0.0015
+"""Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
+
+
+DueKind = Literal["tool", "primitive", "fault"]
+"""A command to the tool, the beginning of a primitive, or a fault to inject."""
+
+
+class CommandedRobot:
+    """The robot as a run commands it: arm and tool. Only images show whether the tool really holds an object."""
+
+    def __init__(self, program: Program, robot: Robot, cell: RunnableCell, states: StateRecorder | None = None) -> None:
+        """The robot standing where a program begins. states: lets time pass instead of the cell."""
+        before, joints = program.steps[0].before, program.joints
+        q = np.array([before.joints[name] for name in joints])
+        self.cell, self.fingers = cell, robot.fingers
+        self.motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
+        self._states, self._now = states, 0.0
+        self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
+
+    def advance(self, t: float) -> float:
+        """Let time pass until t [s] while the arm follows its motion; returns the time then [s]."""
+        self._now = (self._states or self.cell).advance(t, self.motion)
+        return self._now
+
+    def command_hold(self, *, holding: bool) -> None:
+        """The tool counts as commanded to hold, or not, from now on."""
+        self._commands.append((self._now, holding))
+
+    def held_at(self, t: float) -> bool:
+        """Whether the tool was commanded to hold at a time that is not long ago [s]."""
+        return next((held for since, held in reversed(self._commands) if since <= t + 1e-9), self._commands[0][1])
+
+    def let_go(self) -> None:
+        """Let go at once, whatever the motion wants of the fingers."""
+        self.cell.release()
+        self.command_hold(holding=False)
+        if self.fingers is not None:
+            self.motion.place(self.fingers.open)
+
+    def keep_fingers(self, t: float) -> None:
+        """Leave the fingers as they are wanted at time t [s], whatever the rest of the motion does with them."""
+        if self.fingers is not None:
+            self.motion.keep(self.fingers.open.keys(), t)
+
+
+class Moment(NamedTuple):
+    """What a run knows of a time."""
+
+    tau: float | None
+    """Of the step's motion [s], None before it."""
+    truths: Mapping[str, bool]
+    """The true values of all atoms; in a real cell, the planned ones."""
+    holding: bool
+    """Whether the tool was commanded to hold."""
+
+
+class EvidenceCollector:
+    """Has images taken and looked at, and knows what all cameras together show of the attempt that is watched."""
+
+    _attempt: Attempt
+
+    def __init__(
+        self, cell: RunnableCell, streams: Streams, publisher: EventPublisher, recorder: ImageRecorder | None = None
+    ) -> None:
+        """recorder: takes every image with what was seen in it, if images are to be kept."""
+        self._cell, self.streams = cell, streams
+        self._publisher, self._recorder = publisher, recorder
+        self._buffer, self._number = EvidenceBuffer(streams.cameras), 0
+        self.conflicts = 0
+        """How often cameras contradicted each other about an atom."""
+        self.forget(0.0)
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether the images of all cameras of some exposure since `forget` are there."""
+        return bool(self._complete)
+
+    @property
+    def places(self) -> dict[str, Array]:
+        """Where objects were located since `forget`, (3,) each [m]: the median over the images."""
+        return {name: np.median(found, axis=0) for name, found in self._places.items()}
+
+    def watch(self, attempt: Attempt, number: int, t: float) -> None:
+        """Look for the atoms of an attempt at the step with that number, in images from time t [s] on."""
+        self._attempt, self._number = attempt, number
+        self.streams.watch(attempt.sought)
+        self.forget(t)
+
+    def forget(self, t: float) -> None:
+        """Go by images that are taken from time t [s] on, and by nothing that was known before."""
+        self._buffer.forget(t)
+        self.values: dict[str, Truth] = {}
+        """What is known of each atom: the newest that any images show, none older than the last complete evidence."""
+        self._complete: dict[str, Truth] = {}
+        self._published: dict[float, Mapping[str, FusedTruth]] = {}
+        self._places: dict[str, list[Array]] = {}
+
+    def expose(self, t: float, moment_at: Callable[[float], Moment]) -> None:
+        """Take the images that are due at time t [s]. moment_at: what the run knows of a time [s].
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+        attempt, moment_at = self._attempt, cache(moment_at)
+
+        def believed(at: float) -> BelievedState:
+            moment = moment_at(at)
+            return BelievedState(dict(self._cell.measured_joints(at)), moment.holding, attempt.beliefs(moment.tau))
+
+        with self._publisher.timed("images"):
+            images = self.streams.expose(t, self._cell.frames, believed)
+        for at, together in groupby(images, lambda image: image.t):
+            moment, taken = moment_at(at), list(together)
+            self._buffer.take(Exposure(at, moment.tau, moment.truths, dict.fromkeys(image.camera for image in taken)))
+            if self._recorder is not None:
+                planned = moment.tau if attempt.undisturbed else None
+                for image in taken:
+                    self._recorder.add(image, self._number, planned, self._publisher.doing)
+
+    def collect(self, t: float) -> list[Detection]:
+        """The images that have arrived by time t [s], looked at. Raises MonitoringLost if some are not."""
+        if self.streams.next_arrival > t + 1e-9:
+            return []
+        with self._publisher.timed("waiting for perception"):
+            return self.streams.collect(t)
+
+    def take_notice(self, detections: Sequence[Detection], now: float) -> list[Evidence]:
+        """Learn from what images show; returns the evidence of each exposure that was not complete before."""
+        attempt = self._attempt
+        for detection in detections:
+            if self._recorder is not None:
+                self._recorder.seen(detection.camera, detection.t, detection.outlines())
+            if (exposure := self._buffer.add(detection)) is None:
+                continue
+            for name, place in detection.places.items():
+                self._places.setdefault(name, []).append(place)
+            if exposure.tau is not None and attempt.counts(exposure.tau):
+                attempt.check.add(detection, exposure.tau, attempt.monitor.monitored(exposure.tau), exposure.truths)
+        found = self._buffer.fused(attempt.step.targets, self.streams.settled) if detections else []
+        for evidence in found:
+            exposure = evidence.exposure
+            if exposure.has_arrivals and self._published.get(exposure.t) != evidence.atoms:
+                self._publisher.publish(_evidence_seen(evidence, attempt, now))
+                self._published[exposure.t] = evidence.atoms
+            if evidence.complete:
+                self._published.pop(exposure.t, None)
+                self.conflicts += sum(fused.conflict for fused in evidence.atoms.values())
+                self._complete = evidence.values
+        self.values = dict(self._complete)
+        for evidence in found:
+            if not evidence.complete:
+                self.values.update({atom: value for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
+        return found
+
+
+def _evidence_seen(evidence: Evidence, attempt: Attempt, now: float) -> EvidenceSeen:
+    exposure, tau = evidence.exposure, evidence.exposure.tau
+    required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
+    literals = {
+        atom: ShownAtom(
+            value=fused.truth,
+            true=exposure.truths.get(atom),
+            predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
+            asked=atom in required,
+            cameras=dict(sorted(fused.votes.items())),
+        )
+        for atom, fused in evidence.atoms.items()
+    }
+    step_time = None if tau is None else round(tau, 6)
+    return EvidenceSeen(t=now, exposed=round(exposure.t, 6), step_time=step_time, literals=literals)
+
+
+class Lockstep:
+    """Everything of a run that time passes for."""
+
+    def __init__(
+        self,
+        robot: CommandedRobot,
+        collector: EvidenceCollector,
+        faults: FaultTracker,
+        truth: GroundTruth,
+        publisher: EventPublisher,
+    ) -> None:
+        self.robot, self.collector, self.faults, self.publisher = robot, collector, faults, publisher
+        self._truth = truth
+        self._due: list[tuple[float, DueKind, Callable[[], None]]] = []
+        self.now = 0.0
+        """The time on the cell's clock [s]."""
+        self.attempt: Attempt | None = None
+        """What the robot is at."""
+        self.stop_told: float | None = None
+        """When it was last commanded to stop [s]; None before."""
+        self.standing_since: float | None = None
+        """When it stood after that [s]; None before."""
+
+    def schedule(self, t: float, kind: DueKind, do: Callable[[], None]) -> None:
+        """Do something at a time [s] of the cell's clock, after what is due at the same time already."""
+        insort(self._due, (t, kind, do), key=lambda due: due[0])
+
+    def cancel(self, *kinds: str) -> None:
+        """Do nothing of some kinds any more."""
+        self._due = [due for due in self._due if due[1] not in kinds]
+
+    def tau(self, t: float | None = None) -> float | None:
+        """The time of the step's motion at time t or now [s], None before it."""
+        if self.attempt is None or self.attempt.start is None:
+            return None
+        return self.robot.motion.step_time(self.now if t is None else t)
+
+    def _moment(self, t: float) -> Moment:
+        """What is known of the time of an image [s]; the clock of a simulation steps from time to time."""
+        assert self.attempt is not None  # noqa: S101 - images are looked at in attempts alone
+        at = self.now if abs(t - self.now) < SAME_INSTANT else t
+        tau = self.tau(at)
+        return Moment(tau, self._truth.atoms(self.attempt, tau), self.robot.held_at(at))
+
+    def catch_up(self) -> None:
+        """In a real cell time has passed while nobody looked, such as for planning: go on from now."""
+        self.now = self.collector.streams.resume(self.now)
+
+    @property
+    def present(self) -> float:
+        """When what is commanded now begins [s]."""
+        return self.collector.streams.present(self.now)
+
+    def pass_time(self, end: float = float("inf")) -> list[Evidence]:
+        """Let time pass until the next event, at most until `end` [s].
+
+        Returns the evidence of the images that have arrived. Raises MonitoringLost where cameras or the processes
+        behind them fail.
+        """
+        streams, motion, cell = self.collector.streams, self.robot.motion, self.robot.cell
+        coming = [streams.next_exposure, streams.next_arrival, streams.next_check]
+        coming += [self._due[0][0]] if self._due else []
+        coming += [end] if self.now < end - 1e-9 else []
+        coming += [self.now + TRUTH_SPACING] if self.faults.is_pending else []
+        coming += [self.now + FEELING] if motion.force_limit(self.now) is not None else []
+        with self.publisher.timed("physics"):
+            self.now = self.robot.advance(max(min(coming), self.now))
+        limit = motion.force_limit(self.now)
+        if limit is not None and (force := cell.tool_force()) >= limit:  # a guarded move meets what it looks for
+            motion.halt_primitive(self.now)
+            self.publisher.publish(ContactFelt(t=self.now, force=round(force, 1)))
+        if self.faults.is_pending and self.attempt is not None:
+            self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt, self.tau()))
+        arrived = self.collector.collect(self.now)
+        while self._due and self._due[0][0] <= self.now + 1e-9:
+            self._due.pop(0)[2]()
+        if streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
+            self.collector.expose(self.now, self._moment)
+        if (failure := cell.trouble() or streams.failure(self.now)) is not None:
+            raise failure
+        return self.collector.take_notice(arrived, self.now)
+
+    def stop(self, reason: str) -> None:
+        """Bring the arm to rest along its path, looking on."""
+        self._command_stop(reason)
+        stands = self.robot.motion.stop(self.now)
+        while self.now < stands - 1e-9:
+            self.pass_time(stands)
+        self.standing_since = self.now
+
+    def halt(self, reason: str) -> None:
+        """Bring the arm to rest along its path as fast as it may, whatever becomes of cameras and perception."""
+        self._command_stop(reason)
+        self.now = self.robot.advance(max(self.now, self.robot.motion.stop(self.now, protective=True)))
+        self.standing_since = self.now
+
+    def _command_stop(self, reason: str) -> None:
+        self.cancel("tool", "primitive")
+        self.now = self.stop_told = self.present
+        self.publisher.doing = "stops"
+        self.publisher.publish(Stopping(t=self.now, reason=reason))

@@ -1,0 +1,205 @@
+"""Looks for coloured objects in an image: which of the boxes in which an object may be shows it.
+
+It is at the tool if the patch of its colour lies where the tool would show it, to a few pixels; otherwise it rests
+where its patch is seen. Background counts as such only where the object itself would be seen, if it is what the camera
+is known to show there and the robot's own silhouette, known from its encoders, is not in the way. What is neither
+object nor background is not judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera import detector
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.perception.background import Background
+from sqrp_cli.run.perception.detections import NO_OUTLINE, BoxDetection, MissReason
+from sqrp_cli.run.perception.projected import ExpectedView, ProjectedBox, ProjectedObject
+from sqrp_cli.run.perception.vision import Crop, blobs, color_mask, dilated, direction, displacement
+from sqrp_cli.skill.target_box import TargetBox
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A box in which an object may be, with what the image shows there."""
+
+    projected: ProjectedObject | None
+    """How the object would be seen there; None where it would not be."""
+    share: float = 0.0
+    """Of its silhouette that was judged, without what parts that the box encloses hide of it."""
+    hidden: float = 0.0
+    """Share of it that is taken to be behind the robot or another object."""
+    edge: float = 0.0
+    """Share of it along the edge of what hides it, one pixel wide, on the side that is visible."""
+    same_color: float = 0.0
+    """Share of it that shows its colour before a background of that colour."""
+    filled: float = 0.0
+    """As how much of the silhouette has the object's colour, without what has that colour anyway behind it.
+
+    Wherever in the box, as its parts may be thin and it may have tipped.
+    """
+    shift: Array | None = None
+    """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
+
+    @property
+    def fits(self) -> bool:
+        """Whether the object is here, as exactly as the image shows."""
+        if self.projected is None or self.shift is None or self.filled < detector.FULL:
+            return False
+        return bool(
+            np.hypot(*self.shift) <= detector.SHIFT_PIXELS + detector.SHIFT_SHARE * self.projected.box.area**0.5
+        )
+
+    def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
+        """The sight of a box with this content; min_visible: share that its detector requires."""
+        because = MissReason.DETECTOR
+        if self.share < np.clip(min_visible - detector.BORDER * self.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
+            missing = {
+                MissReason.MASK: self.hidden,
+                MissReason.BACKGROUND: self.same_color,
+                MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.same_color,
+            }
+            evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
+        if self.projected is None or self.projected.area < detector.LEAST_PIXELS**2:
+            evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
+        outline = NO_OUTLINE if self.projected is None else self.projected.box.polygon
+        return BoxDetection(box.name, evidence, self.share, outline, because)
+
+
+class ColorSight(NamedTuple):
+    """What is seen of the boxes in which an object may be, and where it is."""
+
+    boxes: list[BoxDetection]
+    position: Array | None
+    """[m]; None if unknown."""
+
+
+class ColorDetector:
+    """The search for one coloured object in one image."""
+
+    def __init__(self, view: ExpectedView, background: Background, obj: SceneObject) -> None:
+        self._view, self._background, self._object = view, background, obj
+        self._colored = color_mask(view.image, obj.color or "")
+
+    def detect(self, boxes: Sequence[TargetBox]) -> ColorSight:
+        """What is seen of the boxes in which the object may be."""
+        places = [self._place(box) for box in boxes]
+        poses = [self._view.pose(box) for box in boxes]
+        at_tool = [self._view.is_at_tool(box) for box in boxes]
+        held = [i for i, place in enumerate(places) if at_tool[i] and self._view.believed.holding and place.fits]
+        position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
+        found = []
+        for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
+            if position is None:
+                evidence = Truth.FALSE if place.filled <= detector.EMPTY else Truth.UNKNOWN
+            else:
+                offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
+                inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
+                evidence = Truth.TRUE if inside else Truth.FALSE
+            found.append(place.detect(box, evidence, self._view.cell.detectors[box.detector].min_visible))
+        return ColorSight(found, position)
+
+    def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
+        """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""
+        in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > detector.FULL / 2]
+        if in_box:  # as high as it would at the pose, by the ray to its patch
+            best = max(in_box, key=lambda i: places[i].filled)
+            projected, shift, at_rest = places[best].projected, places[best].shift, poses[best][:3, 3]
+            assert projected is not None and shift is not None  # noqa: S101, PT018 - what is filled is there
+            position = self._at_height(projected.box.center + shift, float(at_rest[2]))
+            return at_rest if position is None else position
+        if any(place.filled > detector.EMPTY for place in places):
+            return None
+        on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
+        return self._elsewhere(on_table[0]) if on_table else None
+
+    def _place(self, box: TargetBox) -> _Place:
+        """What the image shows where the object would be if it were in a box."""
+        view, background, X_WO = self._view, self._background, self._view.pose(box)
+        projected = view.projected(self._object.name, X_WO)
+        if projected is None:
+            return _Place(None)
+        margin = max(6, round(0.6 * projected.box.area**0.5))
+        crop = view.crop(projected.box.polygon, margin)
+        if crop is None or projected.area <= 0.0:
+            return _Place(projected)
+        silhouette = projected.mask(crop)
+        background.guess_again(crop)
+        shown = background.matches(view.image, crop)
+        # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
+        same = background.has_hue(view.image, crop, self._object.color or "")
+        own = self._colored[crop] & ~shown & ~same
+        behind = view.robot.mask(crop, projected.box, behind=True) & background.robot_colored(view.image, crop)
+        before = self._in_front(X_WO, projected.box, crop, without=box.encloses)
+        hiding = dilated(before, 1)
+        enclosed = dilated(view.robot.mask(crop, projected.box, links=box.encloses), 1)
+        front = hiding | enclosed
+        hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
+        same_color = float((silhouette & ~front & same).sum()) / projected.area
+        telling = ~front & ~same
+        decided = int((silhouette & telling).sum())
+        if not decided:
+            return _Place(projected, hidden=hidden, same_color=same_color)
+        judged = telling & (own | shown | behind)
+        # What else hides, the enclosed parts do not hide from being asked.
+        askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
+        outline, shift = projected.outline(crop), None
+        if (dilated(outline, margin // 2) & judged & own).any():
+            # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
+            most = round((1.0 - detector.FULL / 2) * float(np.ptp(projected.box.polygon, axis=0).max())) + 2
+            shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
+        return _Place(
+            projected,
+            share=min(float((silhouette & judged).sum()) / askable, 1.0),
+            hidden=hidden,
+            edge=float((silhouette & hiding & ~before).sum()) / askable,
+            same_color=same_color,
+            filled=min(float((outline & judged & own).sum() / decided), 1.0),
+            shift=shift,
+        )
+
+    def _in_front(self, X_WO: Array, outline: ProjectedBox, crop: Crop, without: Collection[str]) -> Mask:
+        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
+        view = self._view
+        mask = view.robot.mask(crop, outline, without=without)
+        steps = np.linspace(-0.45, 0.45, 3)
+        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._object.size
+        points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
+        for name in view.cell.objects:
+            if name != self._object.name and name in view.believed.X_WO:
+                blocking = view.blocking(name, points)
+                mask |= True if blocking is None else blocking.mask(crop)
+        return mask
+
+    def _at_height(self, pixel: Array, height: float) -> Array | None:
+        """Where the ray of a pixel is at a height [m]; None if it never is."""
+        X_WC = self._view.posed_camera.X_WC
+        ray = X_WC[:3, :3] @ direction(self._view.camera, pixel)
+        distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
+        position: Array = X_WC[:3, 3] + distance * ray
+        return position if distance > 0 else None
+
+    def _elsewhere(self, X_WO: Array) -> Array | None:
+        """Where the object lies that is in none of its boxes [m]: the largest new patch of its colour, if big enough.
+
+        X_WO: a pose at which it would rest, (4, 4), as high as where it lies.
+        """
+        if not self._colored.any():
+            return None
+        found = blobs(self._colored & ~self._background.matches(self._view.image, self._view.whole))
+        height = float(X_WO[2, 3])
+        position = self._at_height(found[0].center, height) if found else None
+        if position is None:
+            return None
+        X_found = X_WO.copy()
+        X_found[:3, 3] = position
+        expected = self._view.projected(self._object.name, X_found)
+        if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
+            return None
+        return self._at_height(found[0].center - expected.offset, height)

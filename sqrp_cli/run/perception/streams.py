@@ -1,0 +1,370 @@
+"""Streams of images, looked at in other processes: taken at each camera's rate and late by its latency, or received.
+
+A failed stream is a reason to stop: one without a fresh image for too long, one whose images are old, one that repeats
+an image, one with a dead process, or images that nobody gets round to look at.
+"""
+
+from __future__ import annotations
+
+import heapq
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import field
+from typing import Literal
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.pauses import Pauses
+from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets
+from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
+from sqrp_cli.run.record.events import listed
+from sqrp_cli.run.record.report import MonitoringLost
+
+OVERDUE_PERIODS = 1.2
+"""A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
+
+LOOKING = 0.005
+"""Time between two looks for images that have come [s]."""
+
+MOST_WAITING = 3
+"""Most images of a camera that wait to be looked at; what comes then is left out."""
+
+SLACK, LOOKING_SLACK = 0.08, 0.3
+"""How much later than in simulation an image may come, and be looked at, in real time [s]."""
+
+FIRST = 3.0
+"""How much longer the first image may take, for which the robot waits [s]."""
+
+_REASONS = (
+    ("camera-loss", "{names} {are} lost: no image for {ages}"),
+    ("latency", "the images of {names} come too late: the newest {are} {ages} old"),
+    ("perception-late", "this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"),
+)
+"""How streams fail, the worst first."""
+
+Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
+"""Takes an image with each of some cameras, now."""
+
+
+class Streams:
+    """The images of all cameras of a cell, on the cell's clock [s]: what is the same of simulated and real ones."""
+
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
+        """detectors: the processes that look at the images."""
+        self.cameras, self._detectors = cameras, detectors
+        self.seconds, self.images = 0.0, 0
+        self.period = max(1.0 / camera.rate for camera in cameras.values())
+        """Time between two images of the slowest camera [s]."""
+        self.latency = max(camera.lag for camera in cameras.values())
+        """From an exposure to the image being available, for the slowest camera [s]."""
+
+    @property
+    def settled(self) -> float:
+        """Before when no image is under way that nobody knows of [s]."""
+        return float("inf")
+
+    @property
+    @abstractmethod
+    def next_exposure(self) -> float:
+        """When the next image is taken [s]."""
+
+    @property
+    @abstractmethod
+    def next_arrival(self) -> float:
+        """When the next image is available [s]; infinite if none is known to be under way."""
+
+    @property
+    def next_check(self) -> float:
+        """When a stream fails next if no image comes [s]; infinite where each look is a check."""
+        return float("inf")
+
+    @abstractmethod
+    def has_arrival_from(self, end: float) -> bool:
+        """Whether an image that was taken by a time is still under way."""
+
+    @abstractmethod
+    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
+        """Take the images that are due at time t; returns them. believed: at a time [s].
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+
+    @abstractmethod
+    def collect(self, t: float) -> list[Detection]:
+        """What the images show that have arrived by time t, in the order of their exposure.
+
+        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        """
+
+    @abstractmethod
+    def failure(self, t: float) -> MonitoringLost | None:
+        """The streams that have failed by time t, and how; None while all is well. The worst reason counts."""
+
+    def watch(self, sought: DetectionTargets) -> None:
+        """Look for these targets in all images that come from now on.
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+        with lost_if_crashed():
+            self._detectors.watch(sought)
+
+    def resume(self, t: float) -> float:
+        """Go on after nobody has looked at images since time t [s]; returns from when on they count, which is now."""
+        return t
+
+    def present(self, t: float) -> float:
+        """The time now, if the last event was at time t [s]; in a real cell some has passed since."""
+        return t
+
+    def _collected(self, detections: list[Detection]) -> list[Detection]:
+        """Detections in the order of their exposure. Raises MonitoringLost for an image that is the one before it."""
+        self.seconds += sum(detection.seconds for detection in detections)
+        detections.sort(key=lambda detection: (detection.t, detection.camera))
+        frozen = [detection.camera for detection in detections if detection.frozen]
+        if frozen:
+            how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
+            raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
+        return detections
+
+
+@dataclass
+class _Simulated:
+    """A simulated camera and its images."""
+
+    camera: Camera
+    exposures: int = 0
+    newest: float = 0.0
+    lost: bool = False
+    freezes: bool = False
+    delay: float = 0.0
+    last: CameraImage | None = None
+
+    @property
+    def next_exposure(self) -> float:
+        return self.exposures / self.camera.rate
+
+    @property
+    def fails_at(self) -> float:
+        """When it fails if no image comes [s]."""
+        return self.newest + self.camera.lag + OVERDUE_PERIODS / self.camera.rate
+
+
+class ImageStreams(Streams):
+    """The images of simulated cameras: taken when they are due, and late as each camera is."""
+
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
+        """As `Streams`."""
+        super().__init__(cameras, detectors)
+        self._streams = {name: _Simulated(camera) for name, camera in cameras.items()}
+        self._arrivals: list[tuple[float, float, str]] = []
+
+    @property
+    def next_exposure(self) -> float:
+        """As `Streams` says."""
+        return min(stream.next_exposure for stream in self._streams.values())
+
+    @property
+    def next_arrival(self) -> float:
+        """As `Streams` says."""
+        return self._arrivals[0][0] if self._arrivals else float("inf")
+
+    @property
+    def next_check(self) -> float:
+        """As `Streams` says."""
+        return min(stream.fails_at for stream in self._streams.values()) + 1e-6
+
+    def has_arrival_from(self, end: float) -> bool:
+        """As `Streams` says."""
+        return any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
+
+    def fail(
+        self, how: Literal["camera-loss", "frozen", "latency", "perception-crash"], camera: str, delay: float = 0.0
+    ) -> None:
+        """From now on no image of a camera comes, the last comes again and again with new times, or they are late.
+
+        Or the process that looks at them ends. delay: by how much they are late then [s].
+        """
+        stream = self._streams[camera]
+        match how:
+            case "camera-loss":
+                stream.lost = True
+            case "frozen":
+                stream.freezes = True
+            case "latency":
+                stream.delay = delay
+            case "perception-crash":
+                self._detectors.crash(camera)
+
+    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
+        """As `Streams` says: images as they will arrive."""
+        due = [stream for stream in self._streams.values() if stream.next_exposure <= t + 1e-9]
+        for stream in due:
+            stream.exposures += 1
+        sending = [stream for stream in due if not stream.lost]
+        then, frames, sent = believed(t), take([stream.camera.name for stream in sending]), []
+        for stream in sending:
+            frame = frames[stream.camera.name]
+            if stream.freezes and stream.last is not None:
+                frame = CameraImage(frame.camera, frame.t, stream.last.image)
+            stream.last = frame
+            with lost_if_crashed():
+                self._detectors.submit(frame, then)
+            heapq.heappush(self._arrivals, (t + stream.camera.lag + stream.delay, frame.t, frame.camera))
+            sent.append(frame)
+        self.images += len(sent)
+        return sent
+
+    def collect(self, t: float) -> list[Detection]:
+        """As `Streams` says."""
+        detections = []
+        while self._arrivals and self._arrivals[0][0] <= t + 1e-9:
+            _, exposed, camera = heapq.heappop(self._arrivals)
+            with lost_if_crashed():
+                detections.append(self._detectors.collect(camera))
+            self._streams[camera].newest = exposed
+        return self._collected(detections)
+
+    def failure(self, t: float) -> MonitoringLost | None:
+        """As `Streams` says: if some are lost and others late at the same time, the reason names the lost ones."""
+        failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
+        under_way = {camera for _, _, camera in self._arrivals}
+        return lost_streams({name: age for name, age in failed.items() if name not in under_way}, failed)
+
+
+@dataclass
+class _Received:
+    """A real camera and its images, times of exposure on the cell's clock [s]."""
+
+    camera: Camera
+    came: float = 0.0
+    """When the last one came [s]."""
+    newest: float = 0.0
+    """Exposure of the newest one that came."""
+    seen: float = 0.0
+    """Exposure of the newest one that was looked at."""
+    begun: bool = False
+    """Whether any image was looked at since `resume`."""
+    waiting: deque[tuple[CameraImage, BelievedState]] = field(default_factory=deque)
+    """Those that nobody looks at yet, with what was believed when they were taken."""
+    looked_at: int = 0
+    """How many are being looked at."""
+
+    @property
+    def overdue(self) -> float:
+        """Longest time without any image [s]; its newest may be older by the camera's lag."""
+        return OVERDUE_PERIODS / self.camera.rate + (0.0 if self.begun else FIRST)
+
+
+class ReceivedStreams(Streams):
+    """The images of real cameras: each comes when it comes, with the time of its exposure."""
+
+    def __init__(
+        self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float], mend: str = ""
+    ) -> None:
+        """clock: of the cell [s]. mend: what may help, for the reasons of failures."""
+        super().__init__(cameras, detectors)
+        self._clock, self._mend = clock, mend
+        self._streams = {name: _Received(camera) for name, camera in cameras.items()}
+        self._looked, self._pauses = 0.0, Pauses()
+
+    @property
+    def next_exposure(self) -> float:
+        """When to look again for images that have come [s]."""
+        return self._looked + LOOKING
+
+    @property
+    def next_arrival(self) -> float:
+        """When to look again for what images show [s]."""
+        return self.next_exposure
+
+    @property
+    def settled(self) -> float:
+        """Before when no image is under way, as far as cameras keep their rates [s]."""
+        return min(stream.seen + 1.0 / stream.camera.rate for stream in self._streams.values())
+
+    def has_arrival_from(self, end: float) -> bool:
+        """As `Streams` says."""
+        return self.settled <= end
+
+    def resume(self, t: float) -> float:
+        """As `Streams` says."""
+        now = max(t, self._clock())
+        for stream in self._streams.values():
+            stream.came, stream.newest, stream.seen = now, max(stream.newest, now), max(stream.seen, now)
+            stream.begun = False
+            stream.waiting.clear()
+        return now
+
+    def present(self, t: float) -> float:
+        """As `Streams` says."""
+        return max(t, self._clock())
+
+    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
+        """As `Streams` says: the images that have come."""
+        self._looked = t
+        self._pauses.look(t)
+        found = []
+        for name, image in take(list(self._streams)).items():
+            stream = self._streams[name]
+            stream.came, before, stream.newest = t, stream.newest, max(stream.newest, image.t)
+            if image.t > before and len(stream.waiting) < MOST_WAITING:
+                stream.waiting.append((image, believed(image.t)))
+                found.append(image)
+        self.images += len(found)
+        return sorted(found, key=lambda image: (image.t, image.camera))
+
+    def collect(self, t: float) -> list[Detection]:  # noqa: ARG002 - what is there by now
+        """As `Streams` says. Processes that have nothing to do then get the oldest images that wait."""
+        found = []
+        with lost_if_crashed():
+            for name, stream in self._streams.items():
+                while stream.looked_at and self._detectors.is_ready(name):
+                    found.append(self._detectors.collect(name))
+                    stream.looked_at -= 1
+                    stream.begun |= found[-1].t > stream.seen
+                    stream.seen = max(stream.seen, found[-1].t)
+            waiting = [stream for stream in self._streams.values() if stream.waiting]
+            for stream in sorted(waiting, key=lambda one: one.waiting[0][0].t):
+                if self._detectors.is_free(stream.camera.name):
+                    self._detectors.submit(*stream.waiting.popleft())
+                    stream.looked_at += 1
+        return self._collected(found)
+
+    def failure(self, t: float) -> MonitoringLost | None:
+        """As `Streams` says: no images, then old ones, then nobody who looks at them."""
+        waited, lost, late, slow = self._pauses.waited, dict[str, float](), dict[str, float](), dict[str, float]()
+        for name, one in self._streams.items():
+            patience = one.camera.lag + one.overdue
+            if waited(one.newest) > patience + SLACK or waited(one.came) > one.overdue + SLACK:
+                late[name] = t - one.newest
+                if waited(one.came) > 1.0 / one.camera.rate:
+                    lost[name] = t - one.newest
+            if t > one.seen + patience + LOOKING_SLACK:
+                slow[name] = t - one.seen
+        return lost_streams(lost, late, slow, mend=self._mend)
+
+
+def lost_streams(*failed: Mapping[str, float], mend: str = "") -> MonitoringLost | None:
+    """The worst failure; None where there is none.
+
+    failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s]. mend: what
+    may help, whatever fails.
+    """
+    for (fault, reason), found in zip(_REASONS, failed, strict=False):
+        if found:
+            ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
+            text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
+            return MonitoringLost(text + (f" ({mend})" if mend else ""), fault, list(found))
+    return None
+
+
+@contextmanager
+def lost_if_crashed() -> Iterator[None]:
+    """A process that looks at images and has ended is a reason to stop: raises MonitoringLost."""
+    try:
+        yield
+    except PerceptionError as error:
+        raise MonitoringLost(str(error), "perception-crash", error.cameras) from error

@@ -1,0 +1,252 @@
+"""What OpenCV does for us: colours, outlines and markers. The only module of perception that knows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.detector import ALIKE
+from sqrp_cli.camera.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
+from sqrp_cli.camera.markers import ORIGINAL, opencv_name
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.image import ImageArray
+
+cv2.setNumThreads(1)  # one process per core looks at images already
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMarker:
+    """An ArUco marker in an image; corners [pixels], shape (4, 2)."""
+
+    id: int
+    corners: Array
+
+    @property
+    def center(self) -> Array:
+        """Where it is, (2,) [pixels]."""
+        center: Array = self.corners.mean(axis=0)
+        return center
+
+
+@dataclass(frozen=True, eq=False)
+class Blob:
+    """A connected patch of pixels: how many, and their mean (x, y) [pixels]."""
+
+    area: int
+    center: Array
+
+
+def color_mask(image: ImageArray, color: str) -> Mask:
+    """Where an image has a colour."""
+    hue = hue_of(color)
+    if hue is None:
+        return np.zeros(image.shape[:2], dtype=bool)
+    hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+    saturation, value = (round(255 * least) for least in (LEAST_SEEN_SATURATION, LEAST_VALUE))
+    first, last = hue - HUE_TOLERANCE, hue + HUE_TOLERANCE
+    mask = np.zeros(image.shape[:2], dtype=bool)
+    for turn in (-HUES, 0, HUES):  # hues go round
+        low, high = max(first + turn, 0), min(last + turn, HUES - 1)
+        if low <= high:
+            mask |= cv2.inRange(hsv, (low, saturation, value), (high, 255, 255)) > 0
+    return mask
+
+
+def same_color(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
+    """Where two images of the same size differ by at most a tolerance in every channel."""
+    same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
+    return same
+
+
+def shade_of(first: ImageArray, second: ImageArray, share: float, values: float) -> Mask:
+    """Where the first image shows what the second does in brighter or darker light: every channel in proportion.
+
+    It may differ by a share of its brightest channel and some values more.
+    """
+    one, other = first.astype(np.float32), second.astype(np.float32)
+    factor = (one * other).sum(axis=2) / np.maximum((other * other).sum(axis=2), 1.0)
+    off = np.abs(one - factor[..., None] * other).max(axis=2)
+    same: Mask = off <= share * one.max(axis=2) + values
+    return same
+
+
+def convex_outline(points: Array) -> Array:
+    """The convex hull of points (n, 2) as a polygon."""
+    outline: Array = cv2.convexHull(points.astype(np.float32))[:, 0].astype(float)
+    return outline
+
+
+def area_of(polygon: Array) -> float:
+    """Area of a polygon (n, 2)."""
+    return float(cv2.contourArea(polygon.astype(np.float32)))
+
+
+_SUBPIXEL = 4
+"""Fractional bits of polygon corners."""
+
+Corners = NDArray[np.int32]
+"""Corners of polygons in sixteenths of a pixel."""
+
+
+def corners_of(polygons: Array) -> Corners:
+    """Polygons (..., 2) [pixels] as `filled` wants them."""
+    corners: Corners = np.round(polygons * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
+    return corners
+
+
+class Crop(NamedTuple):
+    """A part of an image; indexes it."""
+
+    rows: slice
+    columns: slice
+
+    @classmethod
+    def whole(cls, height: int, width: int) -> Crop:
+        """All of an image."""
+        return cls(slice(0, height), slice(0, width))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many rows and columns it has."""
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+    @property
+    def origin(self) -> NDArray[np.int32]:
+        """Its first pixel (x, y), shape (2,)."""
+        return np.array([self.columns.start, self.rows.start], dtype=np.int32)
+
+    def wider(self, by: int) -> Crop:
+        """With a margin on every side [pixels], which may reach beyond the image: it then indexes nothing."""
+        return Crop(*(slice(side.start - by, side.stop + by) for side in self))
+
+
+def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
+    """The pixels of a crop that convex polygons cover.
+
+    polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
+    """
+    canvas = np.zeros(crop.shape, dtype=np.uint8)
+    first = crop.origin << _SUBPIXEL
+    for corners in polygons:
+        if corners.ndim == 2:
+            cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
+            continue
+        pixels = (corners - first + (1 << _SUBPIXEL - 1)) >> _SUBPIXEL
+        spans = np.ptp(pixels, axis=1)
+        # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
+        tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
+        columns, rows = pixels[tiny].reshape(-1, 2).T
+        inside = (columns >= 0) & (columns < canvas.shape[1]) & (rows >= 0) & (rows < canvas.shape[0])
+        canvas[rows[inside], columns[inside]] = 1
+        for polygon in corners[~tiny] - first:
+            cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
+    return canvas.astype(bool)
+
+
+def middle(mask: Mask) -> Array:
+    """Mean (x, y) of the pixels of a mask that has some."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])
+
+
+def displacement(shown: Mask, judged: Mask, expected: Callable[[int], Mask], reaches: Sequence[int]) -> Array:
+    """By how much (x, y) something lies beside where it is expected, (2,) [pixels].
+
+    shown: where it is seen, shape (h, w). judged: where it would be seen if it were there, (h, w). expected: its
+    silhouette, with a margin on every side by which it may lie beside it, one of some rising reaches. The first reach
+    counts that does not end where it lies, so that what is alike further away does not matter where something nearer
+    explains the image. Of all that explains which of the judged pixels show it, but for a share `ALIKE` of the
+    silhouette as far as it is judged, it is the least.
+    """
+    least = np.zeros(2)
+    score = np.where(judged, np.where(shown, -1.0, 1.0), 0.0).astype(np.float32)
+    for reach in reaches:
+        silhouette = expected(reach)
+        wrong = cv2.matchTemplate(silhouette.astype(np.float32), score, cv2.TM_CCORR)
+        down, right = ((size - 1) // 2 for size in wrong.shape)
+        there = silhouette[down : down + shown.shape[0], right : right + shown.shape[1]] & judged
+        rows, columns = np.nonzero(wrong <= wrong.min() + ALIKE * float(there.sum()))
+        steps = np.stack([right - columns, down - rows], axis=1)
+        least = steps[np.hypot(*steps.T).argmin()].astype(float)
+        if np.abs(least).max() < reach:
+            break
+    return least
+
+
+def dilated(mask: Mask, pixels: int) -> Mask:
+    """A mask made wider by some pixels on every side."""
+    kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), dtype=np.uint8)
+    grown: Mask = cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
+    return grown
+
+
+def inpainted(image: ImageArray, missing: Mask) -> ImageArray:
+    """The image with a guess, from what is around, at its missing pixels."""
+    restored: ImageArray = cv2.inpaint(image, missing.astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    return restored
+
+
+def blobs(mask: Mask) -> list[Blob]:
+    """The connected patches of a mask, largest first."""
+    count, _, stats, centers = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    found = [Blob(int(stats[i, cv2.CC_STAT_AREA]), centers[i]) for i in range(1, count)]
+    return sorted(found, key=lambda blob: (-blob.area, *blob.center.tolist()))
+
+
+def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:
+    """The markers of a dictionary in an image, by id."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    framed = cv2.copyMakeBorder(grey, _FRAME, _FRAME, _FRAME, _FRAME, cv2.BORDER_CONSTANT, value=255)
+    corners, ids, _ = _marker_detector(dictionary).detectMarkers(framed)
+    if ids is None:
+        return []
+    # OpenCV's corners are those of pixels' edges, half a pixel off from their centres.
+    found = [FoundMarker(int(i), c[0].astype(float) - _FRAME) for i, c in zip(ids.ravel(), corners, strict=True)]
+    return sorted(found, key=lambda marker: marker.id)
+
+
+_FRAME = 8
+"""Width of a white frame around the image [pixels]: the margin of a marker at the edge."""
+
+BRIGHT = 90
+"""Percentile of the pixels around a marker that is as bright as its margin."""
+
+
+def markers_beside(image: ImageArray, parts: Mask, dictionary: str) -> list[FoundMarker]:
+    """The markers in an image of which known parts cover some of the margin, or a line of the black square.
+
+    A dark part that touches the square makes the two one shape, which is no square: so it is taken for margin.
+    """
+    painted = image.copy()
+    painted[parts] = np.percentile(image, BRIGHT)
+    return find_markers(painted, dictionary)
+
+
+@cache
+def _marker_detector(name: str) -> Any:  # noqa: ANN401
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.minDistanceToBorder = 0  # the default, 3, misses what is whole, but at the edge of the image
+    parameters.perspectiveRemovePixelPerCell = 8  # the default, 4, misses one in twenty of the smallest
+    return cv2.aruco.ArucoDetector(dictionary, parameters)
+
+
+def direction(camera: Camera, pixel: Array) -> Array:
+    """The unit vector, in the optical frame, of the ray that a pixel (2,) sees."""
+    K, D = np.array(camera.matrix), np.array(camera.distortion)
+    point = np.asarray(pixel, dtype=float).reshape(1, 1, 2)
+    if camera.distortion_model == "equidistant":
+        plane = cv2.fisheye.undistortPoints(point, K, D)
+    else:
+        plane = cv2.undistortPoints(point, K, D if len(D) else None)
+    ray = np.array([*plane.ravel(), 1.0])
+    unit: Array = ray / np.linalg.norm(ray)
+    return unit

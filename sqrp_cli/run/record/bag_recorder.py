@@ -1,0 +1,314 @@
+"""Keeps a run as a recording that ROS tools show: images, joints, frames, objects, boxes and verdicts.
+
+| topic | type | what |
+|---|---|---|
+| `/joint_states` | `sensor_msgs/JointState` | every movable joint |
+| `/tf`, `/tf_static` | `tf2_msgs/TFMessage` | `world`, the links of robot and tool, the optical frames of the cameras |
+| `/robot_description` | `std_msgs/String` | robot and tool as one URDF |
+| `/CAMERA/image_raw/compressed` | `sensor_msgs/CompressedImage` | its images, as JPEG |
+| `/CAMERA/camera_info` | `sensor_msgs/CameraInfo` | its intrinsics |
+| `/objects` | `visualization_msgs/MarkerArray` | the objects of the cell where they are |
+| `/boxes` | `visualization_msgs/MarkerArray` | where images are judged: green true, blue false, red blind |
+| `/verdicts` | `diagnostic_msgs/DiagnosticArray` | the value of each literal, and what each camera shows |
+| `/as_planned` | `std_msgs/Bool` | whether images from then on are of the plan; told when it changes |
+| `/rosout` | `rcl_interfaces/Log`, in ROS 1 `rosgraph_msgs/Log` | what happens, in words |
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.light import COLORS, Rgb
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.files.frames import WORLD, WORLD_LINK
+from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.robot.robot import Robot
+from sqrp_cli.robot.urdf import UrdfModel
+from sqrp_cli.ros.bag import BagWriter
+from sqrp_cli.ros.messages import Message, MessageTypes, pose_message, transform_message
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.record import events
+from sqrp_cli.run.record.packed_image import jpeg_of
+from sqrp_cli.run.robot_body import RobotBody
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+AS_PLANNED = "/as_planned"
+"""The topic that says whether everything goes as the program says."""
+
+EPOCH = 1_000_000_000
+"""What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
+
+_PLAIN = (0.75, 0.74, 0.72)
+_SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
+_ALPHA = 0.35
+"""Opacity of boxes."""
+_CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
+"""Types of `visualization_msgs/Marker`."""
+_LOG_LEVELS = {1: (2, 4), 2: (20, 30)}
+"""Of a log message that informs, and of one that warns, by the version of ROS."""
+
+
+class BagRecorder:
+    """Writes the events and images of a run into a recording; a listener of events."""
+
+    def __init__(self, writer: BagWriter, workspace: Workspace, body: RobotBody) -> None:
+        """Writes what never changes."""
+        self._writer, self._types = writer, writer.types
+        self._workspace, self._body, robot = workspace, body, workspace.robot
+        links = {joint.child: joint.parent for urdf in robot.urdfs for joint in urdf.joints.values()}
+        moving = {link for link, mount in body.tree.mounts.items() if mount.joint >= 0}
+        self._moving = {child: parent for child, parent in links.items() if child in moving}
+        if robot.tool is not None:
+            links[robot.tool.urdf.root] = robot.tool.link
+        self._joints: dict[str, float] = {}
+        self._boxes: dict[str, list[Message]] = {}
+        self._planned: bool | None = None
+        self._holds_run = False
+        self._add("/robot_description", 0.0, "std_msgs/msg/String", latched=True, data=robot_description(robot))
+        rest, frames = body.link_poses({}), [(WORLD, robot.urdf.root, robot.X_WB)]
+        for child, parent in links.items():
+            if child not in self._moving:
+                frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
+        frames += [(one.frame, optical_frame(one.name), one.X_FC) for one in workspace.cameras.values()]
+        self._add_frames("/tf_static", 0.0, frames, latched=True)
+        for camera in workspace.cameras.values():
+            info = camera_info(self._types, camera, _at(0.0))
+            self._writer.add(f"/{camera.name}/camera_info", _at(0.0), info, latched=True)
+
+    def __call__(self, event: events.Event) -> None:
+        """Keep an event."""
+        match event:
+            case events.WholeState() | events.StateChanged():
+                self._add_state(event)
+            case events.StepBegan(t=t):
+                wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
+                self._boxes = {
+                    atom: [self._box(t, (atom, number), box) for number, box in enumerate(boxes)]
+                    for atom, boxes in event.boxes.items()
+                }
+                self._add_markers("/boxes", t, [wiped, *(one for found in self._boxes.values() for one in found)])
+                self._say(t, f"step {event.number}: {event.skill}")
+            case events.EvidenceSeen():
+                self._judge(event)
+            case events.PrimitiveBegan():
+                self._say(event.t, event.name)
+            case events.FaultSeen(name=name, text=text):
+                self._say(event.t, f"fault: {name} ({text})" if text else f"fault: {name}", warns=True)
+            case events.MovingOn():
+                self._say(event.t, f"moving on to see {event.to_see}", warns=True)
+            case events.Stopping():
+                self._say(event.t, f"stopping: {event.reason}", warns=True)
+            case events.Retrying():
+                self._say(event.t, f"retry {event.attempt} of {event.of}", warns=True)
+            case events.RunEnded(event=outcome, reason=reason):
+                self._holds_run = True
+                self._say(event.t, outcome if reason is None else f"{outcome}: {reason}", warns=True)
+
+    def add(self, frame: CameraImage, *, planned: bool) -> None:
+        """Keep an image; planned: whether all went as the program says when it was taken."""
+        self._holds_run = True
+        self.tell_planned(frame.t, planned=planned)
+        topic, header = f"/{frame.camera}/image_raw/compressed", self._header(frame.t, optical_frame(frame.camera))
+        data = np.frombuffer(jpeg_of(frame.image), np.uint8)
+        self._add(topic, frame.t, "sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
+
+    def tell_planned(self, t: float, *, planned: bool) -> None:
+        """Keep whether all goes as the program says from time t [s] on."""
+        if planned != self._planned:
+            self._planned = planned
+            self._add(AS_PLANNED, t, "std_msgs/msg/Bool", data=planned)
+
+    def close(self) -> None:
+        """Finish the recording; of a run that was ended before its first image, nothing is kept."""
+        if self._holds_run:
+            self._writer.close()
+        else:
+            self._writer.discard()
+
+    def _add(self, topic: str, t: float, kind: str, *, latched: bool = False, **fields: Message) -> None:
+        """Write a message of a type."""
+        self._writer.add(topic, _at(t), self._types.make(kind, **fields), latched=latched)
+
+    def _header(self, t: float, frame: str = "") -> Message:
+        return self._types.header(_at(t), frame)
+
+    def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
+        transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
+        self._add(topic, t, "tf2_msgs/msg/TFMessage", latched=latched, transforms=transforms)
+
+    def _add_state(self, state: events.State) -> None:
+        names = getattr(state, "joints", list(self._joints))
+        if state.q:
+            self._joints = dict(zip(names, state.q, strict=True))
+        joints, position, header = list(self._joints), np.array(list(self._joints.values())), self._header(state.t)
+        self._add("/joint_states", state.t, "sensor_msgs/msg/JointState", header=header, name=joints, position=position)
+        X_WL = self._body.link_poses(self._joints)
+        moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
+        self._add_frames("/tf", state.t, moved)
+        markers = []
+        for name, (x, y, z, *quaternion) in state.objects.items():
+            obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
+            color = COLORS.get((obj.color or "").lower(), _PLAIN)
+            for number, part in enumerate(obj.parts):
+                markers.append(self._marker(state.t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
+        self._add_markers("/objects", state.t, markers)
+
+    def _box(self, t: float, name: tuple[str, int], box: events.AskedBox) -> Message:
+        shape, color = Box((box.size[0], box.size[1], box.size[2])), _SHOWN[Truth.UNKNOWN]
+        marker = self._marker(t, name, box.frame, np.array(box.pose), shape, color, alpha=_ALPHA)
+        marker.frame_locked = True
+        return marker
+
+    def _judge(self, event: events.EvidenceSeen) -> None:
+        make, status = self._types.make, []
+        for atom, shown in event.literals.items():
+            values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
+            values |= {camera: value.word for camera, value in shown.cameras.items()}
+            status.append(
+                make(
+                    "diagnostic_msgs/msg/DiagnosticStatus",
+                    level=1 if shown.asked and shown.value is Truth.UNKNOWN else 0,  # a warning: it cannot be judged
+                    name=atom,
+                    message=shown.value.word,
+                    values=[make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in values.items()],
+                )
+            )
+            for marker in self._boxes.get(atom, ()):
+                marker.header = self._header(event.t, marker.header.frame_id)
+                marker.color = self._color(_SHOWN[shown.value], _ALPHA)
+        header = self._header(event.exposed)
+        self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
+        self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
+
+    def _say(self, t: float, text: str, *, warns: bool = False) -> None:
+        said: dict[str, Message] = {"level": _LOG_LEVELS[self._types.ros][warns], "name": "sqrp", "msg": text}
+        if self._types.ros == 2:
+            self._add("/rosout", t, "rcl_interfaces/msg/Log", stamp=self._types.time(_at(t)), **said)
+        else:
+            self._add("/rosout", t, "rosgraph_msgs/msg/Log", header=self._header(t), **said)
+
+    def _add_markers(self, topic: str, t: float, markers: list[Message]) -> None:
+        if markers:
+            self._add(topic, t, "visualization_msgs/msg/MarkerArray", markers=markers)
+
+    def _marker(
+        self, t: float, name: tuple[str, int], frame: str, X: Array, shape: Shape, color: Rgb, *, alpha: float = 1.0
+    ) -> Message:
+        mesh = ""
+        match shape:
+            case Box(size):
+                kind, scale = _CUBE, size
+            case Sphere(radius):
+                kind, scale = _SPHERE, (2 * radius,) * 3
+            case Cylinder(radius, length):
+                kind, scale = _CYLINDER, (2 * radius, 2 * radius, length)
+            case Capsule(radius, length):  # markers have none
+                kind, scale = _CYLINDER, (2 * radius, 2 * radius, length + 2 * radius)
+            case Mesh(path, scale):
+                kind, mesh = _MESH, path.resolve().as_uri()
+        x, y, z = map(float, scale)
+        return self._types.make(
+            "visualization_msgs/msg/Marker",
+            header=self._header(t, frame),
+            ns=name[0],
+            id=name[1],
+            type=kind,
+            pose=pose_message(self._types, X),
+            scale=self._types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            color=self._color(color, alpha),
+            mesh_resource=mesh,
+        )
+
+    def _color(self, rgb: Rgb, alpha: float) -> Message:
+        r, g, b = rgb
+        return self._types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
+
+
+def camera_info(types: MessageTypes, camera: Camera, ns: int) -> Message:
+    """The `sensor_msgs/CameraInfo` of a camera; ns: the stamp [ns]."""
+    plain = camera.distortion_model == "none"
+    numbers = {
+        "d": np.zeros(5) if plain else np.array(camera.distortion),
+        "k": camera.matrix.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
+    }
+    return types.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=types.header(ns, optical_frame(camera.name)),
+        width=camera.width,
+        height=camera.height,
+        distortion_model="plumb_bob" if plain else camera.distortion_model,
+        **{name.upper() if types.ros == 1 else name: value for name, value in numbers.items()},
+    )
+
+
+def _at(t: float) -> int:
+    """A time of the run [s] on the recording's clock [ns]."""
+    return (EPOCH * 1_000_000_000) + round(t * 1_000_000_000)
+
+
+def optical_frame(camera: str) -> str:
+    """What TF calls the optical frame of a camera."""
+    return f"{camera}_optical_frame"
+
+
+_NAMING = {"link": ("name",), "parent": ("link",), "child": ("link",), "joint": ("name",), "mimic": ("joint",)}
+"""Attributes of a description that name links and joints, by element."""
+
+
+def robot_description(robot: Robot) -> str:
+    """The URDF of a robot, its tool fixed to it. Meshes beside a file get their full path, packages stay named."""
+    root = _described(robot.urdf)
+    if robot.tool is not None:
+        root.extend(_described(robot.tool.urdf))
+        name = f"{robot.tool.link}_to_{robot.tool.urdf.root}"
+        _fix(root, name, robot.tool.link, robot.tool.urdf.root, robot.tool.X_LT)
+    return Xml.tostring(root, encoding="unicode")
+
+
+def _described(urdf: UrdfModel) -> Xml.Element:
+    if not urdf.content:  # a tool that the workspace gives as boxes
+        root = Xml.Element("robot", name=urdf.name)
+        for link in urdf.links.values():
+            element = Xml.SubElement(root, "link", name=link.name)
+            for piece in link.geometry("collision"):
+                if isinstance(piece.shape, Box):
+                    visual = Xml.SubElement(element, "visual")
+                    visual.append(_origin(piece.X_LG))
+                    Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
+        for one in urdf.joints.values():
+            _fix(root, one.name, one.parent, one.child, one.X_PJ)
+        return root
+    root = Xml.fromstring(urdf.content)  # noqa: S314 - it was read, and found harmless, with the workspace
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if "://" not in name:
+            mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
+    # A link of the name `world` is not where the cell's frame of that name is.
+    for element in root.iter():
+        for key in _NAMING.get(element.tag, ()):
+            if (called := element.get(key)) is not None:
+                of_link = element.tag in ("link", "parent", "child")
+                element.set(key, urdf.prefix + (WORLD_LINK if of_link and called == WORLD else called))
+    return root
+
+
+def _fix(root: Xml.Element, name: str, parent: str, child: str, X_PC: Array) -> None:
+    """Add a joint that does not move."""
+    joint = Xml.SubElement(root, "joint", name=name, type="fixed")
+    Xml.SubElement(joint, "parent", link=parent)
+    Xml.SubElement(joint, "child", link=child)
+    joint.append(_origin(X_PC))
+
+
+def _origin(X: Array) -> Xml.Element:
+    return Xml.Element("origin", xyz=_numbers(X[:3, 3].tolist()), rpy=_numbers(matrix_to_rpy(X[:3, :3])))
+
+
+def _numbers(values: list[float] | tuple[float, ...]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

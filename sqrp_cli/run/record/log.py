@@ -1,0 +1,206 @@
+"""The log of a run, one JSON document per line, and reading it again. It holds no wall time: same run, same bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.files.input_file import open_input
+from sqrp_cli.files.json_file import json_name, parse_json
+from sqrp_cli.files.source import describe
+from sqrp_cli.files.units import LARGEST
+from sqrp_cli.geometry import Array
+from sqrp_cli.platform.files import naming
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
+from sqrp_cli.run.record.report import Confusion, RunReport
+
+MAX_BYTES = 200_000_000
+"""Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
+
+MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
+"""Most bytes of a line of a log that is read, and most lines."""
+
+SLACK = 0.01
+"""Largest step back between events [s], since the simulation's clock is discrete."""
+
+
+class LogWriter:
+    """Writes the events of a run as they happen."""
+
+    def __init__(self, path: Path, header: RunBegan) -> None:
+        """header: what was run and how."""
+        self._path = path
+        with naming(path):  # line by line, so that nothing is lost where a run is interrupted
+            self._file = path.open("w", encoding="utf-8", buffering=1)
+        self(header)
+
+    def __call__(self, event: Event) -> None:
+        """Write an event. Raises InputError where that is not possible."""
+        with naming(self._path):
+            self._file.write(json.dumps(event.line(), allow_nan=False) + "\n")
+
+    def finish(self, report: RunReport) -> None:
+        """Write the report as the last line."""
+        self(RunReported(t=report.time, report=report))
+
+    def close(self) -> None:
+        """Write nothing more."""
+        with naming(self._path):
+            self._file.close()
+
+
+def read_log(path: Path) -> Iterator[Event]:
+    """The events of known kinds in a log, its header first.
+
+    Raises InputError, with the line, for anything but a log.
+    """
+    before, joints, number = 0.0, None, 0
+    for number, text in _lines(path):
+        place = Place(path, number)
+        try:
+            fields = _fields(text, place)
+        except InputError as error:
+            if number > 1 and not text.endswith("\n") and error.problems[0].code == "json-syntax":
+                return  # cut off as it was written
+            raise
+        t, kind = float(fields["t"]), fields["event"]
+        if number == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
+            raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
+        model = KINDS.get(kind)
+        event: Event | None = None
+        try:
+            if model is RunReported:
+                event = RunReported(t=t, report=_report(fields, place))
+            elif model is not None:
+                event = (WholeState if model is StateChanged and joints is None else model).model_validate(fields)
+        except ValidationError as error:
+            raise _no_log(f"this `{kind}` is no event of a log: {_first_words(error)}", place) from None
+        if isinstance(event, WholeState):
+            joints = len(event.joints)
+        if isinstance(event, State) and event.has("q") and len(event.q) != joints:
+            raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
+        if t < before - SLACK:
+            raise _no_log(f"this event is at {t:g} s, before that of the line above", place)
+        before = max(before, t)
+        if event is not None:
+            yield event
+    if number == 0:
+        raise _no_log("this log is empty", Place(path))
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines of a log, from 1, one at a time."""
+    with open_input(path, MAX_BYTES) as file:
+        for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
+            if len(line) > MAX_LINE or number > MAX_LINES:
+                message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
+                raise bad_input("file-too-large", message, Place(path, number))
+            try:
+                yield number, line.decode("utf-8")
+            except UnicodeDecodeError as error:
+                message = "this is no log of `sqrp run --log`: it is not UTF-8 text"
+                raise _no_log(message, Place(path, number)) from error
+
+
+def _fields(text: str, place: Place) -> Mapping[str, Any]:
+    """The fields of a line, with its time `t` [s] and kind `event`."""
+    try:
+        document = parse_json(place.file, text, place.line or 1)
+    except InputError as error:
+        if place.line != 1:
+            raise
+        raise _no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
+    if not isinstance(document, dict):
+        raise _no_log(f"this line is no event of a log: found {describe(document)}, expected a mapping", place)
+    t, kind = document.get("t"), document.get("event")
+    if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
+        raise _no_log(f"this line is no event of a log: `t` is {describe(t)}, expected a number of seconds", place)
+    if not isinstance(kind, str):
+        raise _no_log(f"this line is no event of a log: `event` is {describe(kind)}, expected its kind", place)
+    return document
+
+
+def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
+    try:
+        # Logs of earlier versions have the times of the last stop each for itself.
+        stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
+        report = TypeAdapter(RunReport).validate_python({"stop": stop, **fields, "wall": {}})
+    except ValidationError as error:
+        raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
+    if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
+        usual = [
+            {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
+            for step in report.prediction
+        ]
+        report = replace(report, usual=usual)
+    shown, asked = (
+        [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
+        for steps in (report.usual, report.prediction)
+    )
+    if shown != asked:
+        message = "the report at the end of this log has other literals under `usual` than under `prediction`"
+        raise _no_log(message, place)
+    return report
+
+
+def _first_words(error: ValidationError) -> str:
+    """The first that is wrong, with the field."""
+    first = error.errors()[0]
+    place, message = json_name(first["loc"]), first["msg"]
+    return f"`{place}`: {message[0].lower()}{message[1:]}"
+
+
+def _no_log(message: str, place: Place) -> InputError:
+    return bad_input("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where everything was during a run."""
+
+    t: Array
+    """Times on the run's clock [s], shape (n,)."""
+    joints: tuple[str, ...]
+    """Names of the j joints."""
+    q: Array
+    """Their positions, shape (n, j) [rad or m]."""
+    held: tuple[str | None, ...]
+    """What the tool held at each of the n times."""
+    poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
+    """Of each object in the world, as pairs of the index of a time and the pose from then on.
+
+    A pose is x, y, z [m] and a quaternion x, y, z, w.
+    """
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> Track | None:
+        """What a run published of it, from all its events; None if it published none."""
+        states = [event for event in events if isinstance(event, State)]
+        if not states:
+            return None
+        first, *others = states
+        assert isinstance(first, WholeState)  # noqa: S101 - as a run publishes and `read_log` makes sure
+        q, held = [first.q], [first.held]
+        for state in others:
+            q.append(state.q if state.has("q") else q[-1])
+            held.append(state.held if state.has("held") else held[-1])
+        poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
+        for index, state in enumerate(states):
+            for name, pose in state.objects.items():
+                poses.setdefault(name, []).append((index, tuple(pose)))
+        return cls(
+            np.array([state.t for state in states]),
+            tuple(first.joints),
+            np.array(q, dtype=float).reshape(len(states), -1),
+            tuple(held),
+            {name: tuple(found) for name, found in poses.items()},
+        )

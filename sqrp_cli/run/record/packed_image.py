@@ -1,0 +1,264 @@
+"""Images in files and in messages of ROS, packed or pixel by pixel: written, and checked before they are decoded.
+
+The decoder writes of what is damaged past our messages, and does not say where it is. PNG: https://www.w3.org/TR/png-3/.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import cv2
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera, PixelSize
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.files.input_file import read_input
+from sqrp_cli.ros.messages import Message
+from sqrp_cli.run.image import ImageArray
+
+JPEG_QUALITY = 95
+"""Of recorded images, of 100."""
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEADER = struct.Struct(">IIBBBBB")
+_HEADER_CHUNK = 25
+"""Bytes of the first chunk: its length, its name, 13 of content, its checksum."""
+_NUMBERS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Numbers for each pixel, by the type of colour."""
+_PALETTE = 3
+"""The type of colour whose numbers are those of a palette."""
+_DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
+_PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
+
+_BYTES_PER_PIXEL, _SPARE_BYTES = 8, 10_000_000
+"""Largest size of an image file: so much for each pixel (four values of 16 bits), and so much for the rest."""
+
+_JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+_PADDING = re.compile(r"Corrupt JPEG data: ([1-9]|1[0-6]) extraneous bytes before marker 0xd[0-79]")
+"""What is said where a camera fills up to a marker with a few bytes, as many do: nothing of the image is lost."""
+
+_CONVERSIONS = {
+    "rgb8": None,
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+    "mono8": cv2.COLOR_GRAY2RGB,
+    "8UC1": cv2.COLOR_GRAY2RGB,
+    "8UC3": cv2.COLOR_BGR2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    "bayer_rggb8": cv2.COLOR_BayerRGGB2RGB,
+    "bayer_bggr8": cv2.COLOR_BayerBGGR2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGBRG2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGRBG2RGB,
+}
+"""How each encoding of `sensor_msgs/Image` becomes red, green and blue."""
+_CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+_CHANNELS |= dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), 2)
+"""Bytes of a pixel; of other encodings one."""
+
+
+def png_of(image: ImageArray) -> bytes:
+    """An image as a PNG file."""
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return bytes(content)
+
+
+def jpeg_of(image: ImageArray) -> bytes:
+    """An image as a JPEG file with all of its colours: none of their channels is made smaller."""
+    sampled = int(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampled]
+    _, content = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+    return bytes(content)
+
+
+def decoded(content: bytes) -> ImageArray | None:
+    """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def read_png(path: Path, expected: PixelSize, camera: str) -> bytes:
+    """The content of a PNG file, still packed, whose header says that it has the expected size.
+
+    Raises InputError for what is no PNG file, one that is animated or much larger than its pixels, and another size.
+    """
+    content = read_input(path, _BYTES_PER_PIXEL * expected.width * expected.height + _SPARE_BYTES)
+    if not content.startswith(_SIGNATURE):
+        raise bad_input("unreadable", "this image is no PNG file", Place(path), mend="convert it to PNG")
+    found = png_size(content)
+    if found is None:
+        raise bad_input("unreadable", "this PNG file is damaged in its header", Place(path))
+    if b"acTL" in content[: content.find(b"IDAT")]:
+        mend = "write each of its images into a file of its own"
+        raise bad_input("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend)
+    if found != expected:
+        raise bad_input("wrong-size", f"this image is {found.short}, {camera} has {expected.short}", Place(path))
+    return content
+
+
+def png_size(content: bytes) -> PixelSize | None:
+    """The size that the first chunk of a PNG says; None for a damaged one."""
+    chunk = content[len(_SIGNATURE) : len(_SIGNATURE) + _HEADER_CHUNK]
+    whole = len(chunk) == _HEADER_CHUNK and chunk[:8] == b"\0\0\0\x0dIHDR"
+    if not whole or zlib.crc32(chunk[4:21]) != int.from_bytes(chunk[21:], "big"):
+        return None
+    return PixelSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
+
+
+class _DamagedError(Exception):
+    """What is wrong with a PNG file, and where in it."""
+
+
+def png_damage(content: bytes) -> str | None:
+    """What is wrong with a PNG file: a damaged chunk, or other rows than its header promises; None where nothing is."""
+    try:
+        _check_png(content)
+    except _DamagedError as error:
+        return str(error)
+    return None
+
+
+def bare_png(content: bytes) -> bytes:
+    """A PNG file that is whole with nothing but its pixels: of what else there may be, the decoder has much to say."""
+    kept = ((kind.encode() + data, len(data)) for kind, data in _chunks(content) if kind in _PIXELS)
+    packed = (struct.pack(">I", size) + named + struct.pack(">I", zlib.crc32(named)) for named, size in kept)
+    return _SIGNATURE + b"".join(packed)
+
+
+def _check_png(content: bytes) -> None:
+    if not content.startswith(_SIGNATURE):
+        raise _DamagedError("it does not begin as PNG files do")
+    chunks = list(_chunks(content)) or [("", b"")]
+    first, header = chunks[0]
+    if first != "IHDR" or len(header) != _HEADER.size:
+        raise _DamagedError(f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes")
+    width, height, depth, color, _, _, interlaced = _HEADER.unpack(header)
+    if color not in _NUMBERS or depth not in _DEPTHS:
+        raise _DamagedError(f"its header asks for colours of type {color} with {depth} bits, which PNG does not have")
+    if chunks[-1][0] != "IEND":
+        raise _DamagedError("it ends without the chunk `IEND`")
+    if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
+        raise _DamagedError("its colours are numbers of a palette (`PLTE`), which it does not have")
+    row = 1 + (width * _NUMBERS[color] * depth + 7) // 8
+    packed = b"".join(data for kind, data in chunks if kind == "IDAT")
+    try:
+        data = zlib.decompressobj().decompress(packed, row * height + 1)
+    except zlib.error as error:
+        raise _DamagedError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
+    if interlaced:
+        return
+    if len(data) < row * height:
+        raise _DamagedError(f"it has {len(data) // row:,} rows, its header promises {height:,}")
+    if len(data) > row * height:
+        raise _DamagedError(f"it has more rows than the {height:,} that its header promises")
+    wrong = next((number for number, law in enumerate(data[::row]) if law >= _FILTERS), None)
+    if wrong is not None:
+        raise _DamagedError(f"row {wrong + 1:,} is packed in a way that PNG does not have")
+
+
+def _chunks(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Name and data of each chunk of a PNG file."""
+    at = len(_SIGNATURE)
+    while at < len(content):
+        length, name = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
+        kind, end = name.decode("ascii", errors="replace"), at + 12 + length
+        if not (name.isalpha() and end <= len(content)):
+            raise _DamagedError(f"the chunk at byte {at:,} is cut off or damaged")
+        data = content[at + 8 : end - 4]
+        if zlib.crc32(name + data) != int.from_bytes(content[end - 4 : end], "big"):
+            raise _DamagedError(f"the chunk `{kind}` at byte {at:,} does not fit its checksum")
+        yield kind, data
+        at = end
+
+
+class DamagedImageError(InputError):
+    """An image of a recording that is damaged, as one in thousands may be."""
+
+
+def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray:
+    """The image of a `sensor_msgs/CompressedImage` or `Image`.
+
+    place, where: the file, and the message in it. Raises DamagedImageError for one that is damaged, and InputError for
+    one that has another size than the camera, or is packed in a way that is not read.
+    """
+
+    def damaged(message: str) -> DamagedImageError:
+        return DamagedImageError(Problem("unreadable", f"the image of {where}{message}", place))
+
+    def check_size(found: PixelSize) -> None:
+        expected = PixelSize(camera.width, camera.height)
+        if found != expected:
+            message = f"the image of {where} is {found.short}, the workspace says {expected.short}"
+            raise bad_input("wrong-size", message, place)
+
+    if not hasattr(message, "encoding"):
+        content = bytes(message.data)
+        is_png = content.startswith(b"\x89PNG")
+        size = png_size(content) if is_png else _jpeg_size(content)
+        if size is None:
+            what = f"as `{message.format}`" if message.format else "in a way that is not said"
+            raise damaged(f", packed {what}, is no whole JPEG or PNG")
+        check_size(size)
+        if is_png:
+            damage = png_damage(content)
+            image = None if damage else decoded(bare_png(content))
+        else:
+            with _complaints() as said:
+                image = decoded(content)
+            damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), None)
+        if damage or image is None or image.shape[:2] != (camera.height, camera.width):
+            raise damaged(f" is damaged: {damage or 'it cannot be decoded'}")
+        return image
+    encoding = message.encoding
+    has_encoding = f"the image of {where} has the encoding `{encoding}`"
+    if encoding not in _CONVERSIONS:
+        raise bad_input("unreadable", f"{has_encoding}; read are {', '.join(_CONVERSIONS)}", place)
+    found, channels = PixelSize(message.width, message.height), _CHANNELS.get(encoding, 1)
+    check_size(found)
+    if channels == 2 and found.width % 2:
+        raise bad_input("unreadable", f"{has_encoding}, but an odd width", place)
+    row = found.width * channels
+    if message.step < row or len(message.data) < message.step * found.height:
+        raise damaged(f" has fewer bytes than its {found.short} pixels need")
+    rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
+    pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
+    conversion = _CONVERSIONS[encoding]
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+
+
+@contextmanager
+def _complaints() -> Iterator[list[str]]:
+    """The lines that a library writes to the standard error meanwhile: it has no other way to tell of damage."""
+    said: list[str] = []
+    with TemporaryFile() as file, ExitStack() as back:
+        kept = os.dup(2)
+        back.callback(os.close, kept)
+        back.callback(os.dup2, kept, 2)
+        os.dup2(file.fileno(), 2)
+        yield said
+        said += os.pread(file.fileno(), 10_000, 0).decode(errors="replace").splitlines()
+
+
+def _jpeg_size(content: bytes) -> PixelSize | None:
+    """The size in the frame header of a JPEG; None for what is no JPEG, or one that is cut off."""
+    at = 2
+    if not content.startswith(_JPEG) or _JPEG_END not in content[-1024:]:
+        return None
+    while at + 9 <= len(content) and content[at] == 0xFF:
+        kind = content[at + 1]
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            height, width = (int.from_bytes(content[at + k : at + k + 2], "big") for k in (5, 7))
+            return PixelSize(width, height)
+        at += 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    return None

@@ -1,0 +1,353 @@
+"""One run of a program: command, images, evidence, verdict, alarm, recovery, retry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.errors import InputError, bad_input
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Program, Replanner, Step
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.cell.interface import RunnableCell
+from sqrp_cli.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
+from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder, step_began
+from sqrp_cli.run.lockstep import SAME_INSTANT, CommandedRobot, EvidenceCollector, Lockstep
+from sqrp_cli.run.monitor.attempt import Attempt, PredictionCheck
+from sqrp_cli.run.monitor.nominal_step import NominalStep
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, StepMonitor, condition_atoms, condition_value
+from sqrp_cli.run.perception.streams import Streams
+from sqrp_cli.run.record.events import (
+    EventPublisher,
+    Listener,
+    MovingOn,
+    PrimitiveBegan,
+    Retrying,
+    RunEnded,
+    listed,
+)
+from sqrp_cli.run.record.images import ImageRecorder
+from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped, StopTimes
+from sqrp_cli.run.robot_body import RobotBody
+
+LOOK_AGAIN = 2.0
+"""How long the robot stands and waits for the condition of a retry to be seen [s]."""
+
+ELSEWHERE = 0.05
+"""How far from where it is meant to be at the end a part is that was dropped [m]."""
+
+SPACING = 0.05
+"""Sampling period of a motion in the search for a viewpoint [s]."""
+
+
+class Spectator(Protocol):
+    """Somebody who looks on, and may let go what the tool holds."""
+
+    def wants_slip(self) -> bool:
+        """Whether it is to slip now."""
+
+    def told(self, fault: str, refused: str) -> None:
+        """The fault as `--fault` would have it, and why it cannot happen; empty if it does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What is kept of a run, and its listeners."""
+
+    listeners: Sequence[Listener] = ()
+    """Called with each event as it happens."""
+    images: ImageRecorder | None = None
+    """Receives every image with its detections."""
+    states: bool = False
+    """Whether the events include the true poses; the run itself is the same."""
+    spectator: Spectator | None = None
+
+
+class Run:
+    """One run of a program in a cell, simulated or real, whose images come in streams."""
+
+    def __init__(
+        self,
+        program: Program,
+        workspace: Workspace,
+        body: RobotBody,
+        cell: RunnableCell,
+        streams: Streams,
+        replanner: Replanner,
+        faults: Sequence[InjectedFault] = (),
+        recording: Recording | None = None,
+    ) -> None:
+        """replanner: plans retries. faults: that are to happen, in a simulated cell."""
+        recording = Recording() if recording is None else recording
+        self._program, self._body, self._cell, self._faults = program, body, cell, list(faults)
+        self._streams, self._spectator = streams, recording.spectator
+        self._publisher = EventPublisher(recording.listeners)
+        self._truth = GroundTruth(cell, body, program.steps[0].before)
+        self._states = StateRecorder(cell, self._truth.state, self._publisher) if recording.states else None
+        self._robot = CommandedRobot(program, workspace.robot, cell, self._states)
+        self._collector = EvidenceCollector(cell, streams, self._publisher, recording.images)
+        self._tracker = FaultTracker(cell, streams, self._publisher)
+        self._lockstep = Lockstep(self._robot, self._collector, self._tracker, self._truth, self._publisher)
+        self._retry_planner = RetryPlanner(self._lockstep, replanner)
+        self._report = RunReport(workspace=workspace.name)
+
+    def run(self) -> RunReport:
+        """Run all steps; returns how it went."""
+        return self._reported(*(partial(self._run_step, index, step) for index, step in enumerate(self._program.steps)))
+
+    def look(self) -> RunReport:
+        """Look whether all is as it should be where the first step starts, without moving; returns what came of it."""
+        return self._reported(lambda: self._look_at_start(self._prepared(0, self._program.steps[0], first=True), 1))
+
+    def _reported(self, *actions: Callable[[], None]) -> RunReport:
+        """How it went when some actions were taken, one after the other."""
+        lockstep = self._lockstep
+        outcome: Outcome = "done"
+        reason = None
+        try:
+            for action in actions:
+                action()
+        except Stopped as stopped:
+            outcome, reason = "stopped", str(stopped)
+            self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
+            lockstep.halt(str(stopped))
+        if self._states is not None:
+            self._states.finish()
+        if outcome == "done" and (truth := self._cell.truth()) is not None:
+            meant = self._program.steps[-1].after.X_WO
+            lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
+            if any(np.linalg.norm(away) > ELSEWHERE for away in lies.values()):
+                self._tracker.dropped()
+        report = replace(
+            self._report,
+            time=round(lockstep.now, 6),
+            faults=[replace(record) for record in self._tracker.records],  # with the delays that follow from the times
+            conflicts=self._collector.conflicts,
+            tracking=self._cell.tracking_error(),
+            images=self._streams.images,
+            stop=StopTimes(lockstep.stop_told, lockstep.standing_since),
+        )
+        if report.missed and outcome == "done":
+            named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
+            outcome, reason = "missed", f"no image showed {named}"
+        self._publisher.publish(RunEnded(t=lockstep.now, event=outcome, reason=reason))
+        wall = {**self._publisher.wall, "all": self._publisher.elapsed()}
+        wall["perception (in parallel)"] = self._streams.seconds
+        return replace(report, outcome=outcome, reason=reason, wall=wall)
+
+    def _run_step(self, index: int, step: Step) -> None:
+        """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""
+        lockstep, tracker = self._lockstep, self._tracker
+        record = StepRecord(step.skill, step.parameters, step.short_task, lockstep.now)
+        self._report.steps.append(record)
+        self._robot.command_hold(holding=step.before.held is not None)
+        attempt, alarm = self._attempt(index, step, first=True)
+        while alarm is not None:
+            response, retries = alarm.response, record.attempts - 1
+            if alarm.kind == "fault":
+                tracker.seen(alarm, lockstep.now)
+            elif alarm.kind == "violation":
+                tracker.suspected(lockstep.now)
+            if response.action != "retry" or retries >= response.retries:
+                after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
+                raise Stopped(f"{alarm.text}{after}")
+            step = self._retry_planner.prepare(attempt, alarm)
+            record.attempts += 1
+            tracker.acted(lockstep.now)
+            told = Retrying(
+                t=lockstep.now, attempt=retries + 1, of=response.retries, step=step.skill, time=round(step.time, 6)
+            )
+            self._publisher.publish(told)
+            attempt, alarm = self._attempt(index, step, first=False)
+        record.end, record.unseen = round(lockstep.now, 6), attempt.unseen
+        tracker.recovered(lockstep.now)
+
+    def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
+        """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
+        attempt, number = self._prepared(index, step, first=first), index + 1
+        check = attempt.check
+        try:
+            self._look_at_start(attempt, number)
+            alarm = self._move(attempt, number)
+        finally:
+            if first:
+                self._report.prediction.append(check.counts)
+                self._report.usual.append(check.usual)
+                self._report.disagreements.extend(check.disagreements)
+        return attempt, alarm
+
+    def _prepared(self, index: int, step: Step, *, first: bool) -> Attempt:
+        """An attempt at a step, before it begins."""
+        nominal = NominalStep(step, self._program.joints, self._body)
+        check = PredictionCheck(index, nominal, list(self._streams.cameras))
+        return Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
+
+    def _look_at_start(self, attempt: Attempt, number: int) -> None:
+        """Begin an attempt at the step of a number by a look. Raises Stopped where something is not as it should be."""
+        lockstep = self._lockstep
+        lockstep.attempt = self._truth.attempt = attempt
+        lockstep.catch_up()
+        self._collector.watch(attempt, number, lockstep.now)
+        self._publisher.publish(step_began(attempt.step, number, lockstep.now))
+        if (wrong := self._look(attempt, 0.0)) is not None:
+            raise Stopped(f"wrong start: {wrong.text}")
+
+    def _move(self, attempt: Attempt, number: int) -> Alarm | None:
+        """Play the motion of an attempt at the step of a number, then look at what came of it.
+
+        The faults of the step happen once, with its first motion.
+        """
+        lockstep, robot, schedule = self._lockstep, self._robot, self._lockstep.schedule
+        start = attempt.start = lockstep.present
+        for primitive in attempt.step.primitives:
+            begin, end = start + primitive.start, start + primitive.end
+            if primitive.action == "Grasp":
+                schedule(begin, "tool", partial(self._grasp, attempt))
+            elif primitive.action == "Release":  # fingers follow their motion from its beginning
+                schedule(begin if robot.fingers is not None else end, "tool", self._cell.release)
+                schedule(end, "tool", partial(robot.command_hold, holding=False))
+            schedule(begin, "primitive", partial(self._begin, primitive.name, primitive.does))
+        for fault in self._faults:
+            if fault.step == number:
+                schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
+        self._faults = [fault for fault in self._faults if fault.step != number]
+        robot.motion.play(attempt.step.primitives, start)
+        end = attempt.end
+        while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
+            if self._spectator is not None and self._spectator.wants_slip():
+                self._slip(self._spectator, number, start)
+            for alarm in attempt.alarms(lockstep.pass_time(end)):
+                if alarm.response.action != "continue":
+                    return alarm
+                self._tracker.seen(alarm, lockstep.now)
+        self._collector.forget(lockstep.now)
+        return self._look(attempt, attempt.step.time)
+
+    def _grasp(self, attempt: Attempt) -> None:
+        self._cell.grasp()
+        self._robot.command_hold(holding=True)
+        attempt.undisturbed &= not self._tracker.is_open
+
+    def _begin(self, primitive: str, does: str | None) -> None:
+        self._publisher.doing = primitive
+        self._publisher.publish(PrimitiveBegan(t=self._lockstep.now, name=primitive, does=does))
+
+    def _inject(self, fault: InjectedFault) -> None:
+        if self._lockstep.attempt is not None:
+            self._tracker.inject(fault, self._lockstep.now, self._lockstep.attempt)
+
+    def _slip(self, spectator: Spectator, number: int, start: float) -> None:
+        """Let slip what the tool holds, at the next millisecond, so that a command can say when."""
+        t = math.ceil(1e3 * (self._lockstep.now - start + SAME_INSTANT)) / 1e3
+        text, refused = StepPlace(number, self._program.steps).prefix + f"slip@{t:g}", ""
+        try:
+            if self._report.steps[-1].attempts > 1:
+                raise bad_input("bad-fault", "a fault happens in the first try of a step")
+            fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
+            self._lockstep.schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
+        except InputError as error:
+            refused = error.problems[0].message
+        spectator.told(text, refused)
+
+    def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
+        """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""
+        lockstep, streams = self._lockstep, self._streams
+        until = lockstep.now + max(PATIENCE, 3 * streams.period) + streams.latency
+        alarm: Alarm | None = None
+        looked = False
+        while not looked or (alarm is not None and lockstep.now < until - 1e-9):
+            for evidence in lockstep.pass_time():
+                if evidence.complete:
+                    attempt.note(evidence)
+                    alarm = attempt.monitor.at_rest(tau, evidence.values)
+                    looked = True
+        return alarm
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where to stand and look."""
+
+    stop_at: float
+    """The time of the step at which to begin to stop [s]."""
+    cameras: tuple[str, ...]
+    """Those predicted to see something from there; empty if the motion ends without a viewpoint."""
+
+
+class RetryPlanner:
+    """Brings the robot from a fault to a new plan of the same step from where it stands: it looks, locates, plans."""
+
+    def __init__(self, lockstep: Lockstep, replanner: Replanner) -> None:
+        self._lockstep, self._replanner = lockstep, replanner
+        self._robot, self._collector = lockstep.robot, lockstep.collector
+
+    def prepare(self, attempt: Attempt, alarm: Alarm) -> Step:
+        """The step of an attempt that failed again, from where the arm stands then, in the world that is seen then.
+
+        The robot stops at once where it is predicted to see the condition of the retry, or sees it already; else it
+        moves on first, without any command to the tool. It stands then until the condition is seen, and all cameras
+        have said where objects are. Raises Stopped where the condition is not seen or no motion is found.
+        """
+        lockstep, collector, when = self._lockstep, self._collector, alarm.response.when
+        attempt.failed, attempt.undisturbed = True, False
+        lockstep.cancel("tool")
+        tau = self._robot.motion.step_time(lockstep.now)
+        viewpoint = None if when is None or self._is_seen(when) else self._viewpoint(attempt, when, tau)
+        if when is not None and viewpoint is not None and viewpoint.stop_at > tau:
+            began, until = lockstep.now, round(viewpoint.stop_at, 6)
+            cameras = list(viewpoint.cameras)
+            lockstep.publisher.publish(MovingOn(t=began, to_see=when, cameras=cameras, until=until))
+            self._robot.keep_fingers(began)
+            end = began + viewpoint.stop_at - tau
+            while lockstep.now < end - 1e-9 and not self._is_seen(when):
+                lockstep.pass_time(end)
+            lockstep.faults.moved_on(lockstep.now - began)
+        lockstep.stop(alarm.text)
+        self._robot.let_go()
+        collector.forget(lockstep.now)
+        until = lockstep.now + LOOK_AGAIN
+        while when is not None and not (collector.caught_up and self._is_seen(when)):
+            if lockstep.now >= until - 1e-9:
+                where = ""
+                if viewpoint is not None:
+                    seeing = f"where {listed(viewpoint.cameras)} should see it" if viewpoint.cameras else ""
+                    where = f" {seeing or 'at the end of the motion'}"
+                raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
+            lockstep.pass_time(until)
+        planned = self._replanner.replan(attempt.step, self._world_seen(attempt.step.before))
+        if planned is None:
+            raise Stopped(f"{attempt.step.skill} cannot be tried again: no feasible motion from here")
+        return planned
+
+    def _is_seen(self, when: str) -> bool:
+        return condition_value(when, self._collector.values) == Truth.TRUE
+
+    def _viewpoint(self, attempt: Attempt, when: str, tau: float) -> Viewpoint:
+        """The next place along the motion from which all atoms of a condition are predicted to be seen."""
+        atoms, end, nominal = condition_atoms(when), attempt.step.time, attempt.nominal
+        for begin in np.arange(min(tau, end), end, SPACING).tolist():
+            stands = self._robot.motion.standing_time(begin)
+            margin = min(self._collector.streams.period, stands, end - stands)
+            if all(atom in attempt.step.targets and nominal.is_covered(atom, stands, margin) for atom in atoms):
+                cameras = {name for atom in atoms for name in nominal.covering(atom, stands, margin)}
+                return Viewpoint(begin, tuple(sorted(cameras)))
+        return Viewpoint(end, ())
+
+    def _world_seen(self, before: World) -> World:
+        """The world as the images show it: objects where they were located, facts by evidence."""
+        X_WO = dict(before.X_WO)
+        for name, place in self._collector.places.items():
+            X_WO[name] = X_WO[name].copy()
+            X_WO[name][:3, 3] = place
+        known = {Atom.of(atom): value for atom, value in self._collector.values.items()}
+        seen, refuted = ({atom for atom, value in known.items() if value == one} for one in (Truth.TRUE, Truth.FALSE))
+        measured = self._robot.cell.measured_joints()
+        joints = {name: measured.get(name, value) for name, value in before.joints.items()}
+        return replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)

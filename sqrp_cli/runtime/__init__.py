@@ -1,1 +1,0 @@
-"""Phase 3: run a program, monitor it through cameras, and react to what they show."""

@@ -1,1 +1,0 @@
-"""One run of a program: command, images, evidence, verdict, alarm, recovery, retry."""

@@ -1,0 +1,341 @@
+"""Variants of one workspace, on a grid or drawn at random: scored and compared, for example to place a camera."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.cell.workspace_file import read_workspace_document
+from sqrp_cli.document import WorkspaceDocument, live
+from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.figures import Qualities
+from sqrp_cli.files.source import SourceDocument
+from sqrp_cli.files.yaml_edit import edited, from_here, patch
+from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.score import ScoredCell, TaskScore, read_cell
+from sqrp_cli.score.scorecard import Progress, Scorecard, score_cells
+from sqrp_cli.score.work.compute import Computer
+
+MAX_VARIANTS = 10_000
+"""Most variants of a sweep."""
+
+_END = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*?)\s*")
+_INDEX = re.compile(r"\[(\d+)\]")
+
+Values = tuple[tuple[str, str], ...]
+"""The values of a variant, as YAML text, by dotted path."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A value of a workspace file and where it goes: from `start` to `end`.
+
+    path: dotted, such as `cameras.cam1.pose.position.0`. unit: of both ends; empty for SI units. count: steps of a
+    grid; None where values are drawn.
+    """
+
+    path: str
+    start: float
+    end: float
+    unit: str
+    count: int | None
+
+    def text(self, value: float) -> str:
+        """A value as YAML text; 0 if it is negligible beside the ends."""
+        value = 0.0 if abs(value) <= 1e-9 * max(abs(self.start), abs(self.end)) else value
+        return f"{value:.6g}{f' {self.unit}' if self.unit else ''}"
+
+
+def read_variation(text: str) -> Variation:
+    """`PATH=FROM:TO:N`, or `PATH=FROM:TO` where values are drawn; `position[0]` is the same as `position.0`.
+
+    Raises InputError for anything else.
+    """
+    path, equals, ends = text.partition("=")
+    start, *others = ends.split(":")
+    matches = [_END.fullmatch(end) for end in (start, *others[:1])]
+    count = others[1] if len(others) == 2 else None
+    good = equals and path.strip() and len(others) in (1, 2) and (count is None or count.strip().isdecimal())
+    if not good or len(matches) != 2 or None in matches:
+        message = f"--vary is `{text}`, expected PATH=FROM:TO:N, such as `cameras.cam1.pose.position[0]=0.8:1.2:9`"
+        raise bad_option(message)
+    (low, unit), (high, other_unit) = (match.groups() for match in matches if match is not None)
+    if not math.isfinite(float(high) - float(low)):
+        raise bad_option(f"--vary is `{text}`: expected ends that are not so far apart")
+    if unit != other_unit:
+        raise bad_option(f"--vary is `{text}`: expected the same unit at both ends, such as `80 cm:120 cm:9`")
+    if count is not None and int(count) < 1:
+        raise bad_option(f"--vary is `{text}`: expected at least one value")
+    dotted = _INDEX.sub(r".\1", path.strip())
+    return Variation(dotted, float(low), float(high), unit, None if count is None else int(count))
+
+
+def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> tuple[Values, ...]:
+    """The values of every variant: all combinations, or random draws, uniform between the ends.
+
+    Raises InputError for a path that is varied twice, a grid without numbers of steps, or too many variants.
+    """
+    paths = [variation.path for variation in variations]
+    twice = [path for path in paths if paths.count(path) > 1]
+    if twice:
+        raise bad_option(f"`{twice[0]}` is varied twice")
+    points: Iterable[Sequence[float]]
+    if draws is not None:
+        rng = np.random.default_rng(seed)
+        points = [[float(rng.uniform(v.start, v.end)) for v in variations] for _ in range(draws)]
+    else:
+        open_ended = [variation.path for variation in variations if variation.count is None]
+        if open_ended:
+            message = f"`{open_ended[0]}` has no number of steps"
+            raise bad_option(message, mend="write FROM:TO:N, or give a number of random --draws")
+        counts = [variation.count or 1 for variation in variations]
+        total = int(np.prod(counts, dtype=object))
+        if total > MAX_VARIANTS:
+            raise bad_option(f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}")
+        grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
+        points = product(*grids)
+    return tuple(tuple((v.path, v.text(x)) for v, x in zip(variations, point, strict=True)) for point in points)
+
+
+def grid_shape(variations: Sequence[Variation], draws: int | None) -> tuple[int, ...] | None:
+    """How many values of each path `variants` combines, in row-major order; None if they are drawn."""
+    return None if draws is not None else tuple(variation.count or 1 for variation in variations)
+
+
+def shares(values: Sequence[Values]) -> Array:
+    """The values of each variant, scaled to 0..1 between the least and the greatest per path; shape (n, paths)."""
+    numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
+    low, high = numbers.min(axis=0), numbers.max(axis=0)
+    found: Array = (numbers - low) / np.where(high > low, high - low, 1.0)
+    return found
+
+
+AS_IT_IS: Values = ()
+"""The values in the workspace file."""
+
+_QUALITY_STEP = 1e-3
+"""Qualities are compared rounded to this, as in a ranking."""
+
+_DELAY_STEP = 0.01
+"""Delays are compared rounded to this [s], as they are shown: sampling may cause finer differences."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A workspace with other values, none for the workspace as it is; the content of its file, and what that says."""
+
+    values: Values
+    content: bytes
+    cell: ScoredCell
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScoredVariant(Qualities):
+    """A variant of a workspace, with means over the choices of objects that can be done, each by its best candidate.
+
+    Figures are null where a variant cannot be scored, or one is undefined for all.
+    """
+
+    rank: int = 0
+    """Place from 1."""
+    values: Mapping[str, str]
+    """Values that differ from the workspace as it is, by path."""
+    choices: int = 0
+    """Choices of objects of every task."""
+    feasible: int = 0
+    """Feasible ones among them; the figures are means over these."""
+    time: float | None = None
+    """Mean duration of the motion [s]."""
+    delay: float | None = None
+    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none, or one may never be
+    noticed."""
+    unseen: float | None = None
+    """Mean of the largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
+    results: tuple[TaskScore, ...]
+    """One for each task."""
+    variant: Any = live()
+    """The `Variant`."""
+    findings: Any = live()
+    """Its `Scorecard`."""
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        """Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking."""
+        qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
+        time = math.inf if self.time is None else self.time
+        delay = math.inf if self.delay is None else round(self.delay / _DELAY_STEP)
+        found = self.findings
+        return (found.count("error"), -found.count("passed"), -self.feasible, *qualities, time, delay)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Sweep(WorkspaceDocument):
+    """The variants of a workspace, the best first. The unchanged workspace is one of them.
+
+    Of equally good ones the unchanged workspace comes first, else the one with most margin, see `most_margin`; the
+    others are in the order of their values.
+    """
+
+    VIEW = "sqrp_cli.show.terminal.score_table:print_sweep"
+
+    document: Literal["score --vary"] = "score --vary"
+    variants: tuple[ScoredVariant, ...]
+    """The best first."""
+    best: Mapping[str, str] = field(default_factory=dict)
+    """The `values` of the best variant; empty if that is the workspace as it is."""
+    equals: int = 1
+    """Variants that are as good as the best; it has the most room around it."""
+    file: str
+    """The workspace file, from here."""
+    patch: str | None = None
+    """The file that was written."""
+    passed: bool = False
+    """Whether every task of the best variant passed."""
+    interrupted: bool = live(False)
+    source: Any = live()
+    """The workspace file, a `SourceDocument`."""
+
+    @property
+    def best_patch(self) -> str:
+        """A unified diff from the workspace file to the best variant; empty if nothing is better."""
+        return patch(self.source, self.variants[0].variant.content, self.file)
+
+
+def read_variants(
+    file: Path, values: Sequence[Values], advance: Callable[[], None]
+) -> tuple[SourceDocument, list[Variant]]:
+    """A workspace file, as it is and with each of these values; `advance` is called after each.
+
+    Raises InputError if a value is not in the file, or the workspace as it is cannot be used.
+    """
+    document = read_workspace_document(file)
+    variants = []
+    for chosen in (AS_IT_IS, *values):
+        content = edited(document, dict(chosen)) if chosen else document.content
+        name = ", ".join(f"{path}={value}" for path, value in chosen) or "as it is"
+        cell = read_cell(file, name, content)
+        if cell.workspace is None and not chosen:
+            raise InputError(*cell.problems)
+        variants.append(Variant(chosen, content, cell))
+        advance()
+    return document, variants
+
+
+def sweep(
+    document: SourceDocument,
+    variants: Sequence[Variant],
+    shape: tuple[int, ...] | None,
+    computer: Computer,
+    progress: Progress,
+) -> Sweep:
+    """Score a workspace and its variants; shape: of their grid, see `variation.grid_shape`.
+
+    Raises InputError where results cannot be kept.
+    """
+    findings = score_cells([variant.cell for variant in variants], computer, progress)
+    about: dict[str, Any] = {"workspace": variants[0].cell.name, "file": from_here(document.path), "source": document}
+    if findings.interrupted:
+        return Sweep(variants=(), interrupted=True, **about)
+    results = iter(findings.results)
+    scored = []
+    for variant in variants:
+        count = max(1, len(variant.cell.tasks))
+        scored.append(_scored(variant, replace(findings, results=tuple(next(results) for _ in range(count)))))
+    least = min(one.order for one in scored)
+    equal = [one.order == least for one in scored]
+    best = scored[0 if equal[0] else 1 + most_margin(equal[1:], [variant.values for variant in variants[1:]], shape)]
+    ranked = sorted(scored, key=lambda one: (one.order, one is not best))
+    name = variants[0].cell.name
+    placed = (
+        replace(one, rank=rank, results=tuple(replace(result, workspace=name) for result in one.results))
+        for rank, one in enumerate(ranked, 1)
+    )
+    return Sweep(variants=tuple(placed), best=best.values, equals=sum(equal), passed=best.findings.passed, **about)
+
+
+def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
+    """The index of the variant with most margin among equals, on a grid or among draws."""
+    marked = np.array(equal)
+    return middle_of_draws(marked, shares(values)) if shape is None else middle_of_grid(marked.reshape(shape))
+
+
+def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
+    scored = () if findings.count("error") else findings.results
+    ways = [way for result in scored for way in result.ways.values()]
+    feasible = [way for way in ways if way.feasible]
+
+    def mean(name: str) -> float | None:
+        known = [figure for way in feasible if (figure := getattr(way, name)) is not None]
+        return float(np.mean(known)) if known else None
+
+    return ScoredVariant(
+        values=dict(variant.values),
+        results=findings.results,
+        choices=len(ways),
+        feasible=len(feasible),
+        q_eoi=mean("q_eoi"),
+        q_avg=mean("q_avg"),
+        time=mean("time"),
+        delay=None if any(way.unseen for way in feasible) else mean("delay_worst"),
+        unseen=mean("unseen"),
+        variant=variant,
+        findings=findings,
+    )
+
+
+Mask = NDArray[np.bool_]
+
+
+def middle_of_grid(equal: Mask) -> int:
+    """The index, in row-major order, of the middle of the largest block of equals on a grid, shape one axis per value.
+
+    A block is connected by steps of one in one value. Its middle is the point with most margin: the number of steps by
+    which all values may be off at once, either way, without leaving the block. Beyond the ends of the grid nothing is
+    known, so these count as outside. Ties go to the point nearest the mean of the block, then to the first.
+    """
+    largest: list[tuple[int, ...]] = []
+    left = set(map(tuple, np.argwhere(equal).tolist()))
+    for start in map(tuple, np.argwhere(equal).tolist()):
+        found = [start] if start in left else []
+        left.discard(start)
+        for point in found:  # grows on the way
+            for axis, step in np.ndindex(len(point), 2):
+                neighbour = (*point[:axis], point[axis] + 2 * step - 1, *point[axis + 1 :])
+                if neighbour in left:
+                    left.remove(neighbour)
+                    found.append(neighbour)
+        largest = max(largest, found, key=len)  # the first of equals
+    block = np.zeros_like(equal)
+    block[tuple(np.array(largest).T)] = True
+    margin, inside = np.zeros(equal.shape, dtype=int), block
+    while inside.any() and margin.max() < max(equal.shape):
+        margin += inside
+        for axis, count in enumerate(equal.shape):
+            if count > 1:  # values that are not varied do not count
+                wide = np.pad(inside, [(1, 1) if other == axis else (0, 0) for other in range(equal.ndim)])
+                low, high = (np.take(wide, range(first, first + count), axis) for first in (0, 2))
+                inside = inside & low & high
+    points = np.argwhere(margin == margin.max())
+    distances = np.linalg.norm(points - np.argwhere(block).mean(axis=0), axis=1).round(9)
+    return int(np.ravel_multi_index(tuple(points[np.argmin(distances)]), equal.shape))
+
+
+def middle_of_draws(equal: Mask, points: Array) -> int:
+    """The index of the equal that is farthest from its nearest worse draw; the first on ties.
+
+    equal: shape (n,). points: of all draws, as shares of the range of each value, shape (n, values). If all draws are
+    equal, it is the one nearest the middle of the ranges.
+    """
+    others = points[~equal] if not equal.all() else np.full((1, points.shape[1]), 0.5)
+    nearest = np.array([np.linalg.norm(others - point, axis=1).min() for point in points])
+    worth = nearest if not equal.all() else -nearest
+    return int(np.argmax(np.where(equal, worth, -np.inf)))

@@ -1,0 +1,246 @@
+"""Jobs on a Dask cluster: the connection to it, its workers, and their tasks.
+
+The only module that imports Dask. The scheduler of a cluster also imports the modules of every task, and blocks
+meanwhile: so this module imports nothing that computes; workers do. Workers run what we send; of what they answer,
+nothing runs here, see `_distrust`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import io
+import logging
+import pickle
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, needed
+from sqrp_cli.files.input_file import LARGEST, read_input, read_text
+from sqrp_cli.files.json_file import parse_json
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from sqrp_cli.score.work.job import Answer, Job
+
+CONNECT_TIMEOUT = 5.0
+"""How long to wait for the scheduler, first for its greeting, then for the connection [s]."""
+
+LOOKS = 5.0
+"""Period of checking for workers [s]."""
+
+MAX_BYTES = 1_000_000
+"""Largest scheduler file that is read."""
+
+_MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
+
+
+Tls = tuple[Path, Path, Path]
+"""Files that encrypt connections to a cluster: the certificate of its authority, our own, and the key of that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """A connected Dask cluster."""
+
+    client: Any
+    """Of Dask's, connected to it."""
+    workers: tuple[str, ...]
+    """Their addresses."""
+
+    def answers(
+        self, jobs: Sequence[Job], enough: Callable[[], bool] = lambda: False
+    ) -> Iterator[tuple[int, Sequence[Answer]]]:
+        """The answers to each job, by number, as they come; none of those that are not done once it is enough.
+
+        Files travel once to each worker that needs them: each is the result of its own task, which Dask passes from
+        worker to worker and repeats if a worker died. What a worker answers is read as JSON, and nothing else. Raises
+        InputError where the connection is lost.
+        """
+        from distributed import as_completed
+
+        from sqrp_cli.score.work.identity import program_digest
+        from sqrp_cli.score.work.job import read_answers
+
+        number: dict[Any, int] = {}
+        for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
+            indices = list(group)
+            files = jobs[indices[0]].workspace.files.items()
+            contents = {
+                digest: self.client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
+                for path, digest in files
+            }
+            packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
+            told = {"program": program_digest(), "contents": contents, "pure": False}
+            number.update(zip(self.client.map(run_packed, packed, **told), indices, strict=True))
+        for future in as_completed(list(number), loop=self.client.loop):
+            index = number[future]
+            if future.status not in ("finished", "error"):
+                message = "the connection to the cluster is lost; what is finished is kept where --out was given"
+                raise bad_input("no-cluster", message, mend="run the same command again, with --out and --resume")
+            try:
+                yield index, read_answers(future.result(), len(jobs[index].candidates))
+            except Exception:  # whatever a worker answers with
+                why = f"a worker of the cluster has died of {jobs[index].told}, or answered with what is no result"
+                yield index, [(Problem("worker-died", why),)] * len(jobs[index].candidates)
+            if enough():
+                self.client.cancel(list(number))
+                return
+
+
+@contextmanager
+def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None = None) -> Iterator[Cluster | None]:
+    """The cluster of a scheduler, given by its address or its scheduler file; None if neither is given.
+
+    Its workers begin to load the program: a command that connects before loading it itself does not wait for them
+    later. warn: called with a message when no workers are left, since work then waits for new ones. tls: encrypts, and
+    proves who is who; by default as Dask's own configuration says. Raises InputError if no scheduler answers, or it
+    has no workers.
+    """
+    if address is None:
+        if tls is not None:
+            raise bad_option("--tls is about --cluster, which is missing")
+        yield None
+        return
+    client = _client(address, tls)
+    ended = threading.Event()
+    try:
+        workers = tuple(sorted(client.nthreads()))
+        if not workers:
+            message = f"the cluster at `{address}` has no workers"
+            scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
+            raise bad_input("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1")
+        client.run(prepare_worker, wait=False, on_error="ignore")
+        threading.Thread(target=_watch, args=(client, warn, ended), daemon=True).start()
+        yield Cluster(client, workers)
+    finally:
+        ended.set()
+        client.close()
+
+
+async def prepare_worker() -> None:
+    """Load the program, see `job.prepare`, while the worker goes on serving others."""
+    import asyncio  # every worker has it, and a run without a cluster need not load it
+
+    await asyncio.to_thread(_prepare)
+
+
+def _prepare() -> None:
+    from sqrp_cli.score.work.job import prepare
+
+    prepare()
+
+
+def run_packed(job: bytes, program: str, contents: Mapping[str, bytes]) -> str:
+    """Do a job that arrives as bytes, see `job.run_shipped`; the answers as JSON."""
+    from sqrp_cli.score.work.job import run_shipped
+
+    return run_shipped(job, program, contents)
+
+
+def _watch(client: Any, warn: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
+    """Warn once each time that all workers are gone, until `ended`."""
+    warned = False
+    while not ended.wait(LOOKS):
+        try:
+            gone = not client.nthreads()
+        except (OSError, RuntimeError, concurrent.futures.CancelledError):
+            continue  # the connection is lost or being closed, which shows elsewhere
+        if gone and not warned:
+            warn("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
+        warned = gone
+
+
+def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of Dask's
+    with needed("--cluster needs Dask, which is not installed", "pip install 'sqrp[cluster]'"):
+        import distributed
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    _distrust()
+    try:
+        security = distributed.Security() if tls is None else _security(tls)
+        # The address of a scheduler, read from its file if a file is given.
+        from distributed.comm import parse_address, parse_host_port
+        from distributed.comm.registry import get_backend
+
+        path = Path(cluster)
+        address = _address_in(path) if path.is_file() else cluster
+        scheme, place = parse_address(address)
+        get_backend(scheme)
+        _, port = parse_host_port(place)
+        if not 0 < port < 2**16:
+            raise ValueError(f"there is no port {port}")
+        asyncio.run(asyncio.wait_for(_greeted(address, security), CONNECT_TIMEOUT))
+        return distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security)
+    except MemoryError as error:  # the first bytes of a greeting say how long it is
+        raise InputError(_no_cluster(cluster, "what answers there is something else")) from error
+    except (OSError, ValueError, TypeError, LookupError, RuntimeError) as error:
+        why = str(error) or f"nothing was said within {CONNECT_TIMEOUT:g} s"
+        raise InputError(_no_cluster(cluster, why)) from error
+
+
+def _security(tls: Tls) -> Any:  # noqa: ANN401 # of Dask's
+    from distributed import Security
+
+    for file in tls:
+        read_text(file, MAX_BYTES)  # says which cannot be read
+    names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+    return Security(require_encryption=True, **dict(zip(names, map(str, tls), strict=True)))
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """Reads numbers, texts, bytes and lists of them: what would name code of any other kind is refused."""
+
+    def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401
+        if module == "builtins" and name in ("bytes", "bytearray", "str"):
+            return {"bytes": bytes, "bytearray": bytearray, "str": str}[name]
+        raise pickle.UnpicklingError(f"{module}.{name}: an answer of a cluster names no code")
+
+
+@cache
+def _distrust() -> None:
+    """Have Dask's client in this process unpickle nothing that could run.
+
+    Results, exceptions, types and warnings of workers all reach it as pickles, and so may messages of the scheduler.
+    """
+    import distributed.protocol.pickle as of_dask
+
+    def plain(data: bytes, *, buffers: Sequence[object] = ()) -> object:
+        return _PlainUnpickler(io.BytesIO(data), buffers=buffers).load()
+
+    theirs = of_dask.loads
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] == "distributed":
+            for attribute, value in list(vars(module).items()):
+                if value is theirs:
+                    setattr(module, attribute, plain)
+    sys.modules["distributed.client"].pickle = SimpleNamespace(loads=plain)  # type: ignore[attr-defined]
+
+
+def _no_cluster(cluster: str, why: str) -> Problem:
+    return Problem("no-cluster", f"no Dask scheduler answers at `{cluster}`: {why}", mend=_MEND)
+
+
+async def _greeted(address: str, security: Any) -> None:  # noqa: ANN401 # of Dask's
+    """Wait for the greeting of a server; Dask's client would wait minutes for one that stays silent."""
+    from distributed.comm import connect
+
+    comm = await connect(address, timeout=CONNECT_TIMEOUT, **security.get_connection_args("client"))
+    comm.abort()
+
+
+def _address_in(path: Path) -> str:
+    """The address in a scheduler file. Raises InputError, with file and line, for any other file."""
+    data = parse_json(path, read_text(path, MAX_BYTES))
+    address = data.get("address") if isinstance(data, dict) else None
+    if not isinstance(address, str):
+        message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"
+        raise bad_input("no-cluster", message, Place(path), mend=_MEND)
+    return address

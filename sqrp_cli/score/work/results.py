@@ -1,0 +1,374 @@
+"""Kept results: figures and coverage of computed candidates, in a folder from which a run can resume.
+
+They are lines of JSON, the same for the same figures; damage and edits are noticed.
+"""
+
+from __future__ import annotations
+
+import base64
+import errno
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from types import UnionType
+from typing import IO, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from pydantic import Field
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.errors import InputError, Place, bad_input
+from sqrp_cli.figures import FaultMetrics, Qualities
+from sqrp_cli.files.entries import Entry
+from sqrp_cli.files.input_file import read_text
+from sqrp_cli.files.json_file import parse_json
+from sqrp_cli.geometry import read_only
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.platform.files import make_folder, naming, write_atomically
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.work.identity import digest_of, program_digest
+from sqrp_cli.search.advice_result import (
+    AdviceFound,
+    AdvisedFigures,
+    ChangedCandidate,
+    KindOutcome,
+    Margin,
+    NearestChange,
+    TaskEffect,
+)
+from sqrp_cli.search.aiming import Aim
+from sqrp_cli.search.moves import Kind, ProposedChange
+from sqrp_cli.shown import json_line
+from sqrp_cli.sight.limits import Cause, CauseLabel
+from sqrp_cli.skill.skill import Skill
+from sqrp_cli.study.blind_spans import BlindSpan, Coverage, TargetCoverage
+from sqrp_cli.study.result import BlindEnd, CandidateResult, WayFigures, WaysFound
+from sqrp_cli.task.candidate import THEN, whole_skill
+from sqrp_cli.task.task import Candidate
+
+_RECORDS = {
+    record.__name__: record
+    for record in (
+        *(AdvisedFigures, AdviceFound, Aim, BlindEnd, Camera, Candidate, CandidateResult, ChangedCandidate),
+        *(FaultMetrics, KindOutcome, Margin, NearestChange, ProposedChange, Qualities, TaskEffect, WayFigures),
+        WaysFound,
+    )
+}
+"""What lines are made of; one that names anything else is none of ours."""
+
+_TAG = "@"
+"""Key of what a JSON object stands for, where it is no mapping."""
+
+
+def as_line(value: object) -> str:
+    """Records, arrays, and plain values of these as a line of JSON, with a checksum."""
+    plain = plain_of(value)
+    return json_line({"value": plain, "checksum": _checksum(plain)}) + "\n"
+
+
+def from_line(text: str, skills: Sequence[Skill] = ()) -> Any:  # noqa: ANN401 # a value of any kind
+    """The value that `as_line` wrote. skills: those that it may name. Raises ValueError for any other text."""
+    try:
+        document = parse_json(Path("record"), text)
+        if document != {"value": document["value"], "checksum": _checksum(document["value"])}:
+            raise ValueError("it is not as it was written")
+        return _read(document["value"], {skill.name: skill for skill in skills})
+    except (InputError, LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"no kept record: {error!r}") from error
+
+
+def _checksum(plain: object) -> str:
+    return hashlib.sha256(json_line(plain).encode()).hexdigest()
+
+
+def plain_of(value: Any) -> Any:  # noqa: ANN401 # a value of any kind
+    """A value in plain lists and numbers; records and arrays say what they are."""
+    match value:
+        case float() if not isfinite(value):
+            return {_TAG: "float", "of": str(value)}
+        case None | bool() | int() | float() | str():
+            return value
+        case np.ndarray(dtype=np.bool):
+            bits = base64.b64encode(np.packbits(value).tobytes()).decode()
+            return {_TAG: "mask", "of": bits, "shape": list(value.shape)}
+        case np.ndarray():
+            return {_TAG: "array", "of": value.tolist()}
+        case Skill():
+            return {_TAG: "Skill", "of": value.name}
+        case tuple():
+            return {_TAG: "tuple", "of": [plain_of(entry) for entry in value]}
+        case list():
+            return [plain_of(entry) for entry in value]
+        case Mapping():
+            return {name: plain_of(entry) for name, entry in value.items()}
+    assert is_dataclass(value)  # noqa: S101 - they are made of nothing else
+    return {_TAG: type(value).__name__, **{f.name: plain_of(getattr(value, f.name)) for f in fields(value) if f.init}}
+
+
+def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a value of any kind
+    """What `plain_of` made plain."""
+    if not isinstance(value, dict):
+        return [_read(entry, skills) for entry in value] if isinstance(value, list) else value
+    entries = {name: _read(entry, skills) for name, entry in value.items() if name != _TAG}
+    match value.get(_TAG):
+        case None:
+            return entries
+        case "tuple":
+            return tuple(entries["of"])
+        case "array":
+            return read_only(entries["of"])
+        case "mask":
+            text = entries["of"]
+            shape = tuple(entries["shape"])
+            bits = np.frombuffer(base64.b64decode(text), dtype=np.uint8)
+            return np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
+        case "float":
+            return float(entries["of"])
+        case "Skill":
+            names = entries["of"].split(THEN)
+            return skills[names[0]] if len(names) == 1 else whole_skill([skills[one] for one in names])
+        case name:
+            record = _RECORDS[name]
+            for field, hint in _hints(record).items():
+                if field in entries and not _fits(entries[field], hint):
+                    raise ValueError(f"{name}.{field} is no {hint}")
+            return record(**entries)
+
+
+@cache
+def _hints(record: type) -> Mapping[str, Any]:
+    return get_type_hints(record)
+
+
+def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type of any kind
+    """Whether a value is of a type, as fields of records state them."""
+    of, kinds = get_origin(hint), get_args(hint)
+    if hint is Any or hint is None or hint is type(None):
+        return hint is Any or value is None
+    if of in (Union, UnionType):
+        return any(_fits(value, kind) for kind in kinds)
+    if of is Literal:
+        return value in kinds
+    if of is tuple and isinstance(value, tuple):
+        if kinds[1:] == (Ellipsis,):
+            return all(_fits(entry, kinds[0]) for entry in value)
+        return len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if of is list:
+        return isinstance(value, list) and all(_fits(entry, kinds[0]) for entry in value)
+    if of is Mapping:
+        return isinstance(value, dict) and all(_fits(entry, kinds[1]) for entry in value.values())
+    if hint is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    return isinstance(value, of or hint) and (hint is bool or not isinstance(value, bool))
+
+
+LOCK = ".lock"
+
+MAX_BYTES = 10_000_000
+"""Largest outcome that is read; an hour's motion takes less than a megabyte."""
+
+_NOT_KEPT = "results cannot be kept in this folder"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A computed candidate."""
+
+    assessment: CandidateResult
+    coverage: Coverage | None
+    """None if it was not requested, or the candidate is infeasible."""
+
+    def to_text(self) -> str:
+        """One line of JSON, the same for the same figures."""
+        return as_line((self.assessment, self.coverage and CoverageRecord.of(self.coverage).model_dump(mode="json")))
+
+    @staticmethod
+    def from_text(text: str, candidate: Candidate) -> Outcome:
+        """Reads what `to_text` wrote. Raises ValueError for any other text."""
+        assessment, numbers = from_line(text, [step.skill for step in (candidate, *candidate.steps)])
+        coverage = None if numbers is None else CoverageRecord.model_validate(numbers).coverage()
+        return Outcome(replace(assessment, candidate=candidate), coverage)
+
+
+Seconds = Annotated[float, Field(ge=0)]
+
+
+class _TargetRecord(Entry):
+    """A `TargetCoverage`."""
+
+    needed: Annotated[int, Field(ge=1)]
+    required: tuple[tuple[Seconds, Seconds], ...]
+    """Start and end of each stretch [s]."""
+    blind: dict[str, tuple[tuple[Seconds, Seconds, CauseLabel, str | None], ...]]
+    """By camera: start and end of each stretch that it does not see [s], why, and what is in the way."""
+
+
+class CoverageRecord(Entry):
+    """A coverage in plain lists and numbers, times to 1 ms."""
+
+    primitives: dict[str, Seconds]
+    targets: dict[str, _TargetRecord]
+
+    @staticmethod
+    def of(coverage: Coverage) -> CoverageRecord:
+        """The record of a coverage."""
+        return CoverageRecord(
+            primitives={name: _rounded(end) for name, end in coverage.primitives.items()},
+            targets={atom: _target_record(target) for atom, target in coverage.targets.items()},
+        )
+
+    def coverage(self) -> Coverage:
+        """The coverage of this record."""
+        return Coverage(
+            dict(self.primitives),
+            {
+                atom: TargetCoverage(
+                    target.needed,
+                    tuple(Stretch(start, end) for start, end in target.required),
+                    {
+                        camera: tuple(
+                            BlindSpan(Stretch(start, end), Cause[label.upper()], by) for start, end, label, by in spans
+                        )
+                        for camera, spans in target.blind.items()
+                    },
+                )
+                for atom, target in self.targets.items()
+            },
+        )
+
+
+def _target_record(target: TargetCoverage) -> _TargetRecord:
+    return _TargetRecord.model_validate(
+        {
+            "needed": target.needed,
+            "required": [_ends(stretch) for stretch in target.required],
+            "blind": {
+                camera: [(*_ends(span.stretch), span.cause.label, span.by) for span in spans]
+                for camera, spans in target.blind.items()
+            },
+        }
+    )
+
+
+def _ends(stretch: Stretch) -> tuple[float, float]:
+    return _rounded(stretch.start), _rounded(stretch.end)
+
+
+def _rounded(t: float) -> float:
+    return round(t, 3)
+
+
+class Results:
+    """Outcomes by key; see `identity.candidate_key`.
+
+    With a folder each is a file of its own there, named by its key and written whole or not at all: if a run is killed,
+    the next one finds what is finished.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        """Open or make the folder. Raises InputError if it cannot be written or another run is using it."""
+        self._texts: dict[str, str] = {}
+        self.folder = folder
+        self._lock: IO[str] | None = None
+        if folder is not None:
+            make_folder(folder)
+            with naming(folder, _NOT_KEPT):
+                self._lock = _locked(folder)
+            for leftover in folder.glob("*/.*.json.*"):  # of a run that was killed as it wrote
+                leftover.unlink()
+
+    def get(self, key: str) -> str | None:
+        """What is kept under a key, if anything."""
+        if key not in self._texts and self.folder is not None:
+            path = self._path(self.folder, key)
+            if path.is_file():
+                # The reader checks for damage.
+                with suppress(InputError):
+                    self._texts[key] = read_text(path, MAX_BYTES)
+        return self._texts.get(key)
+
+    def keep(self, key: str, text: str) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self._texts[key] = text
+        if self.folder is not None:
+            path = self._path(self.folder, key)
+            with naming(self.folder, _NOT_KEPT):
+                path.parent.mkdir(exist_ok=True)
+                _make_way(path)
+            try:
+                write_atomically(path, text)
+            except InputError as error:
+                mend = "make room; the same command then goes on from what is finished, which is kept"
+                raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
+
+    def close(self) -> None:
+        """Let other runs use the folder."""
+        if self._lock is not None:
+            self._lock.close()
+
+    @staticmethod
+    def _path(folder: Path, key: str) -> Path:
+        return folder / key[:2] / f"{key}.json"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptSearches:
+    """Outcomes by kind; see `advise.Kept`."""
+
+    results: Results
+    about: tuple[object, ...]
+    """All that an answer depends on beside the kind and the program, in numbers and texts."""
+    skills: Mapping[str, Skill]
+    """Of the workspace, by name: they are not written."""
+
+    def get(self, kind: Kind) -> KindOutcome | None:
+        """The outcome that was kept; None if there is none, or its file is damaged or another's."""
+        text = self.results.get(self._key(kind))
+        if text is None:
+            return None
+        with suppress(ValueError):
+            outcome: KindOutcome = from_line(text, [*self.skills.values()])
+            return outcome
+        return None
+
+    def keep(self, outcome: KindOutcome) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self.results.keep(self._key(outcome.kind), as_line(outcome))
+
+    def _key(self, kind: Kind) -> str:
+        return digest_of([program_digest(), "advise", kind, plain_of(self.about)])
+
+
+def _make_way(path: Path) -> None:
+    """Remove a non-file in the place of a result: a broken link, a pipe, an empty folder.
+
+    Raises OSError if that is not possible.
+    """
+    if path.is_dir():
+        path.rmdir()
+    elif os.path.lexists(path) and not path.is_file():
+        path.unlink()
+
+
+def _locked(folder: Path) -> IO[str]:
+    """A file that stays open while this run uses the folder. Raises OSError, and InputError if it is in use."""
+    file = (folder / LOCK).open("w")
+    try:
+        import fcntl
+
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # no such locks here: two runs at a time compute some candidates twice
+        pass
+    except OSError as error:
+        file.close()
+        if error.errno not in (errno.EACCES, errno.EAGAIN):
+            raise
+        message = "another `sqrp score`, `sqrp advise` or `sqrp place` is writing to this folder"
+        mend = "wait for it, or name another folder"
+        raise bad_input("folder-in-use", message, Place(folder), mend=mend) from error
+    return file

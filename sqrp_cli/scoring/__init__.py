@@ -1,1 +1,0 @@
-"""Many workspaces and tasks at once: thresholds, baselines, sweeps; on one machine or a cluster."""

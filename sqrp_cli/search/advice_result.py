@@ -1,0 +1,315 @@
+"""What `advise` finds, said once: the records that the search makes, `--json` prints, tables and pages read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
+from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.figures import Qualities
+from sqrp_cli.files.entries import completed
+from sqrp_cli.records import dataclass
+from sqrp_cli.search.moves import MOTION, Kind
+from sqrp_cli.search.wish import Wish
+from sqrp_cli.study.ranking import rank
+
+if TYPE_CHECKING:
+    from sqrp_cli.search.moves import ProposedChange
+    from sqrp_cli.study.result import CandidateResult
+else:  # no file has them
+    CandidateResult = ProposedChange = Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdvisedFigures(Qualities):
+    """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
+
+    time: float | None = None
+    """Duration of the whole motion [s]."""
+    delay_worst: float | None = None
+    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
+    noticed."""
+    unseen: float | None = None
+    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
+
+    @classmethod
+    def of(cls, found: CandidateResult) -> AdvisedFigures:
+        """The figures of a candidate."""
+        return completed(AdvisedFigures, found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margin(Record):
+    """How much less and more of a change, in the same direction, still meets the wish, in its unit."""
+
+    less: float
+    """By how much it may be smaller."""
+    more: float
+    """By how much it may be larger; not looked at beyond 0.3 m or 30 degrees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedCandidate(Record):
+    """A candidate whose figures change."""
+
+    candidate: str
+    """Its name."""
+    before: AdvisedFigures
+    """Without the change."""
+    after: AdvisedFigures
+    """With it."""
+    worse: tuple[str, ...]
+    """The figures that get worse by as much as rankings tell apart; `feasible` if it can no longer be done."""
+
+    def __str__(self) -> str:
+        """What gets worse, such as `g4 Q_eoi 63.4 % to 12.8 %`."""
+        shifts = ["can no longer be done"] if "feasible" in self.worse else []
+        for name, label, scale, pattern in _SHOWN:
+            if name in self.worse:
+                old, new = (
+                    "never"
+                    if figures.unseen and name == "delay_worst"
+                    else pattern.format(scale * getattr(figures, name))
+                    for figures in (self.before, self.after)
+                )
+                shifts.append(f"{label} {old} to {new}")
+        return f"{self.candidate} {', '.join(shifts)}"
+
+
+_SHOWN = (
+    ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
+    ("q_avg", "Q_avg", 100.0, "{:.1f} %"),
+    ("time", "time", 1.0, "{:.2f} s"),
+    ("delay_worst", "seen at worst after", 1.0, "{:.2f} s"),
+)
+"""What texts call the figures, and how they show them."""
+
+
+_COMPARED = (("q_eoi", 1.0, 1e-3), ("q_avg", 1.0, 1e-3), ("time", -1.0, 0.01), ("latest", -1.0, 0.01))
+"""Figures that are compared, whether more is better, and what counts as a difference, as in rankings and sweeps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskEffect(Record):
+    """What a change does to a task of the workspace."""
+
+    task: str
+    """As the workspace lists it, or as it was asked for."""
+    first_before: str | None
+    """Name of the candidate that is first without the change; null if none can be done."""
+    first_after: str | None
+    """The same with the change."""
+    candidates: tuple[ChangedCandidate, ...]
+    """Those whose figures change, in the order of the task."""
+
+    @classmethod
+    def of(cls, task: str, candidates: Sequence[tuple[CandidateResult, CandidateResult]]) -> TaskEffect:
+        """The effect on candidates, each without and with the change."""
+
+        def first(some: Sequence[CandidateResult]) -> str | None:
+            ranking = rank(some, "q_eoi")
+            return ranking[0].candidate.name if ranking and ranking[0].rank is not None else None
+
+        def worse(before: CandidateResult, after: CandidateResult) -> tuple[str, ...]:
+            if before.feasible and not after.feasible:
+                return ("feasible",)
+            names = []
+            for name, sign, step in _COMPARED:
+                old, new = getattr(before, name), getattr(after, name)
+                if old is not None and new is not None and np.round(sign * new / step) < np.round(sign * old / step):
+                    names.append("delay_worst" if name == "latest" else name)
+            return tuple(names)
+
+        return cls(
+            task=task,
+            first_before=first([before for before, _ in candidates]),
+            first_after=first([after for _, after in candidates]),
+            candidates=tuple(
+                ChangedCandidate(
+                    candidate=before.candidate.name,
+                    before=AdvisedFigures.of(before),
+                    after=AdvisedFigures.of(after),
+                    worse=worse(before, after),
+                )
+                for before, after in candidates
+                if worse(before, after) or worse(after, before)
+            ),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeFound(AdvisedFigures):
+    """A change, with the figures of the candidate with it, in the way from which the change starts."""
+
+    kind: Kind
+    """What is changed."""
+    target: str
+    """The candidate, object or camera that changes."""
+    change: tuple[float, ...] | Mapping[str, float | str]
+    """Metres along x, y, z in the frame of the camera or the world; angles to the right and up in the image, or of the
+    field of view [rad]; the parameters of a way."""
+    size: float
+    """How large the change is, in `unit`."""
+    unit: str
+    """m, rad, or camera for a further one; empty where there is nothing to measure."""
+    turn: float
+    """Angle between the optical axes before and after it [rad], of a camera that is moved or turned; else 0."""
+    words: str
+    """The change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
+
+    proposed: ProposedChange = live()
+    found: CandidateResult = live()
+    """The candidate with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceFound(ChangeFound):
+    """A change that meets the wish."""
+
+    margin: Margin | None
+    """Null where there is nothing to measure."""
+    worse: tuple[str, ...]
+    """The tasks of the workspace in which a candidate gets worse in a figure."""
+    tasks: tuple[TaskEffect, ...]
+    """Every task that it may affect, before and after: of a change of the cell all tasks of the workspace, of a way or
+    path the one that was asked for; candidates keep the ways that they have now, `rank` may find others then."""
+    patch: str = ""
+    """A unified diff of the workspace file; empty where nothing in the file says it."""
+    unwritten: str | None = field(default=None, metadata=LEFT_OUT)
+    """Why there is no patch."""
+
+    content: Any = live()
+    """The workspace file with it, as bytes, or an InputError that says why no file says it."""
+
+    @property
+    def costs(self) -> list[str]:
+        """What gets worse, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`.
+
+        What an earlier task says of a candidate is not said again.
+        """
+        told, costs = set[str](), list[str]()
+        for task in self.tasks:
+            worse = [words for one in task.candidates if one.worse and (words := str(one)) not in told]
+            told.update(worse)
+            costs += [f"in {task.task}: {'; '.join(worse)}"] if worse else []
+        return costs
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearestChange(ChangeFound):
+    """A change that does not meet the wish but comes near; as text, a sentence without its full stop."""
+
+    missing: tuple[str, ...]
+    """What is missing, in a few words each."""
+    limit: str
+    """Which limit stands in the way."""
+    nearer: bool
+    """Whether it comes nearer to the wish than what it starts from; false where nothing that was tried does."""
+
+    def __str__(self) -> str:
+        if not self.nearer:
+            return "Nothing that was tried comes nearer, either"
+        return f"To {self.words} comes nearest: {'; '.join(self.missing)}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindOutcome(Record):
+    """What came of a kind of change."""
+
+    kind: Kind
+    """What would be changed."""
+    found: int = 0
+    """How many changes meet the wish, one for each target at most."""
+    why: str | None = None
+    """Why there is none."""
+    nearest: NearestChange | None = None
+    """What comes nearest, where something was tried."""
+
+    advice: tuple[AdviceFound, ...] = live(())
+    """The changes that meet the wish, the least first."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class AdviceDocument(TaskDocument):
+    """What `sqrp advise` finds."""
+
+    VIEW = "sqrp_cli.show.terminal.search_tables:print_advice"
+
+    document: Literal["advise"] = "advise"
+    want: Wish
+    """What is to be met; null where anything will do."""
+    candidate: str
+    """Name of the candidate that the advice is about."""
+    way: Mapping[str, float | str]
+    """Parameters of the way from which changes of objects and cameras start."""
+    met: bool
+    """Whether it meets the wish without any change."""
+    before: AdvisedFigures
+    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
+    best: AdvisedFigures | None
+    """The candidate without any change in the way that `rank` and `score` take; None if that misses the wish."""
+    advice: tuple[AdviceFound, ...] = ()
+    """What meets the wish: the motion first, cameras last, of each kind the least change first."""
+    kinds: tuple[KindOutcome, ...] = ()
+    """What came of each kind."""
+    nearest: NearestChange | None = None
+    """If nothing meets the wish: what comes nearest."""
+    ways: Literal["best", "fastest"] = "best"
+    """Which ways were asked for: with `fastest`, the motion stays as it is."""
+    starts_fastest: bool = True
+    """Whether `before` is about the way with `--ways fastest`."""
+    assumed: str = ""
+    """What delays assume of the cameras, in words; empty where all state their latency."""
+    first: str | None = field(default=None, metadata=LEFT_OUT)
+    """What has to be done before, where the precondition of the skill does not hold."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before all kinds were searched."""
+
+    session: Any = live()
+    """The `api.advice.Advised` that found it, with the workspace file."""
+    start: CandidateResult = live()
+    """What `before` is about."""
+
+    @property
+    def held(self) -> str:
+        """Whose figures they are, where that matters: changes of the cell may let other ways be better."""
+        if self.ways == "fastest" or all(one.kind in MOTION for one in self.advice):
+            return ""
+        return "Figures are of the ways that candidates have now; rank may find others then."
+
+    @property
+    def found(self) -> bool:
+        """Whether anything meets the wish."""
+        return self.met or bool(self.advice)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        count = len(self.advice)
+        found = "met as it is" if self.met else f"{count} change{'' if count == 1 else 's'} meet{'s' * (count == 1)} it"
+        return f"{self.task} in {self.workspace}: {self.want}, {found}"
+
+    def patched(self, number: int) -> bytes:
+        """The workspace file with an advice, from 1. Raises InputError for a number that none has, or without patch."""
+        if not 1 <= number <= len(self.advice):
+            count = len(self.advice)
+            expected = f"expected 1 to {count}" if count else "there is none"
+            raise bad_option(f"there is no advice {number}; {expected}")
+        content: bytes | InputError = self.advice[number - 1].content
+        if isinstance(content, InputError):
+            raise content
+        return content
+
+    def apply(self, number: int = 1) -> None:
+        """Write an advice into the workspace file, by its number from 1; comments stay.
+
+        Nothing is written where the file says it already. Raises InputError where it cannot be written, and where the
+        file has changed meanwhile; ValueError for advice that was read from a file.
+        """
+        if self.session is None:
+            raise ValueError("advice that was read has no workspace to write; search again")
+        self.session.write(self.patched(number))

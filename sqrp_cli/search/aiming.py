@@ -1,0 +1,131 @@
+"""Cameras elsewhere, many at once: poses that look at points, and where a camera may stand.
+
+That is clear of everything solid and of the robot's sweep, and not below a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.geometry import Array, Mask, box_corners, cross, pose, read_only, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.shapes import Part, Sphere
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.solids import Solid, distance, load_solid
+
+_PARALLEL = 1e-9
+"""Sine of the angle below which a direction has no side, as in `geometry.look_at`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """What a camera looks at, in the frame that carries it, and which way is up in its image."""
+
+    point: Array
+    """In the middle of the image, shape (3,) [m]."""
+    up: Array
+    """Shape (3,)."""
+    stated: bool = False
+    """Whether the workspace says so; otherwise the orientation is stated."""
+
+    @classmethod
+    def along(cls, camera: Camera, near: Array) -> Aim:
+        """The aim of a camera whose orientation is stated: the point of its optical axis nearest to a point (3,)."""
+        eye, axis = camera.X_FC[:3, 3], camera.X_FC[:3, 2]
+        distance = max(float((near - eye) @ axis), camera.near)
+        return cls(read_only(eye + distance * axis), read_only(-camera.X_FC[:3, 1]))
+
+
+def looking_at(eyes: Array, points: Array, up: Array) -> Array:
+    """The poses (p, 4, 4) that `geometry.look_at` gives for eyes and points (p, 3) and one upward direction (3,)."""
+    forward = _unit(points - eyes)
+    right = np.zeros_like(forward)
+    for way in (np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), _unit(up[None])[0]):  # the last one counts most
+        across = cross(forward, np.broadcast_to(way, forward.shape))
+        usable = np.linalg.norm(across, axis=1) >= _PARALLEL
+        right[usable] = across[usable]
+    right = _unit(right)
+    right = _unit(right - (right * forward).sum(axis=1)[:, None] * forward)
+    poses = np.tile(np.eye(4), (len(eyes), 1, 1))
+    poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2], poses[:, :3, 3] = right, cross(forward, right), forward, eyes
+    return poses
+
+
+def turned(aim: Aim, eye: Array, angles: Array) -> Array:
+    """Points (p, 3) that a camera at `eye` (3,) looks at once its axis has turned, at the same distance.
+
+    angles: shape (p, 2): to the right and up in the image; their length is the angle between the axes [rad].
+    """
+    present = looking_at(eye[None], aim.point[None], aim.up)[0]
+    size = np.linalg.norm(angles, axis=1)
+    side = angles / np.maximum(size, 1e-12)[:, None]
+    across = side[:, :1] * present[:3, 0] - side[:, 1:] * present[:3, 1]
+    axes = np.cos(size)[:, None] * present[:3, 2] + np.sin(size)[:, None] * across
+    points: Array = eye + float(np.linalg.norm(aim.point - eye)) * axes
+    return points
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return unit
+
+
+CAMERA_RADIUS = 0.03
+"""Radius of the ball around a camera's centre that must be clear of everything [m]."""
+
+
+class CameraRoom:
+    """Where cameras that are fixed in the world may be."""
+
+    def __init__(self, cell: Cell, states: Sequence[SceneStates]) -> None:
+        """states: of the motions during which the cameras must not be in the way."""
+        self._solids = cell.observer.solids
+        self._states = states
+        objects = cell.workspace.objects
+        carriers = (objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None})
+        self._tops = [
+            float(transform(obj.X_WO, box_corners(obj.size))[:, 2].max())
+            for obj in carriers
+            if obj.fixed and obj.X_WO is not None
+        ]
+        """Heights of the tops of fixed objects that carry others [m]."""
+
+    def free(self, eyes: Array, present: Array | None = None) -> Mask:
+        """Whether a camera may be at each of p places (p, 3); present: where it is now, (3,), above the same tables."""
+        height = np.inf if present is None else float(present[2])
+        lowest = max((top for top in self._tops if top <= height), default=-np.inf)
+        free: Mask = eyes[:, 2] >= lowest
+        for solid in self._solids:
+            for states in self._states:
+                rows = np.flatnonzero(free)
+                free[rows] = ~touched(solid, states.X_WF[solid.part.parent], eyes[rows], CAMERA_RADIUS)
+        return free
+
+
+def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
+    """Whether a ball at each of p places (p, 3) touches a solid in any state, (p,).
+
+    X_FP: poses of what carries the solid in the frame of the places, shape (m, 4, 4). radius: of the ball [m].
+    """
+    axes = X_FP[:, :3, :3] @ solid.half_axes.T  # columns
+    half = np.linalg.norm(solid.half_axes, axis=1)
+    center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
+    gap = np.abs(np.einsum("pmi,mij->pmj", places[:, None] - center, axes / half)) - half
+    found = np.zeros(len(places), dtype=bool)
+    ball = _ball(radius)
+    for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
+        if not found[place]:
+            inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
+            found[place] = inside or distance(ball, pose(position=places[place]), solid, X_FP[state], 0.0) is not None
+    return found
+
+
+@cache
+def _ball(radius: float) -> Solid:
+    return load_solid(Part("camera", WORLD, Sphere(radius), pose()))

@@ -1,0 +1,193 @@
+"""Another way or another path of a candidate that meets a wish: the cell stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import Met, Miss, Near, Question, finely_met
+from sqrp_cli.skill.settings import SEEN, MotionValue, Reference
+from sqrp_cli.skill.skill import JointMove
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
+from sqrp_cli.study.program_update import world_after
+from sqrp_cli.study.result import WayFigures
+from sqrp_cli.study.whole_study import WholeStudy, whole_study, worst_seen
+from sqrp_cli.task.candidate import whole_candidate
+from sqrp_cli.task.grips import choice_in_words
+from sqrp_cli.task.task import Candidate
+
+MOST_TOGETHER = 12
+"""Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
+
+
+def other_way(question: Question) -> Sequence[Met] | Miss:
+    """The fastest of all ways that meet the wish; of several steps, of combinations of their Pareto-optimal ways."""
+    best, cell, wish = question.best, question.cell, question.wish
+    if not best.feasible or not (best.ways or best.candidate.steps):
+        return Miss(f"none can be done: {'; '.join(best.reasons[:1])}")
+    ways: Iterable[WholeStudy]
+    if best.candidate.steps:
+        ways = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
+    else:
+        found = studied_ways(
+            cell,
+            best.candidate,
+            question.world,
+            question.sampling,
+            limit=TimeLimit(inf if wish.time is None else wish.time),
+            worth=wish.may_be_met,
+            plans=question.plans,
+        )
+        ways = (WholeStudy(one.candidate, (one,)) for one in found)
+    met, near = _first_met(question, (Near(_way_change(best.candidate, one.candidate), one) for one in ways))
+    if met is not None:
+        return [met]
+    if best.ways is None:
+        return Miss(f"none of {len(near)} combinations of the steps' ways meets the wish", near)
+    for place, figures in enumerate(best.ways.pareto):
+        way = with_way(best.candidate, figures) if place else best.way
+        named = whole_study(cell, way, question.world, question.sampling, full=False)
+        if isinstance(named, WholeStudy):
+            near.append(Near(_way_change(best.candidate, way), named))
+    return Miss(f"none of {best.ways.tried} meets the wish", near)
+
+
+def seen_path(question: Question) -> Sequence[Met] | Miss:
+    """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
+    several = bool(question.best.candidate.steps)
+    if not several and not _open_paths(question.best.candidate):
+        return Miss("not tried: the skill or the task says which path")
+    met, near = _first_met(question, _of_steps_in_seen_paths(question) if several else _in_seen_paths(question))
+    if met is not None:
+        return [met]
+    none = "not tried: the skills or the task say which paths" if several else "it cannot be done, or not in that time"
+    return Miss("no path that was found meets the wish" if near else none, near)
+
+
+def meets(question: Question, found: WholeStudy) -> bool:
+    """Whether a motion meets the wish, also if sampled as finely as may be."""
+    met = question.wish.met(found.assessment)
+    return met and finely_met(question.wish, question.cell, found, question.sampling)
+
+
+def _first_met(question: Question, tried: Iterable[Near]) -> tuple[Met | None, list[Near]]:
+    """The first that meets the wish, and those before it."""
+    near: list[Near] = []
+    for one in tried:
+        if meets(question, one.study):
+            return Met(one.change, one.study.assessment), near
+        near.append(one)
+    return None, near
+
+
+def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
+    """A candidate in a way."""
+    values = {name: way.parameters.get(name, value) for name, value in candidate.values.items()}
+    branch = {name: value for name, value in way.parameters.items() if name not in {**values, **candidate.binding}}
+    vias = {name: np.array(places) for name, places in way.vias.items()}
+    return replace(candidate, values=values, branch=branch, vias=vias)
+
+
+def _in_seen_paths(question: Question) -> Iterator[Near]:
+    """The best way of a candidate of one step with paths that keep sight, then the best within the wished time."""
+    candidate = question.best.candidate
+    chosen: dict[str, MotionValue] = dict.fromkeys(_open_paths(candidate), SEEN)
+    seen = replace(candidate, values={**candidate.values, **chosen})
+    for limit in (None, *([] if question.wish.time is None else [TimeLimit(question.wish.time)])):
+        best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
+        if not isinstance(best, Infeasible):
+            unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
+            change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
+            yield Near(change, WholeStudy(best.study.candidate, (best.study,)))
+
+
+def _of_steps_in_seen_paths(question: Question) -> Iterator[Near]:
+    """All steps in their best ways, with seen paths in one step, in one more, and so on; those seen worst first."""
+    candidate, sampling = question.best.candidate, question.sampling
+    steps, left = list(candidate.steps), list(range(len(candidate.steps)))
+    while left and question.best.feasible:
+        index = left.pop(worst_seen([question.best.steps[number] for number in left]))
+        names = _open_paths(steps[index])
+        if not names:
+            continue
+        steps[index] = replace(steps[index], values={**steps[index].values, **dict.fromkeys(names, SEEN)})
+        world, done = question.world, list[Study]()
+        for step in steps:
+            found = find_way(question.cell, step, world, sampling, WantedWay())
+            if isinstance(found, Infeasible):
+                break
+            done.append(found.study)
+            world = world_after(found.study.candidate, found.study.motion, world)
+        if len(done) == len(steps):
+            asked = whole_candidate(candidate.skill, steps)
+            chosen = {name: value for name, value in asked.values.items() if value == SEEN}
+            said = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
+            change = _path_change(candidate, chosen, f"with paths that keep sight in step {said}")
+            whole = whole_candidate(candidate.skill, [one.candidate for one in done])
+            yield Near(change, WholeStudy(whole, tuple(done)))
+
+
+class _FirstSteps(NamedTuple):
+    """The first steps, each in a way."""
+
+    steps: tuple[Study, ...]
+    after: World
+
+
+def _of_steps(question: Question) -> Iterator[WholeStudy]:
+    """Combinations of the Pareto-optimal ways of the steps, each in the world that those before it leave."""
+    candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
+    begun = [_FirstSteps((), question.world)]
+    for step in candidate.steps:
+        longer: list[_FirstSteps] = []
+        for one in begun:
+            found = find_way(cell, step, one.after, sampling, WantedWay())
+            if isinstance(found, Infeasible):
+                continue
+            for way in (found.study.candidate, *(with_way(step, figures) for figures in found.ways.pareto[1:])):
+                done = study(cell, way, one.after, sampling, full=False)
+                if isinstance(done, Study):
+                    longer.append(_FirstSteps((*one.steps, done), world_after(way, done.motion, one.after)))
+        begun = _promising(longer)
+    for one in begun:
+        yield WholeStudy(whole_candidate(candidate.skill, [step.candidate for step in one.steps]), one.steps)
+
+
+def _promising(begun: Sequence[_FirstSteps]) -> list[_FirstSteps]:
+    """At most `MOST_TOGETHER` of several beginnings, in their order: the best seen ones, and the fastest."""
+    if len(begun) <= MOST_TOGETHER:
+        return list(begun)
+
+    def covered(index: int) -> float:
+        """How well the first steps are seen: their covered time, that of events of interest twice [s]."""
+        figures = [step.assessment("") for step in begun[index].steps]
+        return sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in figures)
+
+    seen = sorted(range(len(begun)), key=lambda index: -covered(index))
+    fast = sorted(range(len(begun)), key=lambda index: sum(step.motion.time for step in begun[index].steps))
+    chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
+    return [begun[index] for index in sorted(list(chosen)[:MOST_TOGETHER])]
+
+
+def _way_change(asked: Candidate, way: Candidate) -> ProposedChange:
+    return ProposedChange(kind="way", target=asked.name, parameters=way.parameters, said=choice_in_words(asked, way))
+
+
+def _path_change(asked: Candidate, chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:
+    parameters = {**asked.parameters, **chosen}
+    return ProposedChange(kind="path", target=asked.name, parameters=parameters, said=said, unwritten=unwritten)
+
+
+def _open_paths(step: Candidate) -> list[str]:
+    """The parameters of a step that choose the paths of joint moves and leave them direct."""
+    moves = [move for move in step.skill.primitives if isinstance(move, JointMove)]
+    names = [move.path.parameter for move in moves if isinstance(move.path, Reference)]
+    return [] if step.open_paths else names

@@ -1,0 +1,446 @@
+"""The cameras that answer a question: chosen by an integer program, checked exactly, and chosen again if need be.
+
+`Problem`: what may be chosen. `VisibilityTable`: what each option sees. `PlaceDocument`: the choice with its proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import count
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera, assumed_latency
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.search.advice_result import AdvisedFigures
+from sqrp_cli.search.placing_problem import Late, Problem, Requirements, Selection, obstacle
+from sqrp_cli.search.placing_program import Limits, PlacementProgram, Watch
+from sqrp_cli.search.placing_result import (
+    ROUNDED,
+    CameraPlaced,
+    Compared,
+    InfeasibleCandidate,
+    PlacedCandidate,
+    PlaceDocument,
+    SpareCost,
+    WithFewer,
+    proof_in_words,
+)
+from sqrp_cli.search.refine import Pair, refined
+from sqrp_cli.search.sites import JudgedWay, blocked, judged
+from sqrp_cli.search.visibility_table import PlaceQuestion, Progress, VisibilityTable
+from sqrp_cli.search.wish import Wish
+from sqrp_cli.study.assessment import Study, Watched
+from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
+from sqrp_cli.study.ranking import compared_quality
+from sqrp_cli.study.result import CandidateResult
+
+ROUNDS, ROUNDS_ASIDE = 200, 12
+"""Most times that cameras are chosen: for the question, and to say what others would do."""
+
+_SAME_TIME = 1e-3
+"""Times that differ by less may count as the same in a ranking [s]."""
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Checked:
+    """What came of a search: a selection with its exact figures."""
+
+    problem: Problem
+    """At the last samples."""
+    requirements: Requirements
+    selection: Selection | None = None
+    """None where none is possible, or none was found in time."""
+    value: float = 0.0
+    """The quality that counts first, exactly, if as many cameras fail as may; in 0..1."""
+    bound: float = 0.0
+    """No selection has a greater one."""
+    proven: bool = False
+    """Whether no other one is better, in every aim; or that there is none."""
+    fewest: int = 0
+    """With a wish: no fewer cameras than this meet it."""
+
+
+class CameraPlacer:
+    """Answers a question by choices from a table of what is seen, which grows where it hopes for too much."""
+
+    def __init__(
+        self,
+        question: PlaceQuestion,
+        progress: Progress,
+        watch: Watch | None = None,
+        *,
+        seconds: float = np.inf,
+        gap: float = 0.0,
+    ) -> None:
+        """progress: shows how far it is. watch: told what is sought, the best value so far and the bound.
+
+        seconds: after which the best so far is taken, counted from when all is looked at. gap: between bound and
+        objective with which a choice is good enough, in 0..1.
+        """
+        self.question, self._watch = question, watch or (lambda _title, _best, _bound: None)
+        self.table = VisibilityTable(question, progress)
+        self._seconds, self._gap, self._until = seconds, gap, np.inf
+        self._stopped = False
+        """Whether Ctrl-C came."""
+
+    def place(self) -> PlaceDocument:
+        """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
+        found = self._place()
+        gap = found.bound - found.objective
+        found = replace(found, gap=gap if gap > ROUNDED else 0.0)
+        return replace(found, proof=proof_in_words(found, fastest=self.question.fastest))
+
+    def _place(self) -> PlaceDocument:
+        table, wanted = self.table, self.question.requirements
+        table.plan()
+        if not table.ways:
+            why = "no candidate can be done" + (" in that time" if table.too_slow else "")
+            return self._document(None, met=False, reason=why)
+        table.judge()
+        self._until = monotonic() + self._seconds
+        wish = wanted.wish
+        if wish is not None and wish.delay is not None and any(way.scene.faults for way in table.ways):
+            quickest = min((lens.response for lens in self.question.mounts.lenses), default=0.0)
+            kept = [table.options[option].lens.response for option in table.kept]
+            if wish.delay < min([quickest, *kept]) - 1e-9:  # a frame and the latency alone take longer
+                return self._closest()
+        found = self._search(wanted)
+        best_in_all = (
+            found.selection is not None
+            and found.value >= 1.0 - ROUNDED
+            and found.problem.worth(wanted, found.selection)[1] <= found.problem.quickest + 1e-3
+            and len(found.selection.options) <= wanted.at_least(len(table.kept))
+        )
+        if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
+            table.add_ways()
+            found = self._search(wanted, known=found.selection)
+        if found.selection is None and wish is not None and not self._stopped:
+            if found.proven and wanted.most is not None:
+                enough = self._search(replace(wanted, most=None))
+                if enough.selection is not None:
+                    return replace(self._solution(enough), met=False)
+            return self._closest(proven=found.proven)
+        return self._at_least_some(found)
+
+    def _closest(self, *, proven: bool = True) -> PlaceDocument:
+        """What comes nearest to a wish that no choice meets. proven: whether it is certain that none does."""
+        nearest = self._at_least_some(self._search(replace(self.question.requirements, wish=None)))
+        unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
+        return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
+
+    def _at_least_some(self, found: Checked) -> PlaceDocument:
+        """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
+        if found.selection is None or found.value > 0.0 or self._stopped:
+            return self._solution(found)
+        if found.requirements.objective == "least":
+            mean = self._search(replace(found.requirements, wish=None, objective="mean"))
+            if mean.value > 0.0:
+                return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
+        return self._solution(replace(found, selection=None), blind=True)
+
+    def _search(
+        self,
+        wanted: Requirements,
+        *,
+        rounds: int = ROUNDS,
+        first_only: bool = False,
+        known: Selection | None = None,
+    ) -> Checked:
+        """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
+
+        So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
+        added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first aim counts.
+        """
+        wish, table, best, bound = wanted.wish, self.table, None, 1.0
+        limits = Limits(until=self._until, gap=self._gap)
+        for number in count(1):
+            problem = table.problem(wanted.failure_tolerance)
+            program = PlacementProgram(problem, wanted, self._watch, limits)
+            if (start := known if best is None else best.selection) is not None:
+                program.begin_with(start)
+            grown, settled = False, False
+            for further in (False,) if first_only else (False, True):
+                result = program.further() if further else program.first()
+                self._stopped |= result.interrupted
+                bound = result.bound if wish is not None else min(bound, result.bound)
+                if result.selection is None:
+                    if best is not None:
+                        return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
+                    return Checked(problem=problem, requirements=wanted, bound=bound, proven=result.proven)
+                if program.complete and not (further or first_only):  # the further aims take no time then
+                    continue
+                grown, settled = table.add_hiding(result.selection), False
+                if grown:
+                    break
+                value, found, late = self._exact(wanted, result.selection)
+                table.late |= late
+                figures = [one.without_delays for one in found]
+                good = not late and (wish is None or all(replace(wish, delay=None).met(one) for one in figures))
+                settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
+                if settled or (good and (best is None or value > best.value)):
+                    best = Checked(
+                        problem=problem,
+                        requirements=wanted,
+                        selection=result.selection,
+                        value=value,
+                        fewest=result.fewest,
+                    )
+                if not settled:
+                    added = [table.add_samples(*one) for one in zip(result.selection.ways, found, strict=True)]
+                    grown = bool(late) or any(added)
+                    break
+            over = self._stopped or monotonic() >= self._until or number == rounds or not grown
+            enough = best is not None and wish is None and 0.0 < self._gap >= bound - best.value
+            if settled or enough or over:
+                if best is None:
+                    return Checked(problem=problem, requirements=wanted, bound=bound)
+                proven = settled and result.proven and bound - value <= ROUNDED
+                return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
+        raise AssertionError
+
+    def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Watched], set[Late]]:
+        """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
+        table, wish = self.table, wanted.wish
+        cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
+        found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
+        late: set[Late] = set()
+        if wish is not None and wish.delay is not None:
+            studies = table.with_delays(cameras, found)
+            only = replace(wish, q_eoi=None, q_avg=None, time=None)
+            pairs = zip(selection.ways, studies, strict=True)
+            late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
+        return self._value(wanted, [one.without_delays for one in found]), found, late
+
+    def _value(self, wanted: Requirements, figures: Sequence[CandidateResult]) -> float:
+        """The quality that counts first."""
+        return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self.table.weights)
+
+    def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
+        """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
+        if self._stopped:
+            return otherwise
+        try:
+            return step()
+        except KeyboardInterrupt:
+            self._stopped = True
+            return otherwise
+
+    def _solution(self, checked: Checked, *, blind: bool = False) -> PlaceDocument:
+        """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
+        table, problem, selection = self.table, checked.problem, checked.selection
+        wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
+        found: dict[str, Any] = {
+            "proven": checked.proven,
+            "objective": checked.value,
+            "bound": checked.bound,
+            "fewest": checked.fewest if checked.requirements.wish is not None else None,
+            "met": selection is not None and not table.too_slow,
+        }
+        if selection is None:
+            firsts = [of_one[0] for of_one in table.candidates]
+            alone = table.with_delays(stay, table.watched(stay, firsts))
+            unseen = [
+                self._candidate(table.ways[number], one.assessment(""))
+                for number, one in zip(firsts, alone, strict=True)
+            ]
+            why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
+            return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
+        cameras = self._cameras(selection)
+        studies: Sequence[Study] = self._studies([*(placed.camera for placed in cameras), *stay], selection)
+        if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
+            cameras, studies = self._unless_stopped(
+                lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
+            )
+        cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
+        candidates = self._judged(cell, problem, selection, studies)
+        fewer = len(selection.options) - 1
+        with_fewer = without_spare = None
+        if fewer >= max(1, wanted.at_least(len(table.kept))):
+            aside = replace(checked.requirements, wish=None, most=fewer)
+            less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
+            if less is not None and not self._stopped:
+                with_fewer = WithFewer(cameras=fewer, objective=less.value, bound=max(less.value, less.bound))
+        if wanted.failure_tolerance:
+            plain = replace(wanted, failure_tolerance=0)
+            spare = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
+            if spare is not None and spare.selection is not None:
+                options = spare.selection.options
+                price = float(spare.problem.price[list(options)].sum())
+                without_spare = SpareCost(cameras=len(options), price=price, objective=spare.value)
+        return self._document(
+            problem,
+            **found,
+            cameras=cameras,
+            cell=cell,
+            candidates=candidates,
+            fewer=with_fewer,
+            without_spare=without_spare,
+        )
+
+    def _document(
+        self,
+        problem: Problem | None,
+        *,
+        cameras: Sequence[CameraPlaced] = (),
+        candidates: Sequence[PlacedCandidate] = (),
+        cell: Cell | None = None,
+        **found: Any,  # noqa: ANN401 - of the fields of a document
+    ) -> PlaceDocument:
+        """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
+        question, table, wanted = self.question, self.table, self.question.requirements
+        sites = len(question.mounts.spots)
+        seen, shut = np.zeros(sites), np.zeros(sites, dtype=bool)
+        if problem is not None:
+            np.maximum.at(seen, problem.site[problem.free], problem.alone[problem.free])
+            shut[sorted(problem.shut)] = True
+        delays = [one.found.latest for one in candidates if one.found.latest is not None]
+        shares = [one.unseen for one in candidates if one.unseen is not None]
+        cell = table.cell_with(()) if cell is None else cell
+        return PlaceDocument(
+            workspace=question.cell.workspace.name,
+            tasks=tuple(task.text for task in question.tasks),
+            mounts=sites,
+            want=wanted.wish or Wish(),
+            cameras=tuple(cameras),
+            keep=question.keep,
+            survive=wanted.failure_tolerance,
+            by=wanted.objective,
+            too_slow=table.too_slow,
+            quickest=0.0 if problem is None else problem.quickest,
+            delay_worst=None if np.inf in delays else max(delays, default=None),
+            unseen_faults=max(shares, default=None),
+            price=sum(camera.price for camera in cameras),
+            floor=wanted.floor,
+            candidates=tuple(candidates),
+            ways={f"{one.task}: {one.candidate}": one.found.way.parameters for one in candidates},
+            infeasible=tuple(
+                InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
+                for task, one in table.infeasible
+            ),
+            compared=Compared(
+                mounts=sites,
+                in_the_way=int(shut.sum()),
+                options=len(table.options) - len(table.kept),
+                ways=len(table.ways),
+                samples=sum(len(way.samples) for way in table.ways),
+                fastest=len(table.ways) == len(table.candidates),
+            ),
+            interrupted=self._stopped or None,
+            assumed=assumed_latency(cell.observer.cameras),
+            question=question,
+            cell=cell,
+            impossible=tuple(table.infeasible),
+            seen=seen,
+            shut=shut,
+            **found,
+        )
+
+    def _candidate(
+        self, way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None
+    ) -> PlacedCandidate:
+        """A candidate by its figures. ranked: the way that `rank` takes, if that has others."""
+        other = None if ranked is None else AdvisedFigures.of(ranked)
+        figures = AdvisedFigures.of(found)
+        name = way.candidate.name
+        return PlacedCandidate(**vars(figures), task=way.task, candidate=name, ranked=other, found=found)
+
+    def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
+        return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
+
+    def _cameras(self, selection: Selection) -> tuple[CameraPlaced, ...]:
+        """The chosen cameras, with names that no camera that stays has."""
+        table, wanted = self.table, self.question.requirements
+
+        def quality(options: Sequence[int]) -> float:
+            watched = table.watched(map(table.camera_at, options), selection.ways)
+            return self._value(wanted, [one.without_delays for one in watched])
+
+        names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
+        everyone = (*selection.options, *table.kept)
+        whole, placed = quality(everyone), []
+        for option, name in zip(selection.options, names, strict=False):
+            rest, alone = [one for one in everyone if one != option], quality([option])
+            loss = max(0.0, whole - quality(rest))
+            placed.append(CameraPlaced.at(table.options[option], name, alone=alone, loss=loss))
+        return tuple(placed)
+
+    def _refined(
+        self,
+        checked: Checked,
+        selection: Selection,
+        cameras: tuple[CameraPlaced, ...],
+        stay: Sequence[Camera],
+        studies: Sequence[Study],
+    ) -> tuple[tuple[CameraPlaced, ...], Sequence[Study]]:
+        """The cameras moved and turned between their sites, with the exact studies, if they are better then.
+
+        They are where the quality that counts first is greater, and each candidate that met the wish meets it still.
+        """
+        table = self.table
+        wanted, wish = self.question.requirements, checked.requirements.wish
+        average = replace(wanted, objective="mean")
+
+        def value(pairs: Sequence[Pair]) -> tuple[float, float]:
+            return wanted.value(pairs, table.weights), average.value(pairs, table.weights)
+
+        found = refined(table, [placed.place for placed in cameras], selection.ways, value)
+        moved = tuple(
+            CameraPlaced.at(
+                there,
+                placed.name,
+                mount=placed.mount,
+                alone=placed.alone,
+                loss=placed.loss,
+                moved=float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position)),
+            )
+            for placed, there in zip(cameras, found, strict=True)
+        )
+        better = self._studies([*(placed.camera for placed in moved), *stay], selection)
+        before, after = ([study.assessment("") for study in some] for some in (studies, better))
+        kept = wish is None or all(wish.met(new) or not wish.met(old) for old, new in zip(before, after, strict=True))
+        gained = self._value(wanted, after) > self._value(wanted, before) + 2 * ROUNDED
+        return (moved, better) if kept and gained else (cameras, studies)
+
+    def _judged(
+        self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
+    ) -> tuple[PlacedCandidate, ...]:
+        """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
+        question, table, all_judged = self.question, self.table, list[PlacedCandidate]()
+        ways = [table.ways[number] for number in selection.ways]
+        for way, found in zip(ways, studies, strict=True):
+            taken: BestWay | Infeasible | None = None
+            if not question.fastest:
+                seen, limit = found.assessment(""), None
+                all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (seen.q_eoi, seen.q_avg))
+                if all_seen and not way.candidate.open_paths:  # no way that takes longer is better
+                    limit = TimeLimit(found.motion.time + _SAME_TIME)
+                wanted = WantedWay(limit=limit)
+                taken = find_way(cell, way.candidate, question.world, question.sampling, wanted, table.plans)
+            ranked = taken.assessment if isinstance(taken, BestWay) else None
+            if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
+                new, old = taken.assessment, found.assessment("")
+                pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
+                worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
+                late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
+                places = [table.spots[problem.site[option]] for option in selection.options]
+                swept = False
+                if places and taken.study.motion is not way.scene.motion:
+                    other = judged(question.cell, way.task, way.candidate, taken.study)
+                    swept = bool(blocked(question.cell, other.swept, places).any())
+                found = found if worse or late or swept else taken.study
+            named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
+            figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
+            differs = ranked is not None and any(
+                (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
+                for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
+            )
+            all_judged.append(self._candidate(way, figures, ranked if differs else None))
+        return tuple(all_judged)

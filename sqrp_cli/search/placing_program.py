@@ -1,0 +1,540 @@
+"""The integer program that chooses cameras and ways, solved by HiGHS: one aim after the other, each with its bound."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import field, replace
+from functools import partial
+from math import inf
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.errors import needed
+from sqrp_cli.geometry import Array
+from sqrp_cli.records import dataclass
+from sqrp_cli.search.placing_problem import Problem, Requirements, Selection
+
+Terms = Mapping[int, float]
+"""A linear expression: the factor of each variable, by its number."""
+
+Watch = Callable[[str, float | None, float], None]
+"""Told what is sought, the best value so far if there is one, and the bound."""
+
+SLACK = 1e-7
+"""By how much a later aim may worsen an earlier one: figures of the solver are rounded."""
+
+DELAY_STEP = 0.01
+"""Delays are compared in whole steps [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """What came of a program."""
+
+    values: Array | None
+    """Of the variables; None if none was found."""
+    bound: float
+    """No values are better than this; minus infinity where nothing is possible at all."""
+    proven: bool
+    """Whether the values are the best, or it is proven that there are none."""
+    interrupted: bool = False
+    """Whether Ctrl-C came."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """When a search may end before its proof."""
+
+    until: float = inf
+    """By `time.monotonic` [s]."""
+    gap: float = 0.0
+    """Of the quality that counts first, in 0..1."""
+
+
+@dataclass(eq=False)
+class LinearProgram:
+    """Variables in 0..1 and linear rows between limits, built step by step."""
+
+    whole: list[bool] = field(default_factory=list)
+    """Whether each variable takes whole numbers only."""
+    rows: list[tuple[float, Terms, float]] = field(default_factory=list)
+
+    def variable(self, *, whole: bool = False) -> int:
+        """A new variable; its number."""
+        self.whole.append(whole)
+        return len(self.whole) - 1
+
+    def row(self, terms: Terms, *, least: float = -inf, most: float = inf) -> None:
+        """A limit on an expression."""
+        self.rows.append((least, dict(terms), most))
+
+    def all_of(self, limits: Iterable[int]) -> int:
+        """A variable that is at most each of these: 1 only if all are."""
+        some = list(dict.fromkeys(limits))
+        if len(some) == 1:
+            return some[0]
+        both = self.variable()
+        for limit in some:
+            self.row({both: 1.0, limit: -1.0}, most=0.0)
+        return both
+
+    def maximized(
+        self,
+        objective: Terms,
+        start: Array | None = None,
+        watch: Callable[[float | None, float], None] | None = None,
+        limits: Limits | None = None,
+        *,
+        presolve: bool = True,
+    ) -> Optimum:
+        """The values with the greatest objective; always the same for the same program, unless time ends.
+
+        start: values to begin with, of the first variables at least. Ctrl-C and `limits` end the search with the best
+        values so far. presolve: whether HiGHS looks for rows and variables that do not matter first. One thread solves
+        it: more would not always give the same values.
+        """
+        library, limits = _library(), limits or Limits()
+        highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
+        options = {
+            "output_flag": False,
+            "threads": 1,
+            "presolve": "choose" if presolve else "off",
+            "random_seed": 0,
+            "mip_rel_gap": 1e-9,
+            "mip_abs_gap": max(limits.gap, 1e-9),
+            "mip_feasibility_tolerance": 1e-7,
+            "time_limit": max(limits.until - monotonic(), 0.0),
+        }
+        for name, value in options.items():
+            highs.setOptionValue(name, value)
+        highs.passModel(self._model(objective))
+        if start is not None:
+            found = library.HighsSolution()
+            found.col_value = [*start.tolist(), *[0.0] * (len(self.whole) - len(start))]
+            highs.setSolution(found)
+        with _until_interrupted(highs, watch) as interrupted:
+            highs.run()
+        status = highs.getModelStatus()
+        if status == library.HighsModelStatus.kInfeasible:
+            return Optimum(None, -inf, proven=True)
+        info, values = highs.getInfo(), np.array(highs.getSolution().col_value)
+        whole = np.array(self.whole, dtype=bool)
+        feasible = info.primal_solution_status == 2
+        values[whole] = np.round(values[whole])
+        reached = sum(factor * values[number] for number, factor in objective.items())
+        if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
+            # HiGHS 1.16 returns the start, with the figure of better values that it found before it read that.
+            return self.maximized(objective, None, watch, limits, presolve=presolve)
+        bound = float(info.mip_dual_bound) if any(self.whole) else float(info.objective_function_value)
+        optimal = status == library.HighsModelStatus.kOptimal
+        proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
+        return Optimum(values if feasible else None, bound, proven=proven, interrupted=bool(interrupted))
+
+    def _model(self, objective: Terms) -> Any:  # noqa: ANN401 # of a library without types
+        library = _library()
+        model, count = library.HighsLp(), len(self.whole)
+        cost = np.zeros(count)
+        cost[list(objective)] = list(objective.values())
+        model.num_col_, model.num_row_ = count, len(self.rows)
+        model.sense_ = library.ObjSense.kMaximize
+        model.col_cost_, model.col_lower_, model.col_upper_ = cost, np.zeros(count), np.ones(count)
+        model.row_lower_ = np.array([least for least, _, _ in self.rows])
+        model.row_upper_ = np.array([most for _, _, most in self.rows])
+        matrix = model.a_matrix_
+        matrix.format_ = library.MatrixFormat.kRowwise
+        matrix.start_ = np.cumsum([0, *(len(terms) for _, terms, _ in self.rows)]).astype(np.int32)
+        matrix.index_ = np.array([n for _, terms, _ in self.rows for n in terms], dtype=np.int32)
+        matrix.value_ = np.array([factor for _, terms, _ in self.rows for factor in terms.values()], dtype=float)
+        kinds = library.HighsVarType
+        model.integrality_ = [kinds.kInteger if whole else kinds.kContinuous for whole in self.whole]
+        return model
+
+
+def check_solver() -> None:
+    """Raises InputError where HiGHS is not installed."""
+    _library()
+
+
+def _library() -> Any:  # noqa: ANN401 # a module without types
+    with needed("placing cameras needs HiGHS, which is not installed", "pip install 'sqrp[place]'"):
+        import highspy
+    return highspy
+
+
+@contextmanager
+def _until_interrupted(
+    highs: Any,  # noqa: ANN401
+    watch: Callable[[float | None, float], None] | None,
+) -> Iterator[Sequence[int]]:
+    """Let Ctrl-C end a search; yields a list that is then not empty."""
+    kinds = _library().cb.HighsCallbackType
+    came: list[int] = []
+
+    def called(kind: Any, _message: str, out: Any, into: Any, _data: object) -> None:  # noqa: ANN401
+        if kind == kinds.kCallbackMipInterrupt and into is not None:
+            into.user_interrupt = bool(came)
+        if watch is not None and abs(out.mip_dual_bound) < 1e20:
+            watch(out.mip_primal_bound if abs(out.mip_primal_bound) < 1e20 else None, out.mip_dual_bound)
+
+    highs.setCallback(called, None)
+    highs.startCallback(kinds.kCallbackMipInterrupt)
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolveResult:
+    """The best selection of a problem."""
+
+    selection: Selection | None
+    """None if there is none, or none was found in time."""
+    bound: float
+    """No selection has a greater quality, least or mean, in 0..1."""
+    proven: bool
+    """Whether nothing is better, in every aim; or that there is no selection at all."""
+    fewest: int = 0
+    """With a wish: no fewer cameras than this meet it."""
+    interrupted: bool = False
+    """Whether Ctrl-C came."""
+
+
+class PlacementProgram:
+    """Builds and solves the integer program of a problem.
+
+    Aims, one after the other: with a wish the number of cameras; the quality that counts first; the longest delay, in
+    hundredths of a second; the price; the number of cameras; the mean quality; what each camera sees alone, added up;
+    the order of the options.
+
+    Where all that counts can be seen, nothing is better, and the program is a set cover: a row for each set of options
+    one of which has to be chosen, and no variable for what is covered. That is tried first.
+    """
+
+    def __init__(self, problem: Problem, requirements: Requirements, watch: Watch, limits: Limits) -> None:
+        """watch: told of the search. limits: when it may end before its proof."""
+        self._problem, self._requirements, self._watch, self._limits = problem, requirements, watch, limits
+        self._program = program = LinearProgram()
+        self._x = {option: program.variable(whole=True) for option in problem.free}
+        """Of each option on mounts: whether it is chosen."""
+        self._taken: dict[int, int] = {}
+        """Of each way of a candidate that has several: whether it is taken."""
+        for of_one in problem.candidates:
+            if len(of_one) > 1:
+                self._taken |= {way: program.variable(whole=True) for way in of_one}
+                program.row({self._taken[way]: 1.0 for way in of_one}, least=1.0, most=1.0)
+        self._covered: dict[int, int] = {}
+        """Of each row of the problem that is asked for: whether it is covered."""
+        self._known: tuple[Terms, Terms] | None = None
+        """The quality that counts first, and the mean, once they are expressions."""
+        self._qualities: list[tuple[Terms | None, Terms | None]] = []
+        """Then: Q_eoi and Q_avg of each candidate; None where undefined."""
+        self._count = dict.fromkeys(self._x.values(), 1.0)
+        self._limit_sites()
+        self._values: Array | None = None
+        self._start: Array | None = None
+        self._fewest, self._bound = 0, 1.0
+        self._interrupted, self._proven = False, True
+        self.complete = False
+        """Whether the selection sees all that counts."""
+
+    def begin_with(self, selection: Selection) -> None:
+        """Let the search begin with a selection that is known: one that does not keep the limits is no harm."""
+        self._start = np.zeros(len(self._program.whole))
+        self._start[[self._x[option] for option in selection.options]] = 1.0
+        self._start[[self._taken[way] for way in selection.ways if way in self._taken]] = 1.0
+
+    def first(self) -> SolveResult:
+        """The best selection as far as the first aims are concerned: the number with a wish, and the quality."""
+        requirements = self._requirements
+        if requirements.wish is not None:
+            self._demand_wish()
+            count = self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
+            if self._values is None:
+                return self._result()
+            self._fewest = max(0, int(np.ceil(-count.bound - 1e-6)))
+            self._program.row(self._count, most=float(len(self._selection().options)))
+        title = f"{requirements.objective} Q"
+        self.complete = self._sees_all(title)
+        if not self.complete:
+            self._bound = min(1.0, self._improve(title, self._expressions()[0], gap=self._limits.gap).bound)
+        return self._result()
+
+    def further(self) -> SolveResult:
+        """The best of the selections that `first` cannot tell apart, in all other aims; `first` has found one."""
+        problem = self._problem
+        at_best = self._shorten_delay() and self.complete and self._proven
+        chosen, least = self._selection().options, self._requirements.at_least(len(problem.kept))
+        price = problem.price[list(self._x)]
+        if problem.price[list(chosen)].sum() > np.sort(price)[:least].sum() + SLACK:
+            at_best = False
+            self._improve("price", {x: -float(problem.price[option]) for option, x in self._x.items()})
+        if len(self._selection().options) > least:
+            at_best = False
+            self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
+        mean = replace(self._requirements, objective="mean")
+        if not self.complete and problem.worth(mean, self._selection())[0] < 1.0 - SLACK:
+            self._improve("mean Q", self._expressions()[1])
+        if not at_best:
+            self._improve("what each sees", self._last_aim(len(self._selection().options)))
+        return self._result()
+
+    def _last_aim(self, most: int) -> Terms:
+        """What each camera sees alone, added up; then the order of the options. most: how many are chosen at most."""
+        alone = {x: round(float(self._problem.alone[option]), 4) for option, x in self._x.items()}
+        return {x: sees - 1e-5 * x / len(alone) / max(1, most) for x, sees in alone.items()}
+
+    def _result(self) -> SolveResult:
+        return SolveResult(
+            selection=None if self._values is None else self._selection(),
+            bound=0.0 if self._values is None and self._proven else max(0.0, self._bound),
+            proven=self._proven,
+            fewest=self._fewest,
+            interrupted=self._interrupted,
+        )
+
+    def _row(self, number: int) -> int:
+        """The variable of a row: whether enough of the options that see it are chosen."""
+        if number not in self._covered:
+            still, seen = self._still_needed(number)
+            self._covered[number] = covered = self._program.variable(whole=still > 1)
+            if still > 0:
+                self._program.row({covered: float(still), **dict.fromkeys(seen, -1.0)}, most=0.0)
+        return self._covered[number]
+
+    def _still_needed(self, number: int) -> tuple[int, list[int]]:
+        """How many of the options on mounts have to see a row, and the variables of those that do."""
+        rows, kept = self._problem.rows, sorted(self._problem.kept)
+        seen = [self._x[option] for option in np.flatnonzero(rows.sees[number]).tolist() if option in self._x]
+        return rows.needed[number] - int(rows.sees[number][kept].sum()), seen
+
+    def _of_way(self, way: int) -> list[int]:
+        """The variable that says whether a way is taken; none where it is the only one."""
+        return [self._taken[way]] if way in self._taken else []
+
+    def _sees_all(self, title: str) -> bool:
+        """Demand that all is seen that any quality counts, and choose so, if that is possible.
+
+        It is chosen by the last aim, so that nothing is left to improve where the aims between are at their best then.
+        """
+        rows, variables, parts = len(self._program.rows), len(self._program.whole), ("of_interest", "seconds")
+        if self._demand_all((one, quality) for one in self._problem.candidates for quality in parts):
+            start = self._start if self._values is None else self._values
+            self._watch(title, None, 1.0)
+            most = len(self._x) if self._requirements.most is None else self._requirements.most
+            limits = Limits(until=self._limits.until)  # rows that follow from others are left out already
+            found = self._program.maximized(self._last_aim(most), start, None, limits, presolve=False)
+            self._interrupted |= found.interrupted
+            if found.values is not None:
+                self._values, self._proven = found.values, self._proven and found.proven
+                return True
+        del self._program.rows[rows:], self._program.whole[variables:]
+        return False
+
+    def _demand_all(self, qualities: Iterable[tuple[Sequence[int], str]]) -> bool:
+        """Let candidates have all of some qualities in the way that is taken; whether each has a way that may.
+
+        qualities: the ways of a candidate, and the part of groups that is counted: `of_interest` or `seconds`.
+        """
+        problem, demanded = self._problem, dict[int | None, set[int]]()
+        for of_one, quality in qualities:
+            may = False
+            for number in of_one:
+                way, taken = problem.ways[number], self._taken.get(number)
+                groups = [group for group in way.groups if getattr(group, quality) > 0.0]
+                total = way.T_eoi if quality == "of_interest" else way.T
+                if sum(getattr(group, quality) for group in groups) >= total * (1.0 - SLACK):
+                    may = True
+                    demanded.setdefault(taken, set()).update(row for group in groups for row in group.rows)
+                elif taken is not None:
+                    self._program.row({taken: 1.0}, most=0.0)
+            if not may:
+                return False
+        for taken, rows in demanded.items():
+            for row in problem.rows.weaker(rows):
+                still, seen = self._still_needed(row)
+                if still > 0:
+                    unless = {} if taken is None else {taken: -float(still)}
+                    self._program.row(dict.fromkeys(seen, 1.0) | unless, least=0.0 if unless else float(still))
+        return True
+
+    def _expressions(self) -> tuple[Terms, Terms]:
+        """The quality that counts first, and the mean, as expressions."""
+        if self._known is not None:
+            return self._known
+        problem, program, mean = self._problem, self._program, dict[int, float]()
+        total = max(float(problem.weights.sum()), 1e-12)
+        self._qualities = [self._quality(of_one) for of_one in problem.candidates]
+        for weight, pair in zip(problem.weights.tolist(), self._qualities, strict=True):
+            known = [terms for terms in pair if terms is not None]
+            for variable, factor in (item for terms in known for item in terms.items()):
+                mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
+        first: Terms = mean
+        if self._requirements.objective == "least":
+            first = {(least := program.variable()): 1.0}
+            for terms in (one for pair in self._qualities for one in pair if one is not None):
+                program.row({least: -1.0, **terms}, least=0.0)
+        self._known = first, mean
+        return self._known
+
+    def _quality(self, of_one: Sequence[int]) -> tuple[Terms | None, Terms | None]:
+        """Q_eoi and Q_avg of a candidate that takes one of its ways, as expressions."""
+        found: list[Terms | None] = []
+        counted = [
+            (self._program.all_of([*map(self._row, group.rows), *self._of_way(way)]), way, group)
+            for way in of_one
+            for group in self._problem.ways[way].groups
+        ]
+        for share, total in (("of_interest", "T_eoi"), ("seconds", "T")):
+            terms: dict[int, float] = {}
+            for variable, way, group in counted:
+                if getattr(group, share):
+                    part = getattr(group, share) / getattr(self._problem.ways[way], total)
+                    terms[variable] = terms.get(variable, 0.0) + part
+            defined = getattr(self._problem.ways[of_one[0]], total) > 0  # all ways have the same formulas
+            found.append(terms if defined else None)
+        return found[0], found[1]
+
+    def _limit_sites(self) -> None:
+        """One camera at a site, none that are in each other's or the robot's way, number and budget."""
+        problem, requirements, program = self._problem, self._requirements, self._program
+        at: dict[int, dict[int, float]] = {}
+        for option, x in self._x.items():
+            at.setdefault(int(problem.site[option]), {})[x] = 1.0
+        for terms in (terms for terms in at.values() if len(terms) > 1):
+            program.row(terms, most=1.0)
+        for first, second in sorted(problem.apart):
+            if first in at and second in at:
+                program.row({**at[first], **at[second]}, most=1.0)
+        for site, way in sorted(problem.blocked):
+            if site in at:
+                program.row({**at[site], **dict.fromkeys(self._of_way(way), 1.0)}, most=float(way in self._taken))
+        for hiding in sorted(problem.hiding):
+            seeing = {self._x[option]: 1.0 for option in hiding.options if option in self._x}
+            both = {**at.get(hiding.site, {}), **seeing, **dict.fromkeys(self._of_way(hiding.way), 1.0)}
+            free = (hiding.site in at) + bool(seeing)  # a camera that stays is always there, to hide and to see
+            program.row(both, most=float(free - 1 + (hiding.way in self._taken)))
+        for late in sorted(problem.late):
+            exactly = {x: 1.0 if option in late.options else -1.0 for option, x in self._x.items()}
+            exactly |= dict.fromkeys(self._of_way(late.way), 1.0)
+            program.row(exactly, most=len(late.options) - 1.0 + (late.way in self._taken))
+        limit = inf if requirements.most is None else float(requirements.most)
+        program.row(self._count, least=float(requirements.at_least(len(problem.kept))), most=limit)
+        if requirements.budget is not None:
+            prices = {x: float(problem.price[option]) for option, x in self._x.items()}
+            program.row(prices, most=requirements.budget + 1e-9)
+
+    def _demand_wish(self) -> None:
+        """Let every candidate reach what is wished for."""
+        wish, problem = self._requirements.wish, self._problem
+        assert wish is not None  # noqa: S101 - the caller has looked
+        parts = ((wish.q_eoi, "of_interest"), (wish.q_avg, "seconds"))
+        whole = [quality for least, quality in parts if least is not None and least >= 1.0]
+        if not self._demand_all((one, quality) for one in problem.candidates for quality in whole):
+            self._program.row({}, least=1.0)
+        for which, (least, quality) in enumerate(parts):
+            if least is not None and quality not in whole:
+                self._expressions()
+                for terms in filter(None, (pair[which] for pair in self._qualities)):
+                    self._program.row(terms, least=least - SLACK)
+        if wish.delay is not None:
+            self._no_later_than(wish.delay)
+            late = problem.least_delays > wish.delay + SLACK
+            for way, option in np.argwhere(late).tolist():
+                chosen = {self._x[option]: 1.0} if option in self._x else {}
+                most = (way in self._taken) - (option in problem.kept)
+                self._program.row({**chosen, **dict.fromkeys(self._of_way(way), 1.0)}, most=float(most))
+
+    def _no_later_than(self, delay: float) -> None:
+        """Let every fault of the ways that are taken be noticed within a delay [s], as far as the problem knows.
+
+        A row for each time at which a fault may happen: one of the intervals that are soon enough shows it.
+        """
+        for way, fault in ((number, one) for number, of in enumerate(self._problem.ways) for one in of.faults):
+            soon = [fault.least(np.full(len(fault.begin), tier)) <= delay + SLACK for tier in self._problem.tiers]
+            shown: dict[tuple[int, ...], int] = {}
+            demanded: set[tuple[int, ...]] = set()
+            for number in range(len(fault.first)):
+                enough: dict[int, float] = {}
+                for tier, rows in zip(soon, fault.rows, strict=True):
+                    some = {rows[interval] for interval in np.flatnonzero(tier[number]).tolist()}
+                    if () in some:  # nothing is known of what shows it there
+                        break
+                    for of_one in (rows_of for rows_of in some if rows_of is not None):
+                        if of_one not in shown:
+                            shown[of_one] = self._program.all_of(map(self._row, of_one))
+                        enough[shown[of_one]] = 1.0
+                else:
+                    if (key := tuple(sorted(enough))) not in demanded:
+                        demanded.add(key)
+                        taken = dict.fromkeys(self._of_way(way), -1.0)
+                        self._program.row({**enough, **taken}, least=0.0 if taken else 1.0)
+
+    def _improve(self, title: str, terms: Terms, gap: float = 0.0) -> Optimum:
+        """Improve one aim, keep the values if there are better ones, and let no later aim worsen it."""
+        start = self._start if self._values is None else self._values
+        found = Optimum(None, inf, proven=False, interrupted=True)
+        if not self._interrupted:
+            limits = Limits(until=self._limits.until, gap=gap)
+            found = self._program.maximized(terms, start, partial(self._watch, title), limits)
+        self._interrupted |= found.interrupted
+        self._proven &= found.proven
+        if found.values is not None:
+            self._values = found.values
+            self._program.row(terms, least=sum(factor * self._values[n] for n, factor in terms.items()) - SLACK)
+        return found
+
+    def _shorten_delay(self) -> bool:
+        """The shortest longest delay, by bisection over the values that it can have; each step is a program.
+
+        Whether the selection had the shortest that any selection can have.
+        """
+        problem = self._problem
+        present = problem.worth(self._requirements, self._selection())[1]
+        some = [
+            fault.least(np.full(len(fault.begin), tier)).ravel()
+            for way in problem.ways
+            for fault in way.faults
+            for tier in problem.tiers
+        ]
+        values = np.unique(np.ceil(np.concatenate([np.zeros(0), *some]) / DELAY_STEP - 1e-6) * DELAY_STEP)
+        values = values[np.isfinite(values) & (values >= problem.quickest - SLACK)]
+        low, high = 0, int(np.searchsorted(values, present - SLACK))
+        at_best = high == 0
+        rows, variables, known = len(self._program.rows), len(self._program.whole), dict(self._covered)
+        while low < high and not self._interrupted:
+            middle = high - 1 if high == len(values) else (low + high) // 2  # first whether all can be seen at all
+            self._no_later_than(float(values[middle]))
+            self._watch("delay", float(values[high]) if high < len(values) else None, float(values[low]))
+            found = self._program.maximized({}, limits=Limits(until=self._limits.until))
+            self._interrupted |= found.interrupted
+            del self._program.rows[rows:], self._program.whole[variables:]
+            self._covered = dict(known)
+            if found.values is not None:
+                self._values, high = found.values[:variables], middle
+            elif found.proven:
+                low = middle + 1
+            else:
+                self._proven, low = False, high
+        if high < len(values):
+            self._no_later_than(float(values[high]))
+        return at_best
+
+    def _selection(self) -> Selection:
+        values = self._values
+        assert values is not None  # noqa: S101 - it is asked for once there are some
+        options = tuple(option for option, x in self._x.items() if values[x] > 0.5)
+        ways = tuple(
+            max(of_one, key=lambda way: values[self._taken[way]] if way in self._taken else 1.0)
+            for of_one in self._problem.candidates
+        )
+        return Selection(options, ways)

@@ -1,0 +1,294 @@
+"""What is judged and what may be chosen: ways with samples, the cameras at each site, and what these see of those.
+
+A site may be in the way: of the robot, of anything solid, of another camera, or of its sight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from itertools import groupby
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.mounts import SAME, AimsEntry, LensChoice, Spot
+from sqrp_cli.files.entries import completed
+from sqrp_cli.files.frames import WORLD
+from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, pose, read_only, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.records import dataclass
+from sqrp_cli.search.aiming import looking_at, touched
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.study.ranking import compared_time
+from sqrp_cli.study.sampling import Adaptive, first_samples
+from sqrp_cli.study.timeline import Rehearsal, SampledScene
+from sqrp_cli.task.task import Candidate
+
+EVERY = 3
+"""Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""
+
+MOST_WAYS = 6
+"""Most ways of a candidate to choose from."""
+
+_VIEWS_TOGETHER = 24
+"""Poses judged as one piece of work."""
+
+_PLACES_TOGETHER = 400_000
+"""Places to compare with a solid at once, counted in every state, to bound the memory."""
+
+
+class Items(NamedTuple):
+    """What has to be seen of a way: n pairs of a sample and a target, by index."""
+
+    sample: Indices
+    """Shape (n,)."""
+    target: Indices
+    """Shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedWay(SampledScene):
+    """A way of a candidate with the samples in which mounts are judged."""
+
+    task: str
+    """As it was asked for."""
+    candidate: Candidate
+    """As a person chooses it."""
+    swept: SceneStates
+    """Where everything is in all of the first samples, which do not depend on cameras."""
+
+    @cached_property
+    def items(self) -> Items:
+        """What has to be seen in the samples."""
+        return Items(*np.nonzero(self.required))
+
+    @cached_property
+    def needed(self) -> Indices:
+        """How many cameras must see each item, shape (n,)."""
+        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items.target]
+
+
+def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
+    """A way with some of its first samples."""
+    samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+    ends = samples.ends
+    number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
+    rows = np.flatnonzero(ends | (number % EVERY == 0))
+    swept = scene.stage.states(samples)
+    return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate, swept=swept)
+
+
+def varied(scenes: Sequence[Rehearsal]) -> tuple[list[Rehearsal], Rehearsal]:
+    """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
+
+    That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
+    than without a choice of ways.
+    """
+
+    def grip(scene: Rehearsal) -> dict[str, float | str]:
+        way = scene.candidate
+        return {name: value for name, value in way.parameters.items() if name not in way.branch}
+
+    ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
+    first = next(scene for scene in ordered if grip(scene) == grip(scenes[0]))
+    branches: dict[str, Rehearsal] = {}
+    for scene in ordered:
+        branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
+    return list(dict.fromkeys([ordered[0], first, *branches.values()]))[:MOST_WAYS], first
+
+
+def middle_of(ways: Sequence[JudgedWay]) -> Array:
+    """The middle of all that has to be seen in some ways, in whole millimetres, shape (3,) [m]."""
+    points = [np.zeros((0, 3))]
+    for way in ways:
+        for column, target in enumerate(way.scene.targets):
+            rows = np.flatnonzero(way.required[:, column])
+            for box in target.boxes:
+                poses = way.states.box_poses(box)
+                poses = poses if len(poses) == 1 else poses[rows]
+                points.append(transform(poses, box_corners(box.size)).reshape(-1, 3))
+    corners = np.concatenate(points)
+    if not len(corners):
+        return np.zeros(3)
+    middle: Array = np.round(0.5 * (corners.min(axis=0) + corners.max(axis=0)), 3) + 0.0
+    return middle
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A pose of a camera at a place of a mount."""
+
+    spot: Spot
+    X_FC: Array
+    """Pose of the optical frame in the frame that carries it, shape (4, 4)."""
+    at: Array | None
+    """The point that it looks at, in that frame, if its aim says one, shape (3,)."""
+    up: Array
+    """What is up in the image then, shape (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Installation:
+    """A camera somewhere on its mount: one that may be chosen."""
+
+    view: View
+    lens: LensChoice
+
+    def camera(self, name: str) -> Camera:
+        """The camera there."""
+        view = self.view
+        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=view.spot.frame, X_FC=view.X_FC)
+
+    @property
+    def price(self) -> float:
+        """Of the camera and of mounting it there."""
+        return self.view.spot.entry.price + self.lens.price
+
+
+def views_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[View]:
+    """The poses at a place. middle: of all that has to be seen, (3,); middles: of what each candidate shows."""
+    aims, eye = spot.entry.aims or AimsEntry(targets="middle"), spot.position
+    up, known = np.array(aims.up, dtype=float), list[Array]()
+    points = [np.array(point, dtype=float) for point in aims.at]
+    if aims.targets is not None and spot.frame == WORLD:
+        points += [middle, *(middles if aims.targets == "each" else ())]
+    if aims.cone is not None:
+        points += list(np.round(eye + aims.cone.directions(), 6))
+    for point in points:
+        if np.linalg.norm(point - eye) > SAME and not any(np.linalg.norm(point - one) < SAME for one in known):
+            known.append(point)
+            yield View(spot, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
+    for one in aims.fixed:
+        yield View(spot, read_only(pose(one.matrix()[:3, :3], eye)), None, up)
+
+
+def installations(views: Sequence[View]) -> list[Installation]:
+    """Every pose with every lens that fits its mount."""
+    return [Installation(view, lens) for view in views for lens in view.spot.lenses]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewBatch:
+    """A piece of the work: what some poses, with all of their lenses, see in a way."""
+
+    way: JudgedWay
+    views: tuple[View, ...]
+
+    def seen(self, cell: Cell) -> Mask:
+        """Whether each installation sees each item of the way, shape (installations, items)."""
+        return seen_by(cell, self.way, installations(self.views))
+
+
+def view_batches(way: JudgedWay, views: Sequence[View]) -> list[ViewBatch]:
+    """All of the work for a way."""
+    starts = range(0, len(views), _VIEWS_TOGETHER)
+    return [ViewBatch(way, tuple(views[first : first + _VIEWS_TOGETHER])) for first in starts]
+
+
+class Verdicts(Protocol):
+    """Where verdicts come from: processes, a cluster, or a run before this one."""
+
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
+        """Call `done` with the number of every portion, in any order, and what it sees."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalVerdicts:
+    """Processes of this machine."""
+
+    cell: Cell
+    jobs: int = 1
+
+    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
+        """See `Verdicts`."""
+        found = in_processes(lambda part: part.seen(self.cell), parts, min(self.jobs, len(parts)))
+        for number, sees in enumerate(found):
+            done(number, sees)
+
+
+def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
+    """Whether each installation sees each item of a way, shape (installations, items).
+
+    Those with one pose are looked at together, as what hides a box does not depend on the lens.
+    """
+    sees = np.zeros((len(places), len(way.items.sample)), dtype=bool)
+    if not sees.size:
+        return sees
+    for frame in dict.fromkeys(one.view.spot.frame for one in places):
+        rows = [row for row, one in enumerate(places) if one.view.spot.frame == frame]
+        views = {id(places[row].view): places[row].view for row in rows}
+        lenses = {id(places[row].lens): places[row] for row in rows}
+        cameras = [one.camera(one.lens.name) for one in lenses.values()]
+        X_FC = np.stack([view.X_FC for view in views.values()])
+        found = cell.observer.seen_from(cameras, X_FC, way.scene.targets, way.states, *way.items)
+        of_lens, of_view = ({key: number for number, key in enumerate(known)} for known in (lenses, views))
+        sees[rows] = [found[of_lens[id(places[row].lens)], of_view[id(places[row].view)]] for row in rows]
+    return sees
+
+
+def blocked(cell: Cell, states: SceneStates, spots: Sequence[Spot]) -> Mask:
+    """Whether the body of a camera at each place touches anything in any state, shape (spots,).
+
+    What is fixed to the same link as a place is not looked at.
+    """
+    found = np.zeros(len(spots), dtype=bool)
+    order = sorted(range(len(spots)), key=lambda index: (spots[index].frame, spots[index].entry.body))
+    for (frame, body), group in groupby(order, key=lambda index: (spots[index].frame, spots[index].entry.body)):
+        rows = np.array(list(group))
+        places = np.stack([spots[row].position for row in rows])
+        X_FW = inverse(states.X_WF[frame])
+        for solid in cell.observer.solids:
+            X_FP = X_FW @ states.X_WF[solid.part.parent]
+            if frame != WORLD and float(np.ptp(X_FP, axis=0).max()) < 1e-9:
+                continue
+            step = max(1, _PLACES_TOGETHER // len(X_FP))
+            for start in range(0, len(rows), step):
+                here = np.flatnonzero(~found[rows[start : start + step]]) + start
+                if len(here):
+                    found[rows[here]] = touched(solid, X_FP, places[here], 0.5 * body)
+    return found
+
+
+def pairs_apart(spots: Sequence[Spot]) -> Iterator[tuple[int, int]]:
+    """The pairs of places in one frame at which the bodies of two cameras would touch each other."""
+    places, radii = np.stack([spot.position for spot in spots]), np.array([0.5 * spot.entry.body for spot in spots])
+    frames = np.unique([spot.frame for spot in spots], return_inverse=True)[1]
+    for first in range(len(spots) - 1):
+        gap = np.linalg.norm(places[first + 1 :] - places[first], axis=1) - radii[first + 1 :] - radii[first]
+        for other in np.flatnonzero((gap < -1e-9) & (frames[first + 1 :] == frames[first])).tolist():
+            yield first, first + 1 + other
+
+
+def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
+    """Which items of a way a camera at one place may hide from a camera at another place, shape (items,).
+
+    Its body is a ball, and so counts what encloses each box: more than is hidden, never less.
+    """
+    radius = 0.5 * spot.entry.body
+    sample, target = way.items
+    hidden = np.zeros(len(sample), dtype=bool)
+
+    def in_world(one: Spot) -> Array:
+        X_WF = way.states.X_WF[one.frame]
+        places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
+        return places[sample if one.frame != WORLD else np.zeros_like(sample)]
+
+    ball, eye = in_world(spot), in_world(other)
+    for column, entry in enumerate(way.scene.targets):
+        rows = np.flatnonzero(target == column)
+        for box in entry.boxes:
+            poses = way.states.box_poses(box)
+            center = (poses if len(poses) > 1 else np.repeat(poses, len(way.samples), axis=0))[sample[rows], :3, 3]
+            reach = 0.5 * float(np.linalg.norm(box.size))
+            axis = center - eye[rows]
+            far = np.maximum(np.linalg.norm(axis, axis=1), 1e-9)
+            axis /= far[:, None]
+            along = np.einsum("ri,ri->r", ball[rows] - eye[rows], axis)
+            aside = np.linalg.norm(ball[rows] - eye[rows] - along[:, None] * axis, axis=1)
+            width = reach * np.clip(along / far, 0.0, 1.0)
+            hidden[rows] |= (along > -radius) & (along < far + reach + radius) & (aside < width + radius)
+    return hidden

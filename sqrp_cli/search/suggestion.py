@@ -1,0 +1,283 @@
+"""What can be done, and what has to be done first: a plan for a failing precondition, each step in its best way."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Literal
+
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import NO_FIGURES
+from sqrp_cli.logic.domain import merge_domains
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
+from sqrp_cli.logic.planning_task import PlanStep
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.find import WantedWay, some_motion
+from sqrp_cli.study.pipeline import Assignment, assess_all
+from sqrp_cli.study.ranking import rank
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.whole_study import world_left
+from sqrp_cli.task.candidate import THEN, Candidate, Task
+from sqrp_cli.task.feasibility import unmet_preconditions
+from sqrp_cli.task.grips import first_grip
+from sqrp_cli.task.grounding import formulas_outside
+from sqrp_cli.task.task import read_task
+
+
+@dataclass(frozen=True, eq=False)
+class SuggestedStep:
+    """One step of a suggestion with its best candidate, as `rank` orders them."""
+
+    task: str
+    """Its text, such as `place g2 tray`."""
+    action: str
+    """The same as planners write it."""
+    world: World | None
+    """The world that it starts from; None if a step before it is infeasible."""
+    assessment: CandidateResult | None
+    """Of its best candidate, or of the first if none is feasible."""
+
+    @classmethod
+    def of(cls, assessment: CandidateResult, world: World) -> SuggestedStep:
+        """The step of a candidate assessed in a world."""
+        candidate = assessment.candidate
+        action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
+        return cls(candidate.task, str(action), world, assessment)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it is feasible after the steps before it."""
+        return self.assessment is not None and self.assessment.feasible
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is infeasible."""
+        return ("a step before it cannot be done",) if self.assessment is None else self.assessment.reasons
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """How planning for a candidate's precondition ended, and the plan if there is one."""
+
+    outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
+    explanation: str
+    """One sentence; empty if the precondition holds already."""
+    steps: tuple[SuggestedStep, ...] | None = None
+    """The plan."""
+    last: SuggestedStep | None = None
+    """The candidate itself, after the plan."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every step of a plan is feasible, the candidate itself included."""
+        return self.last is not None and self.last.feasible
+
+    @property
+    def words(self) -> str:
+        """How planning ended; if a step of the plan cannot be done, which one and why."""
+        steps = (*(self.steps or ()), *((self.last,) if self.last else ()))
+        failing = next((step for step in steps if not step.feasible), None)
+        if failing is None:
+            return self.explanation
+        then = "after that" if failing is self.last else "but"
+        return f"{self.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
+
+
+MOST_WITH_FIGURES = 20
+"""Of more candidates that need a plan, so many that can be done are compared, and the best is tried in all ways."""
+
+
+class Suggester:
+    """Suggests first steps in one world; results that several candidates share are computed once."""
+
+    def __init__(
+        self, cell: Cell, world: World, planner: Planner = find_plan, jobs: int = 1, candidates: int = 1
+    ) -> None:
+        """planner: finds the plans. jobs: most processes that score the candidates of a step.
+
+        candidates: how many will be asked about; of more than `MOST_WITH_FIGURES`, it is only asked whether they can
+        be done, after steps in their ways with `--ways fastest`.
+        """
+        self.cell = cell
+        self.world = world
+        self.jobs = jobs
+        self._planner = planner
+        self._wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
+        self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
+        self._plans: dict[tuple[str, ...], PlanningResult] = {}
+        self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
+
+    def in_best_way(self, suggestions: Sequence[Suggestion]) -> Suggestion | None:
+        """Of suggestions that can be done the one whose last step ranks first, each of its steps in its best way."""
+        if self._wanted.fastest:  # the first of each plan first
+            of_plan: Counter[object] = Counter()
+            ordered = []
+            for suggestion in suggestions:
+                plan = tuple(step.action for step in suggestion.steps or ())
+                ordered.append((of_plan[plan], suggestion))
+                of_plan[plan] += 1
+            ordered.sort(key=lambda pair: pair[0])
+            suggestions = [suggestion for _, suggestion in ordered[:MOST_WITH_FIGURES]]
+        figures = []
+        for step in (suggestion.last for suggestion in suggestions):
+            if step is not None and step.assessment is not None and step.world is not None:
+                assignment = Assignment(cell=self.cell, world=step.world, wanted=self._wanted)
+                known = step.assessment
+                figures.append(assignment.assess(known.candidate) if self._wanted.fastest else known)
+        if not figures:
+            return None
+        first = rank(figures, "q_eoi")[0].candidate
+        best = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
+        if not self._wanted.fastest or best.last is None or best.last.assessment is None:
+            return best
+        return Suggester(self.cell, self.world, self._planner, self.jobs).suggest(best.last.assessment.candidate)
+
+    def suggest(self, candidate: Candidate) -> Suggestion:
+        """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
+        if not unmet_preconditions(self.cell, candidate, self.world):
+            return Suggestion("satisfied", "")
+        key = (candidate.skill.name, *candidate.binding.values())
+        if key not in self._plans:
+            goal, types = candidate.skill.action.precondition, self.cell.workspace.types
+            self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
+        match self._plans[key]:
+            case AlreadySatisfied():
+                return Suggestion("satisfied", "")
+            case Plan(steps):
+                done = [self._after(steps[: count + 1]) for count in range(len(steps))]
+                world, assessment = done[-1][1], None
+                if world is not None and self._wanted.fastest:  # only whether it can be done
+                    motion = some_motion(self.cell, candidate, world)
+                    reasons = motion.reasons if isinstance(motion, Infeasible) else ()
+                    figures = vars(NO_FIGURES)
+                    assessment = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
+                elif world is not None:
+                    assessment = Assignment(cell=self.cell, world=world).assess(candidate)
+                action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
+                last = SuggestedStep(candidate.task, str(action), world, assessment)
+                listed = ", then ".join(map(str, steps))
+                return Suggestion("plan", f"first do {listed}", tuple(step for step, _ in done), last)
+            case ProvenImpossible(never):
+                parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
+                return Suggestion("impossible", f"no sequence of this workspace's skills can establish {parts}")
+            case GaveUp(within, why):
+                because = f": {why}" if why else ""
+                return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing{because}")
+
+    def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
+        """The last of several steps, in its best way in the world after those before it, and the world after it."""
+        if steps not in self._done:
+            world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
+            workspace, step = self.cell.workspace, steps[-1]
+            candidates = read_task(_text(step, workspace), workspace).candidates
+            if world is None:
+                self._done[steps] = SuggestedStep(candidates[0].task, str(step), None, None), None
+            else:
+                assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
+                best = rank(tuple(assess_all(assignment, candidates, self.jobs)), "q_eoi")[0]
+                self._done[steps] = SuggestedStep.of(best, world), world_left(self.cell, best, world)
+        return self._done[steps]
+
+
+MOST_PLANNED = 20
+"""Most choices of objects for which a plan is sought; the shortest plan counts."""
+
+
+def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | None = None) -> Task:
+    """The task, with what has to be done first if the preconditions of none of its candidates hold.
+
+    What that is is found as `check` does. The task stays as it is where nothing is needed or nothing helps. facts: that
+    hold before it, by default those of the workspace.
+    """
+    facts = workspace.state if facts is None else facts
+    if task.candidates[0].steps or any(not one.lacks(workspace, facts) for one in task.candidates):
+        return task
+    domain = merge_domains([skill.domain for skill in workspace.skills.values()])
+    different = {tuple(one.binding.values()): one for one in reversed(task.candidates)}
+    plans: list[tuple[list[str], Candidate]] = []
+    for candidate in list(reversed(different.values()))[:MOST_PLANNED]:
+        goal = candidate.skill.action.precondition
+        found = find_plan(domain, workspace.types, facts, goal, candidate.binding)
+        if isinstance(found, Plan):
+            plans.append(([_text(step, workspace) for step in found.steps], candidate))
+    if not plans:
+        return task
+    steps, last = min(plans, key=lambda plan: len(plan[0]))
+    settings = [word for word in task.text.split()[1:] if "=" in word]
+    names = [f"{name}={value}" for name, value in last.binding.items()]
+    kept = [word for word in settings if word.split("=", 1)[0] not in last.binding]
+    return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
+
+
+def _text(step: PlanStep, workspace: Workspace) -> str:
+    skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)
+    bound = zip((parameter.name for parameter in skill.action.parameters), step.arguments, strict=True)
+    return " ".join([skill.name, *(f"{name}={value}" for name, value in bound)])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Feasibility:
+    """Whether a candidate is feasible."""
+
+    candidate: Candidate
+    feasible: bool
+    reasons: tuple[str, ...] = ()
+    """Why not, most useful first."""
+    time: float | None = None
+    """Duration of its motion, with the first grip that works, in the fastest branch [s]; None if infeasible."""
+    suggestion: Suggestion
+    """How to establish its precondition."""
+    remarks: tuple[str, ...] = ()
+    """Detours and speeds that are not reached, such as `a1 goes around wall` and `a4 reaches 3.4 of 5 cm/s`."""
+    outside: tuple[tuple[int, int], ...] = ()
+    """The temporal operators that are never checked, see `grounding.formulas_outside`."""
+
+
+def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
+    """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
+    if candidate.steps:
+        # Check a candidate of several steps, each in its way with `--ways fastest` after those before.
+        wanted = WantedWay(fastest=True)
+        found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
+        return Feasibility(
+            candidate=candidate,
+            feasible=found.feasible,
+            reasons=found.reasons,
+            time=found.time,
+            suggestion=Suggestion("satisfied", ""),
+            remarks=found.remarks,
+        )
+    suggestion = suggester.suggest(candidate)
+    motion = some_motion(suggester.cell, candidate, suggester.world)
+    if isinstance(motion, Infeasible):
+        return Feasibility(candidate=candidate, feasible=False, reasons=motion.reasons, suggestion=suggestion)
+    return Feasibility(
+        candidate=candidate,
+        feasible=True,
+        time=motion.time,
+        suggestion=suggestion,
+        remarks=motion.remarks,
+        outside=formulas_outside(candidate, motion),
+    )
+
+
+def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
+    """The steps to complete a task: its best candidate, or a plan and the best candidate after it.
+
+    Feasible candidates go before those that need a plan. Empty if neither exists.
+    """
+    now = [feasibility.candidate for feasibility in found if feasibility.feasible]
+    if now:
+        assignment = Assignment(cell=suggester.cell, world=suggester.world)
+        best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0]
+        done = assignment.steps_done(best.candidate)
+        return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (
+            SuggestedStep.of(best, suggester.world),
+        )
+    later = [feasibility.suggestion for feasibility in found if feasibility.suggestion.feasible]
+    chosen = suggester.in_best_way(later)
+    steps = () if chosen is None else (*(chosen.steps or ()), chosen.last)
+    return tuple(step for step in steps if step is not None)

@@ -1,0 +1,339 @@
+"""What every installation on the mounts sees in every way of the candidates: the ground on which cameras are chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera, image_of
+from sqrp_cli.cell.mounts import LensChoice, MountEntry, Mounts, Spot
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.files.entries import completed
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.search.placing_problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
+from sqrp_cli.search.placing_result import UnseenTarget
+from sqrp_cli.search.sites import (
+    Installation,
+    JudgedWay,
+    LocalVerdicts,
+    Verdicts,
+    View,
+    blocked,
+    hidden_by,
+    installations,
+    judged,
+    middle_of,
+    pairs_apart,
+    varied,
+    view_batches,
+    views_at,
+)
+from sqrp_cli.study.assessment import Study, Watched, all_watched, with_delays
+from sqrp_cli.study.fault_sights import least_fault_delays
+from sqrp_cli.study.find import Plans, TimeLimit
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.stage import Samples
+from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.task.feasibility import impossible_start
+from sqrp_cli.task.task import Task
+
+MOST_ADDED = 24
+"""Most samples that are added to a way at once where nothing is covered, besides those at changes."""
+
+_TOGETHER = 200
+"""Options whose delays are looked at together, to bound the memory."""
+
+Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""A title and the number of parts; yields what counts the finished ones."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlaceQuestion:
+    """Which cameras are wanted, and for what."""
+
+    cell: Cell
+    world: World
+    tasks: tuple[Task, ...]
+    mounts: Mounts
+    requirements: Requirements
+    sampling: Sampling
+    keep: tuple[str, ...] = ()
+    """Cameras of the workspace that stay."""
+    fastest: bool = False
+    """Whether candidates keep the fastest branch with the first grip, as with `--ways fastest`."""
+    verdicts: Verdicts | None = None
+    """Where verdicts come from; None: this process."""
+
+
+class VisibilityTable:
+    """The ways of all candidates, the options of all mounts, and what each option sees of each way at its samples."""
+
+    def __init__(self, question: PlaceQuestion, progress: Progress) -> None:
+        """Nothing is planned or seen yet. progress: shows how far it is."""
+        self.question, self._progress = question, progress
+        self.spots = list(question.mounts.spots)
+        """The sites: places on mounts, then those of the cameras that stay."""
+        self.views, self.options, self.kept = list[View](), list[Installation](), list[int]()
+        """Every pose at every site; with every lens that fits; of these, by index, the cameras that stay."""
+        self.site: Indices = np.zeros(0, dtype=np.int64)
+        """Of each option, by index, shape (options,)."""
+        self.ways: list[JudgedWay] = []
+        self.plans = Plans()
+        """All ways of the candidates."""
+        self.candidates: list[tuple[int, ...]] = []
+        """Of each candidate, which of the ways are its own."""
+        self.infeasible: list[tuple[str, CandidateResult]] = []
+        self.others: list[list[Rehearsal]] = []
+        """Of each candidate, ways that are looked at only where they may be better."""
+        self.too_slow = False
+        """Whether no camera helps, because a candidate takes longer than is wished for."""
+        self.sees: list[Mask] = []
+        """Of each way, which options see which items, shape (options, items)."""
+        self.beside: dict[int, str] = {}
+        """Sites where a camera would touch one that stays, with its name."""
+        self.late = set[Late]()
+        """Choices that are known to miss the wished delay."""
+        self._shut: list[Mask] = []
+        """Of each way, at which sites a camera would touch something."""
+        self._least_delays: list[Array] = []
+        """Of each way, how long the longest delay of a fault is at least with each option [s]."""
+        self._hiding = set[Hiding]()
+        """Which cameras of choices that were found hide something that another one sees."""
+
+    def plan(self) -> None:
+        """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
+        question, cell, world = self.question, self.question.cell, self.question.world
+        found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
+        wish, aimed_at = question.requirements.wish, list[JudgedWay]()
+        with self._progress("Planning", len(found)) as advance:
+            for task, candidate in found:
+                scenes = (
+                    impossible_start(cell, candidate, world)
+                    or self.plans.of(cell, candidate, world, fastest=question.fastest).scenes
+                )
+                advance(1)
+                if wish is not None and wish.time is not None and not isinstance(scenes, Infeasible):
+                    scenes = TimeLimit(wish.time).within(scenes)
+                    self.too_slow |= isinstance(scenes, Infeasible)
+                if isinstance(scenes, Infeasible):
+                    self.infeasible.append((task.text, CandidateResult.infeasible(candidate, scenes.reasons)))
+                    continue
+                (first, *others), of_first_grip = varied(scenes)
+                self.candidates.append((len(self.ways),))
+                self.ways.append(judged(cell, task.text, candidate, first))
+                self.others.append(others)
+                same = of_first_grip is first  # what is aimed at does not depend on a choice of ways
+                aimed_at.append(self.ways[-1] if same else judged(cell, task.text, candidate, of_first_grip))
+        mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
+        if self.ways:
+            self.views = [view for spot in self.spots for view in views_at(spot, middle, middles)]
+        self.options = installations(self.views)
+        for name in question.keep:
+            camera = cell.workspace.cameras[name]
+            lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
+            position = camera.X_FC[:3, 3]
+            entry = MountEntry(points=[tuple(position.tolist())])
+            spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
+            self.kept.append(len(self.options))
+            self.spots.append(spot)
+            self.views.append(View(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
+            self.options.append(Installation(self.views[-1], lens))
+        number = {id(spot): index for index, spot in enumerate(self.spots)}
+        self.site = np.array([number[id(option.view.spot)] for option in self.options], dtype=np.int64)
+        self.beside = {one: self.spots[other].name for one, other in pairs_apart(self.spots) if one < mounted <= other}
+
+    def judge(self) -> None:
+        """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
+        ways = self.ways[len(self.sees) :]
+        self.sees += self._verdicts(ways)
+        wish = self.question.requirements.wish
+        for way in ways:
+            shut = blocked(self.question.cell, way.swept, self.question.mounts.spots)
+            shut[list(self.beside)] = True
+            self._shut.append(shut)
+            delays = np.zeros(len(self.options))  # 0 if none is wished
+            if wish is not None and wish.delay is not None:
+                cameras, observer = [*map(self.camera_at, range(len(self.options)))], self.question.cell.observer
+                response = min((camera.response for camera in cameras), default=0.0)
+                for start in range(0, len(cameras), _TOGETHER):
+                    some = replace(observer, cameras=tuple(cameras[start : start + _TOGETHER]))
+                    delays[start : start + _TOGETHER] = least_fault_delays(way.scene, some, response)
+            self._least_delays.append(delays)
+
+    def add_ways(self) -> None:
+        """Let other ways be chosen, too."""
+        for number, others in enumerate(self.others):
+            first = self.ways[self.candidates[number][0]]
+            self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(others)))
+            self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in others]
+        self.others = []
+        self.judge()
+
+    @property
+    def weights(self) -> Array:
+        """How much each candidate counts in the mean, shape (candidates,)."""
+        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
+        weights = self.question.mounts.weights
+        return np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks])
+
+    def problem(self, failure_tolerance: int) -> Problem:
+        """The problem of choosing, at the samples so far, if so many cameras may fail."""
+        responses = np.array([option.lens.response for option in self.options])
+        tiers, rows = tuple(np.unique(responses).tolist()), Rows()
+        prices = [0.0 if number in self.kept else option.price for number, option in enumerate(self.options)]
+        return Problem(
+            ways=tuple(
+                covered_way(way, sees, responses, tiers, failure_tolerance, rows)
+                for way, sees in zip(self.ways, self.sees, strict=True)
+            ),
+            rows=rows,
+            tiers=tiers,
+            candidates=tuple(self.candidates),
+            weights=self.weights,
+            site=self.site,
+            price=np.array(prices),
+            alone=self._alone(),
+            kept=frozenset(self.kept),
+            apart=frozenset(pairs_apart(self.question.mounts.spots)),
+            blocked=frozenset(
+                (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
+            ),
+            least_delays=np.array(self._least_delays).reshape(len(self.ways), len(self.options)),
+            hiding=frozenset(self._hiding),
+            late=frozenset(self.late),
+            beside=self.beside,
+        )
+
+    def _alone(self) -> Array:
+        """The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways, shape (options,).
+
+        In 0..1, at the samples: time between two samples counts as half of it is seen for each end that is. 0 where an
+        option is in the way.
+        """
+        each = []
+        for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
+            sample, scene = way.items.sample, way.scene
+            covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
+            for item in range(len(sample)):
+                covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
+            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
+            parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
+            known = [part.sum(axis=1) / total for part, total in parts if total > 0]
+            quality = np.mean(known, axis=0) if known else np.ones(len(sees))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
+        best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
+        mean: Array = np.mean(best, axis=0) if best else np.zeros(len(self.options))
+        return mean
+
+    def camera_at(self, option: int) -> Camera:
+        """The camera of an option; one that stays has its name."""
+        there = self.options[option]
+        kept = option in self.kept
+        return self.question.cell.workspace.cameras[there.view.spot.name] if kept else there.camera(f"at {option}")
+
+    def cell_with(self, cameras: Iterable[Camera]) -> Cell:
+        """The cell with these cameras and no others."""
+        cell, together = self.question.cell, {camera.name: camera for camera in cameras}
+        workspace = replace(cell.workspace, cameras=together)
+        return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
+
+    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Watched]:
+        """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""
+        scenes = [self.ways[number].scene for number in ways]
+        if spare:
+            more = [[replace(one, cameras=one.cameras + spare) for one in scene.targets] for scene in scenes]
+            scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
+        return all_watched(self.cell_with(cameras), scenes, self.question.sampling, full=False)
+
+    def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Watched]) -> list[Study]:
+        """The same with how late faults are noticed."""
+        return with_delays(self.cell_with(cameras), watched, self.question.sampling)
+
+    def add_samples(self, number: int, found: Watched) -> bool:
+        """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
+        timeline, way = found.timeline, self.ways[number]
+        covered = timeline.covered
+        changes = np.flatnonzero((covered[1:] != covered[:-1]) & ~np.isnan(timeline.steps))
+        lost = np.flatnonzero(timeline.monitored & ~covered)
+        rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))
+        known = set(zip(way.samples.piece.tolist(), way.samples.t.tolist(), strict=True))
+        pairs = zip(timeline.samples.piece[rows].tolist(), timeline.samples.t[rows].tolist(), strict=True)
+        new = [pair for pair in pairs if pair not in known]
+        if not new:
+            return False
+        more = replace(way, samples=Samples(np.array([p for p, _ in new]), np.array([t for _, t in new])))
+        order = way.samples.merge_order(more.samples)
+        after = replace(way, samples=way.samples.joined(more.samples, order))
+        first, both = len(way.samples), np.concatenate([self.sees[number], self._verdicts([more])[0]], axis=-1)
+        columns = np.zeros((len(order), len(way.scene.targets)), dtype=np.int64)  # of `both`, by sample and target
+        samples = np.concatenate([way.items.sample, first + more.items.sample])
+        columns[samples, np.concatenate([way.items.target, more.items.target])] = np.arange(both.shape[1])
+        self.sees[number] = both[:, columns[order[after.items.sample], after.items.target]]
+        self.ways[number] = after
+        return True
+
+    def add_hiding(self, selection: Selection) -> bool:
+        """Keep in mind which of the chosen cameras hide something from another one; whether there are any."""
+        found = set[Hiding]()
+        for number in selection.ways:
+            for option, other in permutations((*selection.options, *self.kept), 2):
+                place, at = int(self.site[option]), int(self.site[other])
+                if {option, other} <= set(self.kept):
+                    continue
+                hidden = hidden_by(self.ways[number], self.spots[place], self.spots[at])
+                if (hidden & self.sees[number][other]).any():
+                    there = np.flatnonzero(self.site == at)
+                    seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
+                    found.add(Hiding(place, tuple(seeing.tolist()), number))
+        self._hiding |= found
+        return bool(found)
+
+    def unseen(self, failure_tolerance: int, shut: frozenset[int]) -> Iterator[UnseenTarget]:
+        """What no choice covers: of each candidate, the first instant of each literal in the first way.
+
+        shut: sites that cannot be used.
+        """
+        usable = ~np.isin(self.site, sorted(shut))
+        for of_one in self.candidates:
+            way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
+            needed = way.needed + failure_tolerance
+            known: set[int] = set()
+            for item in np.flatnonzero(sees.sum(axis=0) < needed).tolist():
+                sample, target = int(way.items.sample[item]), int(way.items.target[item])
+                if target not in known:
+                    known.add(target)
+                    yield UnseenTarget(
+                        task=way.task,
+                        candidate=way.candidate.name,
+                        literal=str(way.scene.targets[target].atom),
+                        time=float(way.samples.t[sample]),
+                        seen_by=len(set(self.site[usable][sees[:, item]].tolist())),
+                        needed=int(needed[item]),
+                    )
+
+    def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
+        """Which options see which items of some ways."""
+        verdicts = self.question.verdicts or LocalVerdicts(self.question.cell)
+        batches = [view_batches(way, self.views) for way in ways]
+        found: dict[int, Mask] = {}
+        with self._progress("Looking from every mount", sum(map(len, batches))) as advance:
+
+            def done(number: int, sees: Mask) -> None:
+                found[number] = sees
+                advance(1)
+
+            verdicts.of([batch for of_way in batches for batch in of_way], done)
+        numbers = iter(range(len(found)))
+        empty = [np.zeros((0, len(way.items.sample)), dtype=bool) for way in ways]
+        return [
+            np.concatenate([none, *(found[next(numbers)] for _ in of_way)])
+            for none, of_way in zip(empty, batches, strict=True)
+        ]

@@ -1,0 +1,148 @@
+"""What a candidate is to reach: the wish of an advice, and by how much figures miss it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf
+
+from sqrp_cli.cell.workspace import ExpectedTask
+from sqrp_cli.document import Record
+from sqrp_cli.errors import InputError, bad_option, expected_names
+from sqrp_cli.figures import Qualities
+from sqrp_cli.files.units import SHARE, TIME, read_quantity
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.quality import falls_short
+from sqrp_cli.study.result import CandidateResult
+
+QUALITIES = ("q_eoi", "q_avg")
+TIMES = ("time", "delay")
+NAMES = (*QUALITIES, *TIMES)
+"""The figures that a wish may be about."""
+
+_NEVER = 1e3
+"""A fault that is never noticed misses a wished delay as if it took so many times as long."""
+
+SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
+"""What texts call them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish(Record):
+    """Least qualities and longest times; null where anything will do."""
+
+    q_eoi: float | None = None
+    """Least Q_eoi, in 0..1."""
+    q_avg: float | None = None
+    """Least Q_avg, in 0..1."""
+    time: float | None = None
+    """Longest duration of the motion [s]."""
+    delay: float | None = None
+    """Longest time until a fault is noticed [s]."""
+
+    def __str__(self) -> str:
+        parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value in self._stated(QUALITIES)]
+        return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value in self._stated(TIMES))])
+
+    @property
+    def only_events(self) -> bool:
+        """Whether it is about Q_eoi and, at most, the duration."""
+        return self.q_eoi is not None and self.q_avg is None and self.delay is None
+
+    @property
+    def thresholds(self) -> dict[str, float]:
+        """The same as thresholds of a task in a workspace."""
+        keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
+        return {keys[name]: value for name, value in self._stated(NAMES)}
+
+    def missed(self, found: CandidateResult) -> tuple[str, ...]:
+        """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
+        if not found.feasible:
+            return (f"it cannot be done: {found.reasons[0]}",)
+        missed = []
+        for name, least in self._stated(QUALITIES):
+            quality = figure(found, name)
+            if quality is None:
+                missed.append(f"{SHOWN[name]} is undefined")
+            elif falls_short(quality, least):
+                missed.append(f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %")
+        for name, most in self._stated(TIMES):
+            time = figure(found, name)
+            if time == inf:
+                share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
+                missed.append(f"a fault may never be noticed ({share}), not after {most:.4g} s")
+            elif time is not None and time > most:
+                missed.append(f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s")
+        return tuple(missed)
+
+    def met(self, found: CandidateResult) -> bool:
+        """Whether a candidate meets all of it."""
+        return not self.missed(found)
+
+    def may_be_met(self, seen: Qualities) -> bool:
+        """Whether qualities meet it; nothing is known of times yet."""
+        pairs = ((getattr(seen, name), least) for name, least in self._stated(QUALITIES))
+        return not any(quality is None or falls_short(quality, least) for quality, least in pairs)
+
+    def shortfall(self, found: CandidateResult | None) -> float:
+        """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
+        if found is None or not found.feasible:
+            return float("inf")
+        missing = 0.0
+        for name, least in self._stated(QUALITIES):
+            missing += max(0.0, least - (figure(found, name) or 0.0))
+        for name, most in self._stated(TIMES):
+            missing += max(0.0, min(figure(found, name) or 0.0, most * _NEVER) / most - 1.0)
+        if self.delay is not None:
+            missing += found.unseen or 0.0
+        return missing
+
+    def is_nearer(self, found: CandidateResult | None, start: CandidateResult) -> bool:
+        """Whether a candidate misses it by less than another one, so that the figures show it."""
+        shown = found is not None and self.missed(found) != self.missed(start)
+        return shown and self.shortfall(found) < self.shortfall(start)
+
+    def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+        yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)
+
+
+def figure(found: CandidateResult, name: str) -> float | None:
+    """The figure of a candidate that a wish calls `name`; a delay is infinite where a fault may never be noticed."""
+    return found.latest if name == "delay" else getattr(found, name)
+
+
+def read_wish(text: str) -> Wish:
+    """A wish such as `q_eoi 100 %, time 20 s`; a plain quality is in 0..1.
+
+    Raises InputError for anything else.
+    """
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.strip().replace("=", " ").partition(" ")
+        if name.lower() not in NAMES:
+            raise _refused(text, expected_names(name, NAMES) if name else "one part is empty")
+        dimension = SHARE if name.lower() in QUALITIES else TIME
+        quantity = read_quantity(value.strip())
+        if quantity is None or quantity.dimension not in (None, dimension) or quantity.value < 0:
+            example = "100 %" if dimension is SHARE else "20 s"
+            raise _refused(text, f"expected {dimension.name} after `{name}`, such as `{name} {example}`")
+        if dimension is SHARE and quantity.value > 1:
+            raise _refused(text, f"`{name}` is at most 100 %, which is 1 without a unit")
+        if dimension is TIME and quantity.value == 0:
+            raise _refused(text, f"`{name}` takes more than 0 s")
+        if name.lower() in found:
+            raise _refused(text, f"`{name}` is wished for twice")
+        found[name.lower()] = quantity.value
+    return Wish(**found)
+
+
+def wish_of(expected: ExpectedTask | None) -> Wish:
+    """The thresholds of a task that a workspace lists; Q_eoi 100 % where there are none."""
+    if expected is None:
+        return Wish(q_eoi=1.0)
+    wish = Wish(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
+    return wish if str(wish) else Wish(q_eoi=1.0)
+
+
+def _refused(text: str, why: str) -> InputError:
+    mend = 'write parts such as "q_eoi 100 %, time 20 s"'
+    return bad_option(f"the wish is `{text}`: {why}", mend=mend)

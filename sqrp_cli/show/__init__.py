@@ -1,0 +1,1 @@
+"""Documents come in; tables, pages and pictures go out."""

@@ -1,0 +1,191 @@
+"""`check` and `rules`: findings about a workspace and candidates of a task, and what each finding means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import TYPE_CHECKING, Any, Literal
+
+from sqrp_cli.checks.registry import RuleEntry
+from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
+from sqrp_cli.figures import Qualities
+from sqrp_cli.files.entries import completed
+from sqrp_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from sqrp_cli.errors import Problem
+    from sqrp_cli.search.suggestion import Feasibility, SuggestedStep
+else:  # no file has them
+    Problem = SuggestedStep = Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedProblem(Record):
+    """Something that is wrong or doubtful in the input."""
+
+    code: str
+    """Name of the kind of finding, such as `unknown-key`; `sqrp rules CODE` explains it."""
+    severity: Literal["error", "warning"]
+    """Errors make the input unusable, warnings do not."""
+    file: str | None
+    """Its path; null if it is about no file."""
+    line: int | None
+    """From 1; null if it is about the whole file."""
+    column: int | None
+    """From 1; null if it is about the whole line or file."""
+    message: str
+    """What was found and what was expected, in one sentence."""
+
+    @classmethod
+    def of(cls, problem: Problem) -> ReportedProblem:
+        """A problem as a finding."""
+        place = problem.place
+        return completed(
+            cls,
+            problem,
+            file=None if place is None else str(place.file),
+            line=None if place is None else place.line,
+            column=None if place is None else place.column,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedStep(Qualities):
+    """A step of a plan, in its best way."""
+
+    task: str
+    """Its text, such as `place g2 tray`."""
+    action: str
+    """A skill with its objects as planners write it, such as `place(g2, tray)`."""
+    feasible: bool
+    """Whether it can be done after the steps before it."""
+    time: float | None
+    """Duration of its motion [s]; null if it is infeasible."""
+    reasons: list[str]
+    """Why it is infeasible; empty if it is feasible."""
+
+    @classmethod
+    def of(cls, step: SuggestedStep) -> PlannedStep:
+        """A step of a suggestion."""
+        figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi", "time")}
+        return completed(cls, step, reasons=list(step.reasons), **figures)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedCandidate(Record):
+    """Whether a candidate can be done."""
+
+    parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
+    feasible: bool
+    """Whether it can be done at once: its precondition holds, and the robot can make its motion."""
+    reasons: list[str]
+    """Why it is infeasible, most useful first."""
+    time: float | None
+    """Duration of its motion, with the first grip that works, in the fastest branch [s]; null if it is infeasible."""
+    plan: list[PlannedStep] | None
+    """What has to be done first; empty if nothing, null if no plan was found."""
+    last: PlannedStep | None
+    """The candidate itself, after that; null if nothing has to be done first, or no plan was found. It has no figures
+    where more than 20 candidates were asked about."""
+    planning: str
+    """How planning ended."""
+    name: str
+    """What sets it apart among the candidates of its task."""
+    objects: Mapping[str, str]
+    """The object of each parameter that stands for one."""
+    remarks: tuple[str, ...]
+    """Detours and speeds that are not reached."""
+    advice: str
+    """What would have to be done first, or why nothing would help, in words; empty if nothing has to be."""
+
+    @classmethod
+    def of(cls, found: Feasibility) -> CheckedCandidate:
+        """What was found about a candidate."""
+        steps, last = found.suggestion.steps, found.suggestion.last
+        return completed(
+            cls,
+            found,
+            parameters=found.candidate.parameters,
+            reasons=list(found.reasons),
+            plan=None if steps is None else [PlannedStep.of(step) for step in steps],
+            last=None if last is None else PlannedStep.of(last),
+            planning=found.suggestion.outcome,
+            name=found.candidate.name,
+            objects=dict(found.candidate.binding),
+            advice=found.suggestion.words,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Check(WorkspaceDocument):
+    """The findings about a workspace, and which candidates of a task can be done."""
+
+    VIEW = "sqrp_cli.show.terminal.check_table:print_check"
+
+    document: Literal["check"] = "check"
+    task: str | None
+    """As it was asked for; null if only the workspace was checked."""
+    candidates: list[CheckedCandidate]
+    """In the order of the task; empty without a task, or if the input has errors."""
+    problems: list[ReportedProblem]
+    """Errors and warnings about the input."""
+    path: str
+    """Of the workspace, as it was given."""
+    suggested: list[PlannedStep]
+    """What has to be done first, and then the task, each in its best way; empty where that was not asked for."""
+    example: str | None = field(default=None, metadata=LEFT_OUT)
+    """A task of the workspace, if none was asked for."""
+
+    findings: tuple[Problem, ...] = live(())
+    """The problems with all that is known of them."""
+    steps: tuple[SuggestedStep, ...] = live(())
+    """Those suggested, with their motions."""
+
+    @classmethod
+    def of(
+        cls,
+        path: str,
+        workspace: str,
+        task: str | None,
+        problems: Sequence[Problem],
+        found: Sequence[Feasibility] = (),
+        suggested: Sequence[SuggestedStep] = (),
+        example: str | None = None,
+    ) -> Check:
+        """Candidates with their verdicts, and the findings about the workspace."""
+        return cls(
+            workspace=workspace,
+            task=task,
+            candidates=[CheckedCandidate.of(one) for one in found],
+            problems=[ReportedProblem.of(problem) for problem in problems],
+            path=path,
+            suggested=[PlannedStep.of(step) for step in suggested],
+            example=example,
+            findings=tuple(problems),
+            steps=tuple(suggested),
+        )
+
+    @property
+    def valid(self) -> bool:
+        """Whether nothing is wrong; warnings are not errors."""
+        return all(problem.severity != "error" for problem in self.problems)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
+        able = f"{sum(one.feasible for one in self.candidates)} of {how_many(self.candidates, 'candidate')} feasible, "
+        found = "" if self.task is None or not self.valid else able
+        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {how_many(self.problems, 'problem')}"
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class RulesDocument(Document):
+    """What can be found, or one finding of it."""
+
+    VIEW = "sqrp_cli.show.terminal.check_table:print_rules"
+
+    document: Literal["rules"] = "rules"
+    rules: list[RuleEntry]
+    """All, subject by subject, or the requested one."""

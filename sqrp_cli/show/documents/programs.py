@@ -1,0 +1,159 @@
+"""`program`: the steps of a program and their totals."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from math import inf
+from pathlib import Path
+from typing import Literal
+
+from sqrp_cli.cell.workspace_file import shortest_path, workspace_name
+from sqrp_cli.document import Document, Record, how_many
+from sqrp_cli.figures import FaultMetrics, Qualities
+from sqrp_cli.files.entries import completed
+from sqrp_cli.program.file import workspace_path
+from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
+from sqrp_cli.program.record import Program
+from sqrp_cli.records import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedPrimitive(Record):
+    """A primitive action, on the clock of the whole program [s]."""
+
+    name: str
+    """As in the skill."""
+    does: str
+    """What it does, in a word or two."""
+    action: str
+    """What kind of action it is, such as `joint_move` or `grasp`."""
+    start: float
+    """When it begins [s]."""
+    end: float
+    """When it ends [s]."""
+    held: str | None
+    """The object in the tool throughout; null if there is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedStep(Qualities):
+    """A step with its figures, on the clock of the whole program [s]."""
+
+    task: str
+    """As it was asked for."""
+    label: str
+    """The skill with its objects, such as `pickup g2`."""
+    skill: str
+    """Name of the skill."""
+    parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
+    start: float
+    """When it begins [s]."""
+    end: float
+    """When it ends [s]."""
+    time: float
+    """Duration of its motion [s]."""
+    faults: Mapping[str, FaultMetrics]
+    """By the fault's name."""
+    verdict: str
+    """Where it is blind, why, and what would help."""
+    primitives: list[ListedPrimitive]
+    """In the order in which they are done."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramTotal(Qualities):
+    """All steps together; Q is weighted with their time."""
+
+    time: float
+    """Duration of all steps [s]."""
+    delay_worst: float | None
+    """Longest time that a fault of any step may remain unnoticed [s]; null if none can happen, or one may never be
+    noticed."""
+    fault: str | None
+    """Name of that fault."""
+    step: int | None
+    """Number of its step, from 1."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ProgramDocument(Document):
+    """What `sqrp program` lists."""
+
+    VIEW = "sqrp_cli.show.terminal.program_table:print_program"
+
+    document: Literal["program"] = "program"
+    program: str
+    """Path of the program file, as it was given."""
+    workspace: str
+    """Name of the workspace's folder."""
+    stale: bool
+    """Whether the workspace has changed since."""
+    steps: list[ListedStep]
+    """In the order in which they are done."""
+    total: ProgramTotal
+    """Figures of all steps together."""
+    tool: tuple[ToolCommand, ...]
+    """When the tool has to grasp and release what, in order of time."""
+    held: str | None = None
+    """The object that it leaves in the tool; null if there is none."""
+    add: str | None = None
+    """The command that adds a step; null while the workspace is not where it was."""
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.program} for {self.workspace}: {how_many(self.steps, 'step')}, {self.total.time:.2f} s"
+
+    @classmethod
+    def of(cls, program: Program, file: Path, *, stale: bool) -> ProgramDocument:
+        """The steps with their figures, the totals, and what the tool has to do."""
+        steps, start = [], 0.0
+        for step in program.steps:
+            primitives = [
+                ListedPrimitive(
+                    name=one.name,
+                    does=one.does or one.name,
+                    action=action_name(one),
+                    start=start + one.start,
+                    end=start + one.end,
+                    held=one.held,
+                )
+                for one in step.primitives
+            ]
+            span = {"start": start, "end": start + step.time, "primitives": primitives, "label": step.short_task}
+            steps.append(completed(ListedStep, step, parameters=dict(step.parameters), **span))
+            start += step.time
+
+        def mean(name: str) -> float | None:
+            known = [(figure, step.time) for step in steps if (figure := getattr(step, name)) is not None]
+            weight = sum(time for _, time in known)
+            return sum(figure * time for figure, time in known) / weight if weight else None
+
+        # The fault with the longest delay at worst; one that may never be noticed is the longest.
+        faults = [
+            (one.delay_worst, number, name) for number, s in enumerate(steps, 1) for name, one in s.faults.items()
+        ]
+        worst = max(faults, key=lambda one: inf if one[0] is None else one[0], default=(None, None, None))
+        workspace = workspace_path(program, file)
+        here = shlex.quote(os.path.relpath(shortest_path(workspace)))
+        add = f"sqrp rank {here} TASK --program {shlex.quote(str(file))}"
+        return cls(
+            program=str(file),
+            workspace=workspace_name(workspace),
+            stale=stale,
+            steps=steps,
+            total=ProgramTotal(
+                time=sum(step.time for step in steps),
+                q_avg=mean("q_avg"),
+                q_eoi=mean("q_eoi"),
+                delay_worst=worst[0],
+                step=worst[1],
+                fault=worst[2],
+            ),
+            tool=tool_commands(program),
+            held=program.steps[-1].after.held if program.steps else None,
+            add=add if workspace.exists() else None,
+        )

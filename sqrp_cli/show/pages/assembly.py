@@ -1,0 +1,167 @@
+"""The text of a page: scripts, styles, documents and the three.js viewer in one file that needs no network.
+
+Its documents are small texts that cannot become markup; meshes are simplified.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import unicodedata
+import zlib
+from collections.abc import Mapping
+from importlib import metadata, resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+import numpy as np
+
+from sqrp_cli.document import plain
+from sqrp_cli.errors import bad_input
+from sqrp_cli.shapes import Triangles
+
+MOST_TRIANGLES = 3000
+"""Triangles of a part in a page; larger meshes are simplified to this many."""
+
+_SAME_PLACE = 8
+"""Vertices that are equal to so many decimals of a metre are one."""
+
+_VIEWER = ("resources/templates/viewer.zip", "viewer.html.template")
+"""Where trimesh keeps its own viewer page: an archive among its files, and the file in it."""
+
+
+def check_libraries() -> None:
+    """Raises InputError, with the command that installs them, where the libraries that a page needs are missing."""
+    for name in ("trimesh", "fast_simplification"):
+        _folder(name)
+
+
+def viewer_library() -> str:
+    """The text of three.js (MIT licence), a classic script that defines `THREE`.
+
+    Raises InputError where trimesh is missing or does not carry it. Trimesh itself is not imported, as it takes long.
+    """
+    archive, name = _VIEWER
+    try:
+        with ZipFile(_folder("trimesh") / archive) as files:
+            template = files.read(name).decode()
+    except (OSError, KeyError, BadZipFile):
+        template = ""
+    _, _, script = template.partition("<script>")
+    notice, found, rest = script.partition("*/\n")
+    # After the licence comes the library as one line; what follows is the application of trimesh.
+    library, _, _ = rest.partition("\n")
+    if not found or "THREE={}" not in library or "</script" in library:
+        message = f"trimesh {metadata.version('trimesh')} does not carry three.js where it was expected"
+        raise bad_input("no-viewer", message, mend="pip install 'trimesh==5.2.0'")
+    return f"{notice}*/\n{library}\n"
+
+
+def simplified(surface: Triangles) -> Triangles:
+    """A mesh with its equal vertices merged, and with at most about `MOST_TRIANGLES` triangles."""
+    rounded = np.round(surface.vertices, _SAME_PLACE) + 0.0  # not -0.0
+    _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    vertices, faces = surface.vertices[first], which.reshape(-1)[surface.faces]
+    if len(faces) > MOST_TRIANGLES:
+        check_libraries()
+        from fast_simplification import simplify
+
+        vertices, faces = simplify(vertices, faces, target_count=MOST_TRIANGLES)
+    return Triangles(np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.int64))
+
+
+def _folder(name: str) -> Path:
+    """Where a package is installed. Raises InputError where it is not."""
+    try:
+        spec = find_spec(name)
+    except ValueError:  # its import is blocked
+        spec = None
+    if spec is None or spec.origin is None:
+        message = f"a report needs the Python package `{name}`, which is not installed"
+        raise bad_input("missing-extra", message, mend="pip install trimesh fast-simplification")
+    return Path(spec.origin).parent
+
+
+DIGITS = 6
+"""Decimals that figures keep: micrometres and microseconds."""
+
+_UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
+"""Unicode categories of invisible characters that change a line."""
+
+PARTS = (
+    "data", "words", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "mounts",
+    "page",
+)  # fmt: skip
+"""The scripts that all pages share, the live one too, each after those that it needs."""
+
+
+def assembled(
+    title: str, start: str, *, data: Mapping[str, str], style: str = "", further: str = "", policy: str = ""
+) -> str:
+    """The text of a page.
+
+    start: the script that begins to show it. data: packed documents by the id of their element. style, further: rules
+    and elements beyond those that all pages share. policy: what the page may do beyond running its own scripts.
+    """
+    library = viewer_library()
+    code = "'use strict';\n(() => {\n" + "\n".join([*(asset(f"{name}.js") for name in PARTS), start]) + "})();\n"
+    scripts = f"{_digest(library)} {_digest(code)}"
+    parts = {
+        "TITLE": html.escape(visible(title)),
+        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}{policy}",
+        "STYLE": asset("style.css") + style,
+        "FURTHER": further,
+        "DATA": "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items()),
+        "LIBRARY": f"<script>{library}</script>",
+        "CODE": f"<script>{code}</script>",
+    }
+    text = asset("page.html")
+    for name, part in parts.items():
+        before, _, after = text.partition(f"<!--{name}-->")
+        text = before + part + after
+    return text
+
+
+def packed(document: object) -> str:
+    """A document as base64 of deflated JSON, with `tidy` strings."""
+    text = json.dumps(tidy(document), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+
+
+def tidy(value: Any, digits: int | None = DIGITS) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
+    """A record as a JSON value, with figures rounded and invisible characters spelled out.
+
+    digits: decimals that figures keep; None for all.
+    """
+    match value:
+        case bool() | int() | None:
+            return value
+        case float():
+            return value if digits is None else round(value, digits)
+        case str():
+            return visible(value)
+        case list() | tuple():
+            return [tidy(entry, digits) for entry in value]
+        case _:
+            return {visible(key): tidy(entry, digits) for key, entry in plain(value).items()}
+
+
+def visible(text: str) -> str:
+    """A text with control and format characters spelled out, such as marks of writing direction."""
+    return "".join(
+        f"\\u{{{ord(character):x}}}" if unicodedata.category(character) in _UNSEEN else character for character in text
+    )
+
+
+def _digest(script: str) -> str:
+    """How the page's policy names a script that may run; no other may."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def asset(name: str) -> str:
+    """A script, style or template of the pages."""
+    return resources.files("sqrp_cli.show.pages").joinpath("browser", name).read_text(encoding="utf-8")

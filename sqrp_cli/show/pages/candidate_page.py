@@ -1,0 +1,242 @@
+"""The pages of a ranking and of scores: the documents of `--json` with everything that is shown beside them."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from sqrp_cli.document import Pose, Record
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.shapes import Triangles
+from sqrp_cli.show import sentences
+from sqrp_cli.show.documents.explanation import CandidateStudy
+from sqrp_cli.show.documents.playback import PlayedCandidate
+from sqrp_cli.show.documents.scene import ShowDocument
+from sqrp_cli.show.pages.assembly import packed, simplified
+from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, write_page
+from sqrp_cli.show.pages.paint import Color, css, solid_colors
+from sqrp_cli.study.pipeline import Assignment, Explained
+from sqrp_cli.study.result import CandidateResult, Ranking
+from sqrp_cli.version import __version__
+
+if TYPE_CHECKING:
+    from sqrp_cli.cell.workspace import Workspace
+    from sqrp_cli.score.score import ScoredCell, TaskScore
+    from sqrp_cli.score.scorecard import Progress, Scorecard
+    from sqrp_cli.score.work.compute import Means
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def write_ranking(
+    found: Ranking, assignment: Assignment, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+) -> None:
+    """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
+    cell, candidates = assignment.cell, found.candidates
+    details = computed(lambda one: _detail(assignment, one), candidates, min(jobs, len(candidates) // 2), progress)
+    entries = candidate_rows(candidates, list(details))
+    about = origin(arguments, cell.workspace)
+    said = f"{sentences.summary(candidates, found.by)}."
+    if found.feasible:
+        about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
+        said += f" {sentences.why_first(found.feasible, found.by)}"
+    title = f"{found.task} in {cell.workspace.name}"
+    write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
+
+
+def write_scores(
+    cells: Sequence[ScoredCell],
+    findings: Scorecard,
+    means: Means,
+    path: Path,
+    *,
+    arguments: Sequence[str],
+    progress: Progress,
+) -> None:
+    """Write the page about scores, with the best candidate of each task.
+
+    means: how they were computed. arguments: of the command.
+    """
+    usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
+    scores = findings.results
+    scenes: list[CellScene] = []
+    entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
+    for scene, found in computed(lambda cell: _scored(cell, scores, means), usable, means.jobs, progress):
+        entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
+        scenes += [] if scene is None else [scene]
+    digests = [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
+    about = [*origin(arguments), *digests]
+    passed = (
+        f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
+    )
+    write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes, compared=False), path)
+
+
+def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene | None, list[PageRow]]:
+    """The rows of a workspace's tasks, and its scene if any of them can be done."""
+    scores = [score for score in scores if score.workspace == scored.name]
+    if scored.workspace is None or all(score.best is None for score in scores):
+        return None, [_score(score, None, None) for score in scores]
+    cell = Cell.load(scored.workspace, means.seed)
+    assignment = Assignment(means.sampling, cell=cell, world=cell.initial_world)
+    details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
+    return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
+
+
+def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | None]) -> list[PageRow]:
+    """The rows of the candidates of a task. details: of each, see `PageRow`."""
+    differing = sentences.differing_parameters(ranking)
+    choice = any(one.has_choice for one in ranking)
+    rows = []
+    for one, detail in zip(ranking, details, strict=True):
+        labels = {name: {**one.objects, **one.settings}[name] for name in differing}
+        mark = "infeasible" if one.rank is None else f"{one.rank}"
+        labels |= {"way": one.choice} if choice else {}
+        rows.append(PageRow(one.name, mark, labels, one, one.why, 0, detail, retried=one.retried))
+    return rows
+
+
+def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
+    best = score.best
+    labels = {
+        "workspace": score.workspace,
+        "task": score.task or "",
+        "best": "" if best is None else best.name,
+    }
+    return PageRow(
+        ", ".join(filter(None, labels.values())),
+        score.status,
+        labels,
+        # The other rows are about other tasks, so a comparison within this one says nothing about them.
+        None if best is None else replace(best, pareto=False),
+        score.reasons,
+        scene,
+        detail,
+        retried=() if best is None else best.retried,
+    )
+
+
+def cell_scene(cell: Cell) -> CellScene:
+    """What a page needs to draw a cell; it may come from another process."""
+    return CellScene(replace(ShowDocument.of(cell), cell=None), packed(SceneModel.of(cell)))
+
+
+def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:
+    """The command and the version that made the page, and the workspace that it is about, if it is about one."""
+    about = [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
+    return about if workspace is None else [*about, ("workspace", str(workspace.path)), ("digest", workspace.digest)]
+
+
+def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, progress: Progress) -> Iterator[Result]:
+    """What `work` finds of each item of a page, in order, with the progress shown. jobs: processes to use at most."""
+    with progress("Writing the report", len(items)) as advance:
+        for found in in_processes(work, items, min(jobs, len(items))):
+            yield found
+            advance(1)
+
+
+def playback(assignment: Assignment, explained: Explained) -> str | None:
+    """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
+    return packed(played(assignment, explained)) if explained.steps else None
+
+
+def played(assignment: Assignment, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
+    """What is shown of a feasible candidate beside its figures; brief: see `CandidateStudy.of_study`."""
+    cell, sampling = assignment.cell, assignment.sampling
+    studies = [CandidateStudy.of_study(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]
+    several = len(studies) > 1
+    figures = explained.result
+    return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
+
+
+def _detail(assignment: Assignment, one: CandidateResult) -> str | None:
+    return playback(assignment, assignment.explain(one))
+
+
+STEP = 1e-4
+"""Coordinates of meshes are given in multiples of this [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelJoint(Record):
+    """A joint of the robot."""
+
+    name: str
+    parent: int
+    """Index of the joint that carries it; -1: the world."""
+    slides: bool
+    axis: list[float]
+    pose: Pose
+    """In the parent, at position 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelLink(Record):
+    """A link of the robot."""
+
+    joint: int
+    """Index of the joint that carries it; -1: the world."""
+    pose: Pose
+    """In the joint."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelSolid(Record):
+    """Something solid."""
+
+    name: str
+    """What verdicts call it."""
+    parent: str
+    """The link or object that carries it."""
+    color: str
+    vertices: list[int]
+    """x, y, z, x, ... in the parent's frame, in multiples of `step`."""
+    triangles: list[int]
+    """Indices of three vertices each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneModel(Record):
+    """What moves with what, and the shape of every part."""
+
+    step: float
+    joints: list[ModelJoint]
+    """Parents first."""
+    links: Mapping[str, ModelLink]
+    solids: list[ModelSolid]
+
+    @classmethod
+    def of(cls, cell: Cell) -> SceneModel:
+        """The model of a cell. Raises InputError where a library is missing."""
+        tree = cell.model.tree
+        return cls(
+            step=STEP,
+            joints=[
+                ModelJoint(name=joint.name, parent=parent, slides=not turns, axis=list(joint.axis), pose=X.tolist())
+                for joint, parent, turns, X in zip(
+                    tree.joints, tree.parents, tree.turns.tolist(), tree.still, strict=True
+                )
+            ],
+            links={name: ModelLink(joint=mount.joint, pose=mount.X_JL.tolist()) for name, mount in tree.mounts.items()},
+            solids=[_solid(cell, index, color) for index, color in enumerate(solid_colors(cell))],
+        )
+
+
+def _solid(cell: Cell, index: int, color: Color) -> ModelSolid:
+    solid = cell.observer.solids[index]
+    surface = simplified(Triangles(solid.vertices, solid.triangles))
+    return ModelSolid(
+        name=cell.solid_name(index),
+        parent=solid.part.parent,
+        color=css(color),
+        vertices=np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist(),
+        triangles=surface.faces.reshape(-1).tolist(),
+    )

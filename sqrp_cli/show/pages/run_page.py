@@ -1,0 +1,245 @@
+"""The page about a run: what really happened in the simulated cell, and what the images showed when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.records import dataclass
+from sqrp_cli.run.record.events import (
+    AskedBox,
+    ContactFelt,
+    Event,
+    EvidenceSeen,
+    MovingOn,
+    PrimitiveBegan,
+    Retrying,
+    StepBegan,
+    Stopping,
+)
+from sqrp_cli.run.record.log import Track
+from sqrp_cli.run.record.report import RunReport
+from sqrp_cli.show.documents import playback
+from sqrp_cli.show.documents.requirements import Span
+from sqrp_cli.show.pages.assembly import packed
+from sqrp_cli.show.pages.candidate_page import cell_scene, origin
+from sqrp_cli.show.pages.page import FigureShown, PageContent, PageRow, write_page
+from sqrp_cli.show.sentences import short_times
+
+WITNESSED = (
+    "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
+    " judge by images alone. Boxes are where monitors looked for something; their colours, and those of the lines to"
+    " the cameras, say what the images taken at that time showed."
+)
+"""What is shown in three dimensions, in words."""
+
+_TRUE = "predictions that came true"
+
+
+@dataclass(frozen=True, eq=False)
+class RunCell:
+    """The cell of a run. digest: of its workspace at the time.
+
+    workspace: None if its files are not at hand. why_flat: why there is no playback in three dimensions, if so.
+    """
+
+    name: str
+    cameras: Sequence[str]
+    digest: str
+    workspace: Workspace | None
+    why_flat: str = ""
+
+
+def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
+    """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
+    from sqrp_cli.motion.cell import Cell
+
+    names = ", ".join(report.labels)
+    track = Track.of(events)
+    why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
+    scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
+    watched = any(isinstance(event, EvidenceSeen) for event in events)
+    figures, noted = [], []
+    for fault in report.faults:
+        if fault.delay is not None:
+            figures.append(FigureShown(f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after"))
+            if fault.predicted_delay is not None:
+                figures.append(FigureShown("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
+        noted += [t for t in (fault.happened, fault.detected, fault.injected) if t is not None][:1]
+    if report.total.precision is not None:
+        figures.append(FigureShown(_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
+    figures.append(FigureShown("images", f"{report.images}"))
+    figures.append(FigureShown("simulated time", f"{report.time:.2f} s"))
+    detail = packed(_detail(cell, report, events, track if scenes else None, why_flat)) if watched or scenes else None
+    entry = PageRow(
+        name=names,
+        mark=report.outcome,
+        labels={"steps": names},
+        candidate=None,
+        reasons=[] if report.reason is None else [short_times(report.reason)],
+        scene=0 if scenes else None,
+        detail=detail,
+        figures=figures,
+    )
+    title = f"{names} in {cell.name}: {report.outcome}"
+    about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
+    opens_at = min(noted, default=0.0 if report.done else report.time)
+    content = PageContent(title, story(report), "Steps", about, [entry], scenes, of_images=True, opens_at=opens_at)
+    write_page(content, path)
+
+
+def story(report: RunReport) -> str:
+    """What happened, in one sentence: when each fault was, when it was seen, retries and the outcome."""
+    told = [] if report.faults else ["no fault"]
+    for fault in report.faults:
+        label = report.label_of(fault)
+        if fault.happened is not None:
+            seen = "never seen" if fault.delay is None else f"seen after {fault.delay:.2f} s"
+            told.append(f"{label} at {fault.happened:.2f} s, {seen}")
+        elif fault.detected is not None:
+            told.append(f"{label} seen at {fault.detected:.2f} s")
+        else:
+            told.append(f"{label} injected, but it never came true")
+    retries = sum(step.attempts - 1 for step in report.steps)
+    told += [] if not retries else ["tried again" if retries == 1 else f"tried again {retries} times"]
+    sentence = ", ".join([*told, f"{report.outcome} at {report.time:.2f} s"])
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _detail(
+    cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
+) -> playback.PlayedRun:
+    """The playback of a run: a motion with what images showed in place of predictions.
+
+    Marked is when a fault had happened but was not seen, and when it was seen but not yet mended.
+    """
+    marks, end = [], report.time
+    for fault in report.faults:
+        label, spans = report.label_of(fault), []
+        if fault.happened is not None:
+            seen_at = end if fault.detected is None else fault.detected
+            text = f"{label} has happened and is not seen"
+            spans.append(playback.Mark(kind="unnoticed", start=fault.happened, end=seen_at, text=text))
+        if fault.detected is not None:
+            acted = end if fault.acted is None else fault.acted
+            text = f"{label} is seen, the robot stops and looks"
+            spans.append(playback.Mark(kind="handled", start=fault.detected, end=acted, text=text))
+        marks += [playback.Marks(label=label, spans=spans)] if spans else []
+    # What the images of each time showed. The last ones count for as long as any before them, then none.
+    seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
+    samples = [_sample(cell.cameras, seen[t]) for t in sorted(seen)]
+    times = [sample.t for sample in samples]
+    longest = max((after - t for t, after in pairwise(times)), default=end)
+    over = min(end, times[-1] + longest) if times else 0.0
+    positions = None
+    if track is not None:
+        positions = playback.Positions(
+            t=track.t.tolist(),
+            joints=list(track.joints),
+            q=track.q.tolist(),
+            held=list(track.held),
+            objects={name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
+        )
+    return playback.PlayedRun(
+        time=end,
+        still={},
+        cameras={name: {} for name in cell.cameras},
+        primitives=_doings(events, end),
+        formulas=[],
+        targets={} if track is None else _targets(events, end),
+        marks=marks,
+        moments=_moments(report, events),
+        note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
+        samples=[*samples, playback.EndOfImages(t=over, literals={})],
+        track=positions,
+    )
+
+
+def _doings(events: Sequence[Event], end: float) -> list[Span]:
+    """The primitives, and in words what the robot does between them."""
+    starts: list[tuple[float, str, str | None]] = []
+    for event in events:
+        match event:
+            case PrimitiveBegan(t=t, name=name, does=does):
+                starts.append((t, name, does))
+            case StepBegan(t=t):
+                starts.append((t, "looks", None))
+            case MovingOn(t=t):
+                starts.append((t, "moves on to look", None))
+            case Stopping(t=t):
+                starts.append((t, "stops", None))
+    ends = [*(t for t, _, _ in starts), end][1:]
+    spans = zip(starts, ends, strict=True)
+    return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
+
+
+def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
+    """The boxes of each atom, with the times `from` and `to` between which they count: each attempt has its own."""
+    starts = [event for event in events if isinstance(event, StepBegan)]
+    ends = [*(event.t for event in starts), end + 1.0][1:]
+    spans: dict[str, list[tuple[AskedBox, float, float]]] = {}
+    for event, until in zip(starts, ends, strict=True):
+        for atom, boxes in event.boxes.items():
+            own = spans.setdefault(atom, [])
+            for box in boxes:
+                index = next((i for i, (old, _, to) in enumerate(own) if old == box and to == event.t), len(own))
+                since = own[index][1] if index < len(own) else event.t
+                own[index : index + 1] = [(box, since, until)]
+    return {
+        atom: {"boxes": [{**box.model_dump(), "from": since, "to": until} for box, since, until in own]}
+        for atom, own in spans.items()
+    }
+
+
+def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownMoment]:
+    """Times worth a look, with what happens then."""
+    happens: dict[float, list[str]] = {}
+    for fault in report.faults:
+        injected, label = fault.injected if fault.happened is None else None, report.label_of(fault)
+        for t, text in (
+            (injected, f"{label} is injected"),
+            (fault.happened, f"{label} happens"),
+            (fault.detected, f"{label} is seen"),
+        ):
+            if t is not None:
+                happens.setdefault(round(t, 6), []).append(text)
+    words = {
+        MovingOn: "the robot moves on to look",
+        Stopping: "the robot stops",
+        ContactFelt: "the tool feels contact",
+        Retrying: "the robot tries again",
+    }
+    for event in events:
+        if type(event) in words:
+            happens.setdefault(event.t, []).append(words[type(event)])
+    for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
+        happens.setdefault(round(t, 6), []).append("the step is done")
+    return [playback.ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
+
+
+def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstant:
+    required = {name: found for name, found in event.literals.items() if found.asked}
+    known = all(found.value is not Truth.UNKNOWN for found in required.values())
+    return playback.ShownInstant(
+        t=event.exposed,
+        covered=known if required else None,
+        kind="known" if known else "unknown",
+        literals={
+            name: playback.ShownLiteral(
+                **vars(_shown(found.value, "unseen")),
+                boxes=[],
+                cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
+                really=found.true,
+            )
+            for name, found in required.items()
+        },
+    )
+
+
+def _shown(value: Truth, blind: str) -> playback.Shown:
+    """What images show of an atom; blind: the kind where they show nothing."""
+    covered = value is not Truth.UNKNOWN
+    return playback.Shown(covered=covered, kind=f"shown_{value.word}" if covered else blind)

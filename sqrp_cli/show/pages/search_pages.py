@@ -1,0 +1,147 @@
+"""The pages of advice and of a placement: candidates before and after, and what a camera at every mount would see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from sqrp_cli.score.scorecard import Progress
+from sqrp_cli.search.advice_result import AdviceDocument
+from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
+from sqrp_cli.search.question import is_fastest
+from sqrp_cli.search.wish import Wish
+from sqrp_cli.show.documents.scene import ShowDocument
+from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
+from sqrp_cli.show.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
+from sqrp_cli.show.sentences import KIND_WORDS, accuracy
+from sqrp_cli.study.pipeline import Assignment, described, sampling_done
+from sqrp_cli.study.result import CandidateResult
+
+
+class _Row(NamedTuple):
+    """A row, and where it is computed."""
+
+    row: PageRow
+    """Without figures, cell and playback."""
+    found: CandidateResult
+    assignment: Assignment
+    """The cell and the world with the change."""
+
+
+def write_advice(
+    document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+) -> None:
+    """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
+    wish, original = document.want, document.session.session.assignment
+    rows = list(_rows(document, original))
+    scenes = [cell_scene(original.cell)]
+    entries = []
+    found = computed(lambda row: studied(*row, wish), rows, jobs, progress)
+    for (_, _, assignment), row in zip(rows, found, strict=True):
+        same = assignment.cell is original.cell
+        if not same:
+            scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
+        entries.append(replace(row, scene=0 if same else len(scenes) - 1))
+    about = origin(arguments, original.cell.workspace)
+    if feasible := [row.found for row in rows if row.found.feasible]:
+        about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
+    about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
+    count = len(document.advice)
+    met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
+    if document.met:
+        met = "that is met already"
+    elif not count:
+        met = "nothing that was tried meets it" + ("" if document.nearest is None else f". {document.nearest}")
+    summary = f"{document.candidate} is to have {wish}: {met}. {document.held}".strip()
+    title = f"What would help: {document.task} in {document.workspace}"
+    write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
+
+
+def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
+    """The candidate as it is, then with each change."""
+    before = document.start
+    several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
+
+    def row(name: str, mark: str, kind: str, found: CandidateResult, reasons: Sequence[str]) -> PageRow:
+        labels = {"change": name, "kind": kind}
+        if several:
+            labels["way"] = "fastest" if is_fastest(found) else described(found).choice
+        retried = found.candidate.skill.retried_faults
+        return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
+
+    yield _Row(row("as it is", "", "", before, document.want.missed(before)), before, assignment)
+    for number, one in enumerate(document.advice, 1):
+        cell, world = one.proposed.in_cell(assignment.cell), one.proposed.in_world(assignment.world)
+        shown = row(one.words, f"#{number}", one.kind, one.found, [f"costs {cost}" for cost in one.costs])
+        yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
+
+
+def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Wish | None) -> PageRow:
+    """A row with figures that are known, and the playback of their way, with the verdict on that.
+
+    Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
+    """
+    ranked = replace(found, rank=1 if found.feasible else None, pareto=False)
+    explained = assignment.explain(ranked)
+    shown = explained.result
+    figures = described(replace(ranked, verdict=shown.verdict))
+    short = wish.missed(shown) if wish is not None and wish.met(found) else ()
+    reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
+    return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))
+
+
+def write_placement(
+    document: PlaceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+) -> None:
+    """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
+    question, wish = document.question, document.question.requirements.wish
+    assignment = Assignment(question.sampling, cell=document.cell, world=question.world)
+    several = len(document.tasks) > 1
+
+    def named(task: str, candidate: str) -> tuple[str, dict[str, str]]:
+        """The name of a row, and its labels."""
+        labels = {"candidate": candidate, **({"task": task} if several else {})}
+        return f"{task}: {candidate}" if several else candidate, labels
+
+    def shown(one: PlacedCandidate) -> PageRow:
+        """The row of a candidate: how it fares, and what no choice of mounts would cover."""
+        missed = () if wish is None else wish.missed(one.found)
+        own = (target for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate))
+        mark = "" if wish is None else "short" if missed else "met"
+        name, labels = named(one.task, one.candidate)
+        if not question.fastest:
+            labels["way"] = described(one.found).choice
+        retried = one.found.candidate.skill.retried_faults
+        row = PageRow(name, mark, labels, None, [*missed, *map(str, own)], 0, None, retried=retried)
+        return studied(row, one.found, assignment, wish)
+
+    entries = list(computed(shown, document.candidates, jobs, progress))
+    for task, one in document.impossible:
+        figures = described(one)
+        name, labels = named(task, figures.name)
+        labels |= {} if question.fastest else {"way": ""}
+        entries.append(PageRow(name, "" if wish is None else "infeasible", labels, figures, figures.why, None, None))
+    about = origin(arguments, document.cell.workspace)
+    about += [("compared", document.comparison), ("proof", document.scope)]
+    about += [("to have it", "add --patch FILE to the command")] if document.patch else []
+    if document.candidates:
+        judged = [one.found for one in document.candidates]
+        about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
+    taken = {one.mount: one.name for one in document.cameras}
+    mounts = [
+        MountShown(
+            name=spot.name,
+            frame=spot.frame,
+            position=(float(spot.position[0]), float(spot.position[1]), float(spot.position[2])),
+            seen=None if shut else seen,
+            camera=taken.get(spot.name),
+        )
+        for spot, seen, shut in zip(question.mounts.spots, document.seen.tolist(), document.shut.tolist(), strict=True)
+    ]
+    title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
+    summary = " ".join(filter(None, (document.unmet, document.proof, document.moves)))
+    placement = PlacementShown(by=document.by, cameras=document.cameras, keep=document.keep, mounts=mounts)
+    scenes = [cell_scene(document.cell)]
+    write_page(PageContent(title, summary, "Candidates", about, entries, scenes, placement=placement), path)

@@ -1,0 +1,212 @@
+"""What a camera's image looks like at an instant: rays through every pixel, with the camera's own lens.
+
+The only module that knows Embree, which needs neither a display nor a graphics card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.errors import needed
+from sqrp_cli.geometry import Array, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.shapes import Triangles
+from sqrp_cli.show.pages.paint import Color
+from sqrp_cli.sight.scene_states import SceneStates
+
+_LIFT = 1e-4
+"""How far above a surface a ray to the light starts [m], so that the surface does not shade itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What n rays hit first: index of the mesh, -1 for none, (n,); distance [m], (n,); unit normal, (n, 3)."""
+
+    mesh: NDArray[np.int64]
+    distance: Array
+    normal: Array
+
+
+class RayScene:
+    """Triangle meshes that rays are cast at."""
+
+    def __init__(self, meshes: Sequence[Triangles]) -> None:
+        """Raises InputError where Embree is missing."""
+        check_rays()
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._scene = EmbreeScene()
+        for mesh in meshes:
+            TriangleMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+
+    def first_hits(self, origin: Array, directions: Array) -> Hits:
+        """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first; normals look towards the origin."""
+        origins = np.broadcast_to(origin, directions.shape).astype(np.float32)
+        found = self._scene.run(origins, directions.astype(np.float32), output=True)
+        normal = found["Ng"].astype(float)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        away = np.einsum("ni,ni->n", normal, directions) > 0
+        normal[away] *= -1
+        return Hits(found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
+
+    def blocked(self, points: Array, normals: Array, direction: Array) -> NDArray[np.bool_]:
+        """Whether anything lies beyond points, (n, 3), along one unit vector, (3,): (n,)."""
+        origins = (points + _LIFT * normals).astype(np.float32)
+        directions = np.broadcast_to(direction, points.shape).astype(np.float32)
+        blocked: NDArray[np.bool_] = self._scene.run(origins, directions, query="OCCLUDED") >= 0
+        return blocked
+
+
+def check_rays() -> None:
+    """Raises InputError, with the command that installs it, where Embree is missing."""
+    with needed("pictures need the Python package `embreex`, which is not installed", "pip install embreex"):
+        import embreex.mesh_construction
+        import embreex.rtcore_scene  # noqa: F401
+
+
+CLOSE = 1e-2
+"""Greatest distance of a projected direction from its pixel [pixels]."""
+
+_ITERATIONS = 25
+_STEP = 1e-5
+
+
+class SeenDirections(NamedTuple):
+    """Where pixels look."""
+
+    rays: Array
+    """Unit vectors in the optical frame, shape (n, 3)."""
+    shown: NDArray[np.bool_]
+    """Whether the lens shows any direction there, shape (n,)."""
+
+
+def directions(projection: Projection, pixels: Array) -> SeenDirections:
+    """The directions that are seen at pixels of shape (n, 2).
+
+    Found by Newton's method from the point without distortion.
+    """
+    K = projection.camera.matrix
+
+    def rays(plane: Array) -> Array:
+        return np.column_stack([plane, np.ones(len(plane))])
+
+    def within(plane: Array, share: float) -> Array:
+        length = np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-12)
+        shorter: Array = plane * np.minimum(1.0, share * projection.radius / length)
+        return shorter
+
+    plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
+    shown: NDArray[np.bool_] = np.ones(len(plane), dtype=bool)
+    if projection.camera.distortion_model != "none":
+        plane = within(plane, 0.98)
+        for _ in range(_ITERATIONS):
+            error = projection.pixels(rays(plane))[0] - pixels
+            slopes = [(projection.pixels(rays(plane + d))[0] - pixels - error) / _STEP for d in np.eye(2) * _STEP]
+            (a, c), (b, d) = (slope.T for slope in slopes)
+            safe = np.where(np.abs(a * d - b * c) > 1e-9, a * d - b * c, np.inf)[:, None]
+            change = np.column_stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]]) / safe
+            plane = within(plane - change, 0.9999)
+            if float(np.abs(change).max(initial=0.0)) < _STEP:
+                break
+        found, inside = projection.pixels(rays(plane))
+        shown = inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
+    unit = rays(plane)
+    return SeenDirections(unit / np.linalg.norm(unit, axis=1, keepdims=True), shown)
+
+
+Image = NDArray[np.uint8]
+"""Rows of pixels, shape (height, width, 3)."""
+
+SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])
+"""Direction to the light, in the world."""
+
+_AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
+"""Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
+
+_SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
+_OUTSIDE = 24.0
+"""Grey of pixels that the lens does not reach."""
+
+_SAME_SURFACE = 0.95
+"""Cosine of the angle between neighbouring normals below which there is an edge."""
+
+_QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
+"""Where a pixel on an edge is sampled instead of at its centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelView:
+    """What a camera sees at n pixels.
+
+    eye: its centre in the world, (3,). rays: unit vectors in the world, (n, 3). shown: whether the lens shows anything
+    there, (n,). hits: what the rays hit first.
+    """
+
+    eye: Array
+    rays: Array
+    shown: NDArray[np.bool_]
+    hits: Hits
+
+
+class Photographer:
+    """Takes pictures of a cell in one state."""
+
+    def __init__(self, cell: Cell, states: SceneStates) -> None:
+        """States: of one instant."""
+        self._states = states
+        placed = ((states.X_WF[solid.part.parent][0], solid) for solid in cell.observer.solids)
+        self._scene = RayScene([Triangles(transform(X, solid.vertices), solid.triangles) for X, solid in placed])
+
+    def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
+        """What the camera sees; colors: of every solid. Pixels on edges are sampled four times."""
+        width, height = camera.width, camera.height
+        paint = np.array(colors, dtype=float)
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
+        view = self.view(camera, pixels)
+        shades = self._shades(view, paint)
+        edges = np.flatnonzero(_edges(view.hits, (height, width)))
+        finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
+        shades[edges] = self._shades(finer, paint).reshape(-1, 4, 3).mean(axis=1)
+        return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
+
+    def view(self, camera: Camera, pixels: Array) -> PixelView:
+        """What the camera sees at pixels of shape (n, 2)."""
+        X_WC = self._states.camera_poses(camera)[0]
+        rays_C, shown = directions(Projection.of(camera), pixels)
+        rays = rays_C @ X_WC[:3, :3].T
+        return PixelView(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
+
+    def _shades(self, view: PixelView, paint: Array) -> Array:
+        """Colours of the hits, shape (n, 3), with a light and its shadows."""
+        rays, hits = view.rays, view.hits
+        shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
+        rows = np.flatnonzero(hits.mesh >= 0)
+        points, normals = view.eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
+        lit = np.maximum(normals @ SUN, 0.0)
+        turned = np.flatnonzero(lit > 0)
+        lit[turned[self._scene.blocked(points[turned], normals[turned], SUN)]] *= _SHADE
+        towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
+        light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
+        shades[rows] = paint[hits.mesh[rows]] * light[:, None]
+        shades[~view.shown] = _OUTSIDE
+        return shades
+
+
+def _edges(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels next to one that shows another part, or a surface with another normal."""
+    mesh, normal = hits.mesh.reshape(shape), hits.normal.reshape(*shape, 3)
+    edges = np.zeros(shape, dtype=bool)
+    for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
+        turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
+        change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
+        edges[before] |= change
+        edges[after] |= change
+    return edges.reshape(-1)

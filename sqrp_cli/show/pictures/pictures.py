@@ -1,0 +1,176 @@
+"""What every camera sees in the middle of every blind interval, as picture files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.errors import Place, bad_input
+from sqrp_cli.geometry import box_corners, inverse, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.files import make_folder, write_atomically
+from sqrp_cli.records import dataclass
+from sqrp_cli.show.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
+from sqrp_cli.show.pictures import drawing
+from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
+from sqrp_cli.show.sentences import part_shares_in_words
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.blind_spans import Failure, by_name, first_failures
+from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views
+from sqrp_cli.study.verdict import stretches
+
+SHEET = "contact-sheet.png"
+
+MOST_PIXELS = 1_000_000
+"""Most pixels of a picture; a camera with more gets a smaller picture."""
+
+
+@dataclass(frozen=True)
+class BlindInterval:
+    """A stretch in which a state is not covered [s], and the sample nearest to its middle."""
+
+    start: float
+    end: float
+    row: int
+    t: float
+
+    def __str__(self) -> str:
+        return f"{self.start:.1f} s to {self.end:.1f} s"
+
+
+def check_pictures(folder: Path) -> None:
+    """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
+    check_rays()
+    drawing.check_drawing()
+    if folder.exists() and not folder.is_dir():
+        raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
+
+
+def blind_intervals(study: Study) -> Iterator[BlindInterval]:
+    """The stretches of a candidate's motion in which a state is not covered."""
+    timeline = study.timeline
+    t = timeline.samples.t
+    for rows in stretches(timeline.monitored & ~timeline.covered):
+        start, end = float(t[rows[0]]), float(t[rows[-1]])
+        row = int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
+        yield BlindInterval(start, end, row, float(t[row]))
+
+
+def write_pictures(cell: Cell, study: Study, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
+    """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
+
+    advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
+    """
+    sheet, intervals = [], list(blind_intervals(study))
+    views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
+    for number, interval in enumerate(intervals, 1):
+        samples = study.timeline.samples.some([interval.row])
+        states = study.stage.states(samples)
+        photographer = Photographer(cell, states)
+        pictures = []
+        for camera in range(len(cell.observer.cameras)):
+            made = _picture(cell, study, _Shot(interval, states, photographer, camera), views)
+            when = f"{interval.start:.1f}s-{interval.end:.1f}s"
+            name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
+            _write(folder / f"{_file_name(name)}.png", drawing.captioned(made))
+            pictures.append(made)
+            advance()
+        if pictures:
+            sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
+    if sheet:
+        _write(folder / SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+    return len(sheet)
+
+
+def folder_of(study: Study, folder: Path) -> Path:
+    """Where the pictures of a candidate go if there are several."""
+    return folder / _file_name(study.candidate.name)
+
+
+class _Shot(NamedTuple):
+    """A look at a cell through a camera."""
+
+    interval: BlindInterval
+    states: SceneStates
+    """Of the instant."""
+    photographer: Photographer
+    camera: int
+    """By index."""
+
+
+def _picture(cell: Cell, study: Study, look: _Shot, views: HiddenViews) -> drawing.Picture:
+    """The picture of one camera; views: what hides the boxes that it does not see."""
+    interval, states, photographer, index = look
+    camera, step = _drawable(cell.observer.cameras[index])
+    colors = solid_colors(cell)
+    smaller = f", 1/{step} of its size" if step > 1 else ""
+    captions = [drawing.Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
+    outlines = []
+    X_CW = inverse(states.camera_poses(camera)[0])
+    for column, target, failure, failures in _asked(study, interval.row, index):
+        seen = failure.cause is Cause.NONE
+        why = f"{_of_box(target, failure)}{_because(cell, failure)}"
+        captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
+        if parts := views.get(HiddenView(column, failure.box, interval.row, index)):
+            hidden = sum(part.share for part in parts)
+            captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
+        for box, cause in zip(target.boxes, failures, strict=True):
+            corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
+            outlines.append(drawing.BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+        if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
+            culprit = cell.solid_name(failure.by)
+            colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
+    return drawing.outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+
+
+def _drawable(camera: Camera) -> tuple[Camera, int]:
+    """A camera with the same view and at most `MOST_PIXELS`, and the factor by which width and height shrink."""
+    step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
+    width, height = max(1, camera.width // step), max(1, camera.height // step)
+    if step == 1:
+        return camera, 1
+    matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
+    matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
+    return replace(camera, width=width, height=height, matrix=matrix), step
+
+
+def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[int, Target, Failure, list[Cause]]]:
+    """The targets that must be seen at a sample, with their index, the camera's first failure and every box's cause."""
+    observation = study.timeline.observation
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        if observation.required[row, column]:
+            (failure,) = first_failures(boxes, np.array([row]), camera)
+            yield column, target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
+
+
+def _of_box(target: Target, failure: Failure) -> str:
+    """Which box of several fails, before the reason."""
+    several = len(target.boxes) > 1 and failure.cause is not Cause.NONE
+    return f"box {target.boxes[failure.box].name} is " if several else ""
+
+
+def _because(cell: Cell, failure: Failure) -> str:
+    if failure.cause is Cause.NONE:
+        return "covered"
+    return failure.cause.by(by_name(cell, failure.cause, failure.by))
+
+
+def _write(path: Path, image: Any) -> None:  # noqa: ANN401
+    make_folder(path.parent)
+    write_atomically(path, drawing.png(image))
+
+
+def _file_name(name: str) -> str:
+    """A name that every file system accepts."""
+    return re.sub(r"[^\w.=+-]+", "_", name).strip("_.") or "unnamed"

@@ -1,0 +1,231 @@
+"""The ranked table of `sqrp rank`, the ways of candidates, and the sentences under it; also what is infeasible."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from math import degrees
+from typing import NamedTuple
+
+from sqrp_cli.show import sentences
+from sqrp_cli.show.terminal.console import (
+    Cell,
+    Column,
+    Share,
+    delay,
+    fits,
+    joined,
+    numbers,
+    plain,
+    print_table,
+    say,
+    seconds,
+)
+from sqrp_cli.study.ranking import compared_quality
+from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking, WayFigures
+
+MOST_NAMED = 3
+"""Most candidates, or choices of objects, that a line names."""
+
+SHORTEST_BLIND = 0.05
+"""Blind ends of moves that cost less are not named [s]."""
+
+MOST_ROWS = 20
+"""A ranking of more candidates shows only some, unless all are asked for."""
+
+
+def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
+    """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary.
+
+    all_rows: however many there are; else of a long ranking only those that sentences name, and the best for each
+    choice of objects.
+    """
+    feasible, all_ways = found.feasible, found.ways == "all"
+    say(joined([(found.task, "bold"), f" in {found.workspace}: {sentences.summary(found.candidates, found.by)}\n"]))
+    if feasible:
+        shown: Sequence[CandidateResult] = feasible
+        if len(feasible) > MOST_ROWS and not all_rows:
+            best: dict[tuple[str, ...], int] = {}
+            for place, one in enumerate(feasible):
+                best.setdefault(tuple(one.objects.values()), place)
+            named = {0, 1, len(feasible) - 1}
+            shown = [feasible[place] for place in sorted(named.union(list(best.values())[:MOST_ROWS]))]
+        _print_feasible(feasible, shown)
+        if feasible[0].faults and found.assumed:
+            say(f"Delays: {found.assumed}.")
+        _print_calibration(found)
+    for one in feasible:
+        if one.remarks:
+            say(f"{one.name}: {', '.join(one.remarks)}")
+    print_infeasible((one.name, one.objects, one.reasons[0]) for one in found.candidates if not one.feasible)
+    if feasible:
+        say()
+        for sentence in _sentences(feasible, found):
+            say(sentence)
+        say("* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and better in one.", "dim")
+        say(sentences.accuracy(found.sampling, feasible), "dim")
+    if all_ways:
+        print_ways(found.candidates)
+    if found.interrupted:
+        done = f"{len(found.candidates)} of {found.of} candidate{'s' * (found.of != 1)}"
+        say(f"Interrupted at {done}: another one may be better.", "yellow")
+
+
+def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[str]:
+    """Why the first is first and the last last, what other ways there are, and where no path helps."""
+    yield sentences.why_first(feasible, found.by)
+    last = feasible[-1]
+    all_seen = last.verdict == NOTHING_MISSING
+    if len(feasible) > 1:
+        beginning = f"Even in the last, {last.name}," if all_seen else f"Last is {last.name}:"
+        yield f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}"
+    elif not all_seen:
+        yield last.verdict
+    faster, blind = [], []
+    for one in feasible:
+        if (way := _fastest(one)) is not None:
+            named = (("Q_eoi", way.q_eoi), ("Q_avg", way.q_avg))
+            seen = ", ".join(f"{name} {100 * quality:.1f} %" for name, quality in named if quality is not None)
+            faster.append(f"{one.name} in {way.time:.1f} s ({seen})")
+        total: dict[str, float] = {}
+        for end in one.ways.blind_ends if one.ways is not None else ():
+            total[end.at] = total.get(end.at, 0.0) + end.seconds
+        if places := " and ".join(f"`{at}` {of:.1f} s" for at, of in total.items() if of >= SHORTEST_BLIND):
+            blind.append(f"{one.name} {places}")
+    if faster:
+        yield f"Faster ways rank lower: {_first(faster)}; {'below' if found.ways == 'all' else 'see --ways all'}."
+    if blind:
+        yield f"No path helps at ends of moves that the cameras do not see: {_first(blind)}."
+
+
+def _first(texts: Sequence[str]) -> str:
+    more = len(texts) - MOST_NAMED
+    return ", ".join(texts[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
+
+
+def _fastest(one: CandidateResult) -> WayFigures | None:
+    """The fastest Pareto-optimal way of a candidate, if it sees less than its best, as qualities are compared."""
+    if one.ways is None or len(one.ways.pareto) < 2:
+        return None
+    first, *others = one.ways.pareto
+    fastest = min(others, key=lambda way: way.time)
+    pairs = ((fastest.q_eoi, first.q_eoi), (fastest.q_avg, first.q_avg))
+    less = any(compared_quality(own) < compared_quality(other) for own, other in pairs)
+    return fastest if fastest.time < first.time and less else None
+
+
+def print_ways(candidates: Iterable[CandidateResult]) -> None:
+    """A table of the Pareto-optimal ways of each candidate that has several."""
+    for one in candidates:
+        if one.ways is not None and one.ways.pareto:
+            say(f"\n{one.name}: {one.ways.feasible} of {one.ways.tried} ways can be done; Pareto-optimal are")
+            columns = [Column("way"), *numbers("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "at\nworst")]
+            worst = [delay(way.delay_worst, way.unseen) for way in one.ways.pareto]
+            rows = [
+                (way.words, Share(way.q_eoi), Share(way.q_avg), seconds(way.time), late)
+                for way, late in zip(one.ways.pareto, worst, strict=True)
+            ]
+            print_table(columns, rows)
+
+
+def _print_calibration(found: Ranking) -> None:
+    """The effect of inexact camera poses on the qualities and on the first place."""
+    drawn = found.calibration
+    if drawn is None:
+        return
+    errors = f"{1000 * drawn.position:g} mm, {degrees(drawn.rotation):g} deg"
+    say(f"\nIf every camera is off by {errors} (one standard deviation; {drawn.draws} draws, 5th to 95th percentile):")
+    of = {tuple(one.parameters.items()): one for one in drawn.candidates}
+    pairs = [(one.name, of[tuple(one.parameters.items())]) for one in found.feasible]
+
+    def span(ends: Sequence[float] | None) -> str:
+        return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
+
+    rows = [(name, span(one.q_eoi), span(one.q_avg), f"{one.first} of {drawn.draws}") for name, one in pairs]
+    print_table([Column(""), *numbers("Q_eoi [%]", "Q_avg [%]", "first in")], rows)
+
+
+class _Figure(NamedTuple):
+    """A column with a figure of each feasible candidate."""
+
+    column: Column
+    cell: Callable[[CandidateResult], Cell]
+
+
+def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
+    """The columns after place and parameters: the way where there is a choice, qualities, time, delays of faults."""
+
+    def worst(one: CandidateResult, name: str, faults: Iterable[str], pattern: str = "{:.2f}") -> Cell:
+        """A figure of the worst of some faults, in red if one may never be noticed."""
+        values = [getattr(one.faults[fault], name) for fault in faults]
+        return plain("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")
+
+    found = [_Figure(Column("way", shrink=True), lambda one: one.choice)] if any(o.has_choice for o in feasible) else []
+    q_eoi, q_avg, expected, time = numbers("Q_eoi [%]", "Q_avg [%]", "expected\n[%]", "time\n[s]")
+    found += [_Figure(q_eoi, lambda one: Share(one.q_eoi)), _Figure(q_avg, lambda one: Share(one.q_avg))]
+    if any(one.q_expected is not None for one in feasible):
+        found.append(_Figure(expected, lambda one: Share(one.q_expected)))
+    found.append(_Figure(time, lambda one: seconds(one.time)))
+    if faults := list(feasible[0].faults):
+        mean, at_worst = numbers(f"{faults[0] if len(faults) == 1 else 'fault'}\nseen [s]", "at\nworst")
+        found.append(_Figure(mean, lambda one: worst(one, "delay_mean", one.faults)))
+        found.append(_Figure(at_worst, lambda one: worst(one, "delay_worst", one.faults)))
+    if retried := feasible[0].retried:
+        (done,) = numbers("all\ndone")
+        found.append(_Figure(done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
+    return found
+
+
+def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[CandidateResult]) -> None:
+    """The table of those that are shown, how many are not, and which faults it is about."""
+    differing, figures = sentences.differing_parameters(feasible), _figures(feasible)
+    objects = [name for name in differing if name in feasible[0].objects]
+    settings = [name for name in differing if name not in objects]
+    ends = [[figure.cell(one) for figure in figures] for one in shown]
+    begins = [[f"{one.rank}{' *' if one.pareto else ''}", *(one.objects[name] for name in objects)] for one in shown]
+    columns = [Column("#"), *map(Column, [*objects, *settings]), *(figure.column for figure in figures)]
+    middle = [[one.settings[name] for name in settings] for one in shown]
+    rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
+    if not fits(columns, rows):
+        columns = [Column("#"), *map(Column, objects), Column("with", shrink=True), *(one.column for one in figures)]
+        middle = [[", ".join(f"{name} {one.settings[name]}" for name in settings)] for one in shown]
+        rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
+    print_table(columns, rows)
+    if len(shown) < len(feasible):
+        say(f"... and {len(feasible) - len(shown)} more (--all)", "dim")
+    faults, retried = list(shown[0].faults), shown[0].retried
+    if len(faults) > 1:
+        done = f"; all done: after a retry of {', '.join(retried)}" if retried else ""
+        say(plain(f"seen, at worst: the longest of {', '.join(faults)}{done}.", "dim"))
+    if unseen := [said for name in faults if (said := _unseen(name, shown))]:
+        say(f"Never noticed, as no image is sure to show it: {', '.join(unseen)}.")
+
+
+def _unseen(fault: str, shown: Sequence[CandidateResult]) -> str | None:
+    """Of which candidates a fault may be seen in no image, and how often; None if it is always seen."""
+    blind = sorted((one for one in shown if one.faults[fault].unseen > 0), key=lambda one: -one.faults[fault].unseen)
+    if not blind:
+        return None
+    more = f" and {len(blind) - 1} more" if len(blind) > 1 else ""
+    whose = f" of {blind[0].name}{more}" if len(shown) > 1 else ""
+    return f"{fault}{whose} in {'up to ' if more else ''}{100 * blind[0].faults[fault].unseen:.3g} % of cases"
+
+
+def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:
+    """A line for each reason; found: name, objects and reason of each candidate.
+
+    Candidates share one if theirs differ in nothing but their own objects; then it names parameters, as `<object>`.
+    """
+    groups: dict[str, list[tuple[str, str, str]]] = {}
+    for name, objects, reason in found:
+        general = reason
+        for parameter, bound in objects.items():
+            general = re.sub(rf"(?<![\w-]){re.escape(bound)}(?![\w-])", f"<{parameter}>", general)
+        groups.setdefault(general, []).append((name, " ".join(objects.values()), reason))
+    for general, group in groups.items():
+        named, reasons = list(dict.fromkeys(each for _, each, _ in group)), {reason for _, _, reason in group}
+        who = ", ".join(named[:MOST_NAMED])
+        who += f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+        who += f", {len(group)} candidates" if len(group) > len(named) else ""
+        who = group[0][0] if len(group) == 1 else who
+        say(joined([("infeasible ", "red"), f"{who}: {general if len(reasons) > 1 else reasons.pop()}"]), indent=2)

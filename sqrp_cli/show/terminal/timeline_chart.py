@@ -1,0 +1,267 @@
+"""The coverage of a candidate as rows of signs over time, one per literal and camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, LiteralCoverage, Sample
+from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
+from sqrp_cli.show.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.result import CandidateResult
+
+MOST_SIGNS = 50
+"""Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""
+
+LEAST_SIGNS = 10
+"""Least number of signs in a row, even in a narrow terminal."""
+
+FIGURES = 12
+"""Width of the figures behind the rows."""
+
+LABEL = 18
+"""Width of the names in front of the rows."""
+
+SIGNS: Mapping[str | None, tuple[str, str]] = {
+    None: ("█", "green"),
+    "behind": ("l", "yellow"),
+    "too_near": ("n", "yellow"),
+    "too_far": ("f", "yellow"),
+    "out_of_image": ("o", "blue"),
+    "detector_near": ("n", "yellow"),
+    "detector_far": ("f", "yellow"),
+    "oblique": ("a", "magenta"),
+    "too_small": ("s", "magenta"),
+    "hidden": ("h", "red"),
+    "same_colour": ("c", "red"),
+    "too_dark": ("d", "red"),
+    "too_bright": ("b", "red"),
+}
+"""Sign and colour of each cause; None: covered."""
+
+NOT_REQUIRED = ("·", "dim")
+"""Sign where no formula requires a literal."""
+
+LEGEND = (
+    *("█ covered", "h hidden", "o out of image", "f too far", "n too near", "a angle", "s too small"),
+    *("- not covered", "· not required"),
+)
+SELDOM = {
+    "behind": "l looks away",
+    "same_colour": "c same colour behind",
+    "too_dark": "d too dark",
+    "too_bright": "b too bright",
+}
+"""Added to it where a camera cannot see something for that."""
+
+
+def print_study(found: Explanation) -> None:
+    """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
+
+    For an infeasible candidate, the reasons.
+    """
+    title = found.name if found.step is None else f"Step {found.step} of {found.of_steps}, {found.task}"
+    if found.sampling is None:
+        say(f"{title} is infeasible:")
+        for reason in found.reasons:
+            say(f"- {reason}")
+        return
+    rank = "infeasible" if found.rank is None else f"rank {found.rank}" + ", Pareto-optimal" * found.pareto
+    figures = [] if found.step is not None else [rank]
+    figures += [f"way {found.choice}"] if found.has_choice else []
+    figures.append(f"time {found.time:.2f} s")
+    for label, quality in (("Q_eoi", found.q_eoi), ("Q_avg", found.q_avg)):
+        figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
+    if found.step is None:
+        say(joined([(title, "bold"), ": ", unbroken(figures), "\n"]))
+    else:
+        say(joined([(title, "bold"), "" if found.whole is None else f"; the whole, {found.whole}, is {rank}"]))
+        say(joined([unbroken(figures), "\n"]))
+    for row in _rows(found):
+        say(row)
+    seldom = [words for cause, words in SELDOM.items() if any(one.cause == cause for one in found.unseen_times)]
+    say(plain(_doings(found), "dim"))
+    say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
+    _print_faults(found)
+    if found.faults and found.assumed:
+        say(f"Delays: {found.assumed}.")
+    say(f"\n{_camera_failures(found)}")
+    if found.unseen_times:
+        say()
+        rows = []
+        for one in found.unseen_times:
+            words = Cause[one.cause.upper()].by(one.by)
+            because = words if one.box is None else f"box {one.box} is {words}"
+            rows.append((one.literal, one.camera, f"{one.seconds:.2f}", because))
+        columns = [Column("literal"), Column("camera"), Column("seconds", right=True)]
+        print_table([*columns, Column("does not see it because")], rows)
+    if found.hidden:
+        say()
+        columns = [Column("literal"), Column("camera"), Column("hidden", right=True)]
+        print_table(
+            [*columns, Column("of which first on the ray", shrink=True)],
+            [(o.literal, o.camera, f"{100 * o.hidden:.1f} %", part_shares_in_words(o.parts)) for o in found.hidden],
+        )
+    say(f"\n{' '.join(filter(None, (found.verdict, what_to_move(found.to_move))))}")
+    say(plain(accuracy(found.sampling, [found]), "dim"))
+
+
+def _doings(found: CandidateStudy) -> Styled:
+    """What each primitive action does."""
+    return unbroken(f"{one.name} {one.does}" for one in found.primitives)
+
+
+def _print_faults(found: CandidateResult) -> None:
+    """When each fault is noticed."""
+    for name, fault in found.faults.items():
+        retried = name in found.retried and fault.expected_time is not None
+        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
+        mean = "" if fault.delay_mean is None else f"noticed after {fault.delay_mean:.2f} s on average, "
+        worst = f"{fault.delay_worst:.2f} s at worst" if fault.delay_worst is not None else ""
+        never = f"never in {100 * fault.unseen:.3g} % of cases, as no image is sure to show it"
+        say(f"\n{name}: {mean}{worst or never}; longest blind stretch {fault.blind_longest:.2f} s{done}")
+
+
+def print_comparison(found: ExplainedAll) -> None:
+    """The coverage of every candidate on one time scale, a row each, and the verdicts."""
+    done = [one.sampling for one in found.candidates if one.sampling is not None]
+    feasible = [one for one in found.candidates if one.sampling is not None]
+    longest = max((one.time or 0.0 for one in feasible), default=0.0)
+    say(plain(" " * LABEL + _axis(longest)))
+    for one in found.candidates:
+        if one.sampling is None:
+            say(joined([*_label(one.name, ""), (f"infeasible: {one.reasons[0]}", "red")]))
+            continue
+        shown = _shown(one.samples, one.time or 0.0, longest)
+        figures = "".join(" " + ("    -" if q is None else f"{100 * q:5.1f}") for q in (one.q_eoi, one.q_avg))
+        say(joined([*_label(one.name), *_signs(shown, _state, lambda sample: "!" if sample.event else "-"), figures]))
+        say(plain(" " * LABEL + _primitives(one, len(shown), longest)))
+    legend = "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest"
+    say(plain(legend, "dim"))
+    if feasible:
+        say(plain(_doings(feasible[0]), "dim"))
+    for one in feasible:
+        say(f"\n{one.name}: {one.verdict}")
+    if done:
+        error = max((one.error for one in done if one.error is not None), default=None)
+        gap = max((one.max_gap for one in done if one.max_gap is not None), default=None)
+        say(plain(f"\n{accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
+
+
+def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
+    """A name in front of a row; a long one gets its own line."""
+    return [(name.ljust(LABEL), style), *(["\n" + " " * LABEL] if len(name) >= LABEL else [])]
+
+
+def _width() -> int:
+    """Signs in a row that fit the terminal."""
+    return max(LEAST_SIGNS, min(MOST_SIGNS, terminal_width() - LABEL - FIGURES))
+
+
+def _axis(time: float) -> str:
+    end = f"{time:.1f} s"
+    return "0".ljust(_width() - len(end)) + end
+
+
+def _camera_failures(found: CandidateStudy) -> str:
+    """One sentence about the cost of each camera's failure."""
+    needed, spare = [], []
+    if found.q_avg == 0.0:
+        return "All that has to be seen is never seen at once, so that no camera is missed if it fails."
+    for name, without in found.without_camera.items():
+        losses = [
+            f"{label} to {100 * left:.1f} %"
+            for label, left, now in (
+                ("Q_eoi", without.q_eoi, found.q_eoi),
+                ("Q_avg", without.q_avg, found.q_avg),
+            )
+            if left is not None and now is not None and round(left, 3) < round(now, 3)
+        ]
+        if losses:
+            needed.append(f"without {name} {' and '.join(losses)}")
+        else:
+            spare.append(name)
+    parts = [f"If a camera fails: {'; '.join(needed)}." if needed else "No single camera is needed."]
+    if spare and needed:
+        parts.append(f"Not needed here: {', '.join(spare)}.")
+    return " ".join(parts)
+
+
+# The chart
+
+Seen = Callable[[Sample], bool | None]
+"""Whether something is covered in a sample; None where nothing requires it."""
+
+
+def _state(sample: Sample) -> bool | None:
+    return sample.covered
+
+
+def _shown(samples: Sequence[Sample], time: float, longest: float) -> list[Sample]:
+    """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle."""
+    scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in samples])
+    moments = (np.arange(round(time * scale)) + 0.5) / scale
+    before = np.clip(np.searchsorted(t, moments, side="right") - 1, 0, len(samples) - 2)
+    later = t[before + 1] - moments < moments - t[before]
+    return [samples[row] for row in (before + later).tolist()]
+
+
+def _rows(found: CandidateStudy) -> list[Styled]:
+    """Axis, primitives, events of interest, the state, and every literal with its cameras."""
+    time = found.time or 0.0
+    shown = _shown(found.samples, time, time)
+
+    def row(label: str, seen: Seen) -> Styled:
+        return joined([*_label(label), *_signs(shown, seen, lambda _: "-"), _share(found.samples, seen)])
+
+    rows: list[Styled] = [plain(" " * LABEL + _axis(time)), plain(" " * LABEL + _primitives(found, len(shown), time))]
+    if interesting := "".join("◆" if sample.event else " " for sample in shown).rstrip():
+        rows.append(plain("event of interest".ljust(LABEL) + interesting.ljust(len(shown))))
+    rows.append(row("all literals", _state))
+    for atom in dict.fromkeys(name.removeprefix("not ") for name in found.targets):
+
+        def of(sample: Sample, atom: str = atom) -> LiteralCoverage | None:
+            return sample.literals.get(atom) or sample.literals.get(f"not {atom}")
+
+        rows += ["", row(atom, lambda sample: None if (one := of(sample)) is None else one.covered)]
+        for camera in found.cameras:
+            verdicts = [one.cameras[camera] if (one := of(sample)) else None for sample in shown]
+            signs = [NOT_REQUIRED if one is None else SIGNS[one.cause] for one in verdicts]
+            seen = _share(
+                found.samples,
+                lambda sample: None if (one := of(sample)) is None else one.cameras[camera].covered,  # noqa: B023
+            )
+            rows.append(joined([*_label(f"  {camera}", ""), *signs, seen]))
+    return rows
+
+
+def _primitives(found: CandidateStudy, signs: int, longest: float) -> str:
+    """The name of each primitive at its beginning, as far as there is room before the next."""
+    scale = _width() / max(longest, 1e-9)
+    starts = [round(primitive.start * scale) for primitive in found.primitives]
+    row = [" "] * signs
+    for primitive, start, end in zip(found.primitives, starts, [*starts[1:], signs], strict=True):
+        name = f"|{primitive.name}"[: max(end - start, 0)]
+        row[start : start + len(name)] = name
+    return "".join(row)
+
+
+def _signs(shown: Sequence[Sample], seen: Seen, missed: Callable[[Sample], str]) -> list[tuple[str, str]]:
+    found = [(seen(sample), sample) for sample in shown]
+    return [
+        NOT_REQUIRED if covered is None else SIGNS[None] if covered else (missed(sample), "red")
+        for covered, sample in found
+    ]
+
+
+def _share(samples: Sequence[Sample], seen: Seen) -> str:
+    """Share of the time between neighbouring samples that are both covered, as Q counts it."""
+    states, total, covered = [seen(sample) for sample in samples], 0.0, 0.0
+    for first, then, one, after in zip(samples, samples[1:], states, states[1:], strict=False):
+        if one is not None and after is not None:
+            total += then.t - first.t
+            covered += then.t - first.t if one and after else 0.0
+    return f" {100 * covered / total:5.1f} %" if total else ""

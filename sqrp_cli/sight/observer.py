@@ -1,0 +1,260 @@
+"""Coverage of targets by cameras over a batch of states: the full verdict matrix, or only the coverage.
+
+What cameras see is computed by the compiled kernel, see `sqrp_cli.kernel`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.light import Light
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.document import Record
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.kernel.kernel import Aspects, Items
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
+from sqrp_cli.sight.sight_scene import SightScene
+from sqrp_cli.sight.solids import Solid, Solids
+from sqrp_cli.sight.targets import SoughtBox, Target
+
+
+@dataclass(frozen=True, eq=False)
+class BoxVerdicts:
+    """Verdicts of one box over m states and c cameras."""
+
+    cause: NDArray[np.int8]
+    """Codes of `Cause`, shape (m, c)."""
+    by: Indices
+    """Index of the solid that hides it, has its colour behind it or shades it, of the light in which it is too bright,
+    of the image side where it is out of the image, else -1.
+
+    Shape (m, c).
+    """
+    figure: Array
+    """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
+    visible: Array
+    """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HidingPart(Record):
+    """A part that hides something of a box, or of several on average."""
+
+    name: str
+    """As `by` names it; all pieces of a link are one part."""
+    share: float
+    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
+    alone: float
+    """Share that no other part hides: what would be seen without it, in 0..1."""
+
+
+def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
+    """Whether each camera sees all boxes of a target, shape (m, c)."""
+    sees: Mask = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
+    return sees
+
+
+@dataclass(frozen=True, eq=False)
+class CoveredStates:
+    """Whether a target is covered in m states, and the response of the cameras."""
+
+    covered: Mask
+    """Shape (m,)."""
+    response: Array
+    """The k-th smallest response among the cameras that cover it, NaN if uncovered, shape (m,) [s]."""
+
+    def split(self, counts: Sequence[int]) -> list[CoveredStates]:
+        """Consecutive parts of so many states each."""
+        ends = np.cumsum(counts)[:-1]
+        return list(map(CoveredStates, np.split(self.covered, ends), np.split(self.response, ends)))
+
+
+@dataclass(frozen=True, eq=False)
+class BoxViews:
+    """v views of a box by a camera in a state, by index."""
+
+    box: Indices
+    """Shape (v,)."""
+    camera: Indices
+    """Shape (v,)."""
+    state: Indices
+    """Shape (v,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """The cameras of a cell with all its solids."""
+
+    cameras: tuple[Camera, ...]
+    solids: tuple[Solid, ...]
+    lights: Mapping[str, Light] = field(default_factory=dict)
+    """By name; if there are none, cameras see everything brightly enough."""
+    memory: SightMemory | None = None
+    """What was seen before of the same solids, if that is to be kept."""
+
+    def verdicts(
+        self,
+        targets: Sequence[Target],
+        states: SceneStates,
+        *,
+        rows: Sequence[Indices] | None = None,
+        shares: bool = True,
+    ) -> tuple[tuple[BoxVerdicts, ...], ...]:
+        """The full matrix of targets: every box, state and camera, with causes.
+
+        What is usually seen is asked of `coverage`: here, what the image's edge cuts does not add to what is hidden.
+
+        rows: the states of each target, m of them, by index; all by default. shares: whether to measure the visible
+        shares; without, `visible` stays NaN, and only the verdicts are valid.
+        """
+        boxes = [box for target in targets for box in target.boxes]
+        if not boxes:
+            return tuple(() for _ in targets)
+        everywhere = np.arange(states.count)
+        asked = [
+            everywhere if rows is None else rows[index] for index, target in enumerate(targets) for _ in target.boxes
+        ]
+        counts = [len(at) for at in asked]
+        request = self._scene.request(self._projections, boxes, states)
+        found = request.judge(np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares)
+        columns = (np.split(values.T, np.cumsum(counts)[:-1]) for values in found)
+        of_boxes = map(BoxVerdicts, *columns)
+        return tuple(tuple(next(of_boxes) for _ in target.boxes) for target in targets)
+
+    def coverage(
+        self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
+    ) -> tuple[CoveredStates, ...]:
+        """Whether each target is covered in its states `rows`, testing no more cameras than needed.
+
+        Cameras with the fastest response come first, so the result is the response of the best k cameras.
+        """
+        counts = [len(of_target) for of_target in rows]
+        needed = np.repeat([target.cameras for target in targets], counts)
+        items = items_of(targets, rows)
+        sights = np.full((len(self.cameras), len(needed)), UNKNOWN, dtype=np.int8)
+        if self.memory is None:
+            self._look(targets, states, items, needed, sights)
+        else:
+            keys = self.memory.questions(targets, states, rows, self._frames)
+            sights = self.memory.recalled(self.cameras, keys)
+            # Whether a camera that is not known to see the target of a question may matter, shape (q,).
+            seen, matters = np.zeros(len(needed), dtype=np.int64), np.zeros(len(needed), dtype=bool)
+            for tier in self._tiers:
+                seen += (sights[tier] == SEEN).sum(axis=0)
+                matters |= (seen < needed) & (sights[tier] == UNKNOWN).any(axis=0)
+            matters &= (sights != UNSEEN).sum(axis=0) >= needed
+            asked = np.flatnonzero(matters)
+            if len(asked):
+                found = np.ascontiguousarray(sights[:, asked])
+                self._look(targets, states, Items(*(column[asked] for column in items)), needed[asked], found)
+                self.memory.note(self.cameras, [keys[index] for index in asked], found)
+                sights[:, asked] = found
+        response = self._response(sights, needed)
+        return tuple(CoveredStates(~np.isnan(response), response).split(counts))
+
+    def occluders(
+        self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews
+    ) -> list[tuple[HidingPart, ...]]:
+        """Which parts hide how much of the boxes in views, largest share first, ties by name; for each view.
+
+        All corners of the boxes must lie in front of the cameras. The shares of a view add up to what is not visible.
+        """
+        names = self._scene.parts
+        request = self._scene.request(self._projections, boxes, states)
+        shares, alone = request.occluders(views.box, views.camera, views.state, len(names))
+        found = []
+        for first, only in zip(shares, alone, strict=True):
+            some = [
+                HidingPart(name=names[part], share=float(first[part]), alone=float(only[part]))
+                for part in np.flatnonzero(first)
+            ]
+            found.append(tuple(sorted(some, key=lambda one: (-one.share, one.name))))
+        return found
+
+    def aspects(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Aspects:
+        """How every camera faces boxes, and which limit they miss first that does not depend on the scene.
+
+        Arrays of shape (c, boxes * m): all m states of the first box, then of the next.
+        """
+        box, state = np.repeat(np.arange(len(boxes)), states.count), np.tile(np.arange(states.count), len(boxes))
+        return self._scene.request(self._projections, boxes, states).measure(box, state)
+
+    def seen_from(
+        self,
+        lenses: Sequence[Camera],
+        X_FC: Array,
+        targets: Sequence[Target],
+        states: SceneStates,
+        state: Indices,
+        target: Indices,
+        *,
+        asked: Mask | None = None,
+        limits_only: bool = False,
+    ) -> Mask:
+        """Whether one camera with each of l lenses sees all boxes of targets in states from each of p poses, (l, p, n).
+
+        state, target: the n items, by index, shape (n,) each. lenses: cameras of one frame; their own poses do not
+        count. X_FC: poses of the optical frame in that frame, (p, 4, 4). asked: which items are of interest from which
+        pose, shape (p, n); the others cost nothing and come out unseen. limits_only: whether what hides boxes, is
+        behind them or lights them does not count, which is some ten times as fast. Raises ValueError for lenses of
+        several frames.
+        """
+        if len({lens.frame for lens in lenses}) > 1:
+            raise ValueError("the lenses of one camera must have one frame")
+        boxes = [box for target in targets for box in target.boxes]
+        counts = np.array([len(one.boxes) for one in targets], dtype=np.int64)
+        first = np.cumsum(counts) - counts
+        request = self._scene.request([Projection.of(lens) for lens in lenses], boxes, states)
+        return request.look_from(X_FC, Items(state, first[target], counts[target]), asked, limits_only=limits_only)
+
+    def _look(
+        self, targets: Sequence[Target], states: SceneStates, items: Items, needed: Indices, sights: Sights
+    ) -> None:
+        """Replace what is unknown in the `sights` of items, as far as it matters."""
+        boxes = [box for target in targets for box in target.boxes]
+        request = self._scene.request(self._projections, boxes, states)
+        request.cover(items, needed, self._tiers, sights)
+
+    def _response(self, sights: Sights, needed: Indices) -> Array:
+        """The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s]."""
+        seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
+        for tier in self._tiers:
+            seen += (sights[tier] == SEEN).sum(axis=0)
+            response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
+        return response
+
+    @cached_property
+    def _tiers(self) -> list[NDArray[np.int64]]:
+        """Indices of cameras grouped by response, fastest first."""
+        responses = np.array([camera.response for camera in self.cameras])
+        return [np.flatnonzero(responses == response) for response in np.unique(responses)]
+
+    @cached_property
+    def _projections(self) -> list[Projection]:
+        return [Projection.of(camera) for camera in self.cameras]
+
+    @cached_property
+    def _scene(self) -> SightScene:
+        return SightScene(self.solids if isinstance(self.solids, Solids) else Solids(self.solids), self.lights)
+
+    @cached_property
+    def _frames(self) -> list[str]:
+        """Those that carry solids or cameras."""
+        parents = (solid.part.parent for solid in self.solids)
+        return sorted({*parents, *(camera.frame for camera in self.cameras)})
+
+
+def items_of(targets: Sequence[Target], rows: Sequence[Indices]) -> Items:
+    """Every target in its states, as a question to the kernel about all boxes of all targets."""
+    counts, boxes = [len(of_target) for of_target in rows], np.array([len(target.boxes) for target in targets])
+    state = np.concatenate([np.empty(0, dtype=np.int64), *rows])
+    return Items(state, np.repeat(np.cumsum(boxes) - boxes, counts), np.repeat(boxes, counts))

@@ -1,0 +1,46 @@
+"""Poses of everything over a batch of robot states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.geometry import Array, check_finite, pose
+from sqrp_cli.records import dataclass
+from sqrp_cli.skill.target_box import TargetBox
+
+
+@dataclass(frozen=True, eq=False)
+class SceneStates:
+    """World poses of every frame over m states."""
+
+    count: int
+    """m."""
+    X_WF: Mapping[str, Array]
+    """Pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a pose is not finite."""
+        frames = list(self.X_WF.values())
+        resting = [X_WF for X_WF in frames if len(X_WF) == 1]  # together, because there may be hundreds
+        if resting and np.isfinite(np.concatenate(resting)).all():
+            frames = [X_WF for X_WF in frames if len(X_WF) != 1]
+        if all(np.isfinite(X_WF).all() for X_WF in frames):
+            return
+        for name, X_WF in self.X_WF.items():
+            check_finite(f"the poses of `{name}`", X_WF)
+
+    def camera_poses(self, camera: Camera) -> Array:
+        """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""
+        return self.X_WF[camera.frame] @ camera.X_FC
+
+    def box_poses(self, box: TargetBox) -> Array:
+        """World poses of a target box, shape (m or 1, 4, 4)."""
+        return self.X_WF[box.frame] @ box.X_FB
+
+
+def fixed_frame(X_WF: Array | None = None) -> Array:
+    """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
+    return (pose() if X_WF is None else X_WF)[None]

@@ -1,0 +1,153 @@
+"""Solids, boxes, cameras and lights as the compiled kernel reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from math import cos
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.detector import MODULE_PIXELS, PER_BIT
+from sqrp_cli.camera.light import ANY_BRIGHTNESS, MARKER, Light, brightness_of, look_alike
+from sqrp_cli.camera.markers import DICTIONARIES
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.geometry import Array
+from sqrp_cli.kernel import kernel
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.solids import Solids
+from sqrp_cli.sight.targets import SoughtBox
+
+SKIN = 1e-3
+"""Amount by which a box is shrunk on every side for sight tests [m].
+
+A solid that only touches it must not hide it.
+"""
+
+_THIN = 1e-9
+"""How much thicker than twice the skin a side may be that counts as thin, for rounding [m]."""
+
+_LENSES = {"none": 0, "equidistant": 1, "plumb_bob": 2, "rational_polynomial": 2}
+
+_NOWHERE = np.eye(4)[None]
+
+_KEPT = 16
+"""Combinations of cameras and boxes whose records are kept, as they are asked for again and again."""
+
+
+class ShrunkBox(NamedTuple):
+    """A box without its skin."""
+
+    half_size: Array
+    """Half its extents, shape (3,) [m]."""
+    offset: Array
+    """Its centre in the frame of the whole box, shape (3,) [m]."""
+
+
+def shrink(size: Sequence[float], normal: Sequence[float] | None) -> ShrunkBox:
+    """A box of `size` [m] without its skin, so that a solid that only touches it does not hide it.
+
+    A side no thicker than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
+    """
+    extents = np.asarray(size, dtype=float)
+    thin = extents <= 2 * SKIN + _THIN
+    offset = SKIN * np.asarray(normal, dtype=float) if thin.any() and normal is not None else np.zeros(3)
+    return ShrunkBox(half_size=0.5 * np.where(thin, extents, extents - 2 * SKIN), offset=offset)
+
+
+class SightScene:
+    """Solids that may hide boxes, with the lights that shine on them."""
+
+    def __init__(self, solids: Solids, lights: Mapping[str, Light]) -> None:
+        """Lights are numbered in their order, solids too."""
+        self._solids = solids
+        self._frames = {name: number for number, name in enumerate(dict.fromkeys(solids.parents))}
+        self.parts: list[str] = sorted({solid.name for solid in solids})
+        """The name of each part; all pieces of a link are one."""
+        rank = {name: number for number, name in enumerate(self.parts)}
+        self._table = kernel.SolidTable(
+            solids=[solid.compiled for solid in solids],
+            frame=np.array([self._frames[parent] for parent in solids.parents], dtype=np.int64),
+            part=np.array([rank[solid.name] for solid in solids], dtype=np.int64),
+            is_scenery=np.array([solid.color is not None for solid in solids], dtype=bool),
+        )
+        self._lights = np.array([_light_record(light) for light in lights.values()], dtype=kernel.LIGHT)
+        self._masks: dict[object, Array] = {}
+        self._scenes: dict[tuple[tuple[Projection, ...], tuple[SoughtBox, ...]], kernel.Scene] = {}
+
+    def request(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox], states: SceneStates) -> kernel.Request:
+        """What cameras see of boxes in states, as a question to the kernel."""
+        key = (tuple(cameras), tuple(boxes))
+        if key not in self._scenes:
+            for old in list(self._scenes)[: 1 - _KEPT]:
+                del self._scenes[old]
+            self._scenes[key] = self._scene(*key)
+        for frame in (*(box.frame for box in boxes), *(one.camera.frame for one in cameras)):
+            if frame not in states.X_WF:
+                raise KeyError(frame)
+        return kernel.Request(
+            self._scenes[key], states.count, [states.X_WF.get(name, _NOWHERE) for name in self._frames]
+        )
+
+    def _scene(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox]) -> kernel.Scene:
+        masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
+        opaque, alike, own = masks.transpose(1, 2, 0)
+        return kernel.Scene(
+            self._table,
+            boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
+            masks=kernel.Masks(opaque=opaque, alike=alike, own=own),
+            cameras=np.array([self._camera_record(camera) for camera in cameras], dtype=kernel.CAMERA),
+            lights=self._lights,
+        )
+
+    def _frame(self, name: str) -> int:
+        return self._frames.setdefault(name, len(self._frames))
+
+    def _camera_record(self, projection: Projection) -> tuple[object, ...]:
+        one = projection.camera
+        bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
+        return (
+            _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
+            one.far, one.brightness, one.X_FC, self._frame(one.frame),
+        )  # fmt: skip
+
+    def _box_record(self, box: SoughtBox) -> tuple[object, ...]:
+        shrunk, limits, reads = shrink(box.size, box.normal), box.limits, 0.0
+        if limits.is_usual and limits.dictionaries:
+            codes = [DICTIONARIES[name] for name in limits.dictionaries]
+            reads = max(
+                one.modules * (MODULE_PIXELS * ((one.modules - 2) / (1 + one.corrected)) ** PER_BIT) for one in codes
+            )
+        told = MARKER if limits.kind == "aruco" else ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
+        return (
+            0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
+            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, limits.judges_rest, reads,
+            *told, box.color is None, self._frame(box.frame), box.X_FB,
+        )  # fmt: skip
+
+    def _mask(self, box: SoughtBox) -> Array:
+        """Whether each solid can hide the box, looks like what it seeks, and is that, shape (3, s)."""
+        key = box.encloses, box.seeks, box.color
+        if key not in self._masks:
+            found = np.zeros((3, len(self._solids)), dtype=bool)
+            found[0] = True
+            for name in box.encloses:
+                found[0, self._solids.called(name)] = False
+            alike = {color for color in self._colors if look_alike(box.color, color)}
+            found[1] = [solid.color in alike for solid in self._solids] if alike else False
+            found[2, self._solids.called(box.seeks or "")] = True
+            found[1] &= ~found[2]
+            self._masks[key] = found
+        return self._masks[key]
+
+    @cached_property
+    def _colors(self) -> list[str | None]:
+        return list(dict.fromkeys(solid.color for solid in self._solids))
+
+
+def _light_record(light: Light) -> tuple[object, ...]:
+    if light.is_ambient:
+        return 0, light.intensity, np.zeros(3), np.zeros(3), 0.0
+    place = light.position
+    return 1 if place is None else 2, light.intensity, light.heading, place or np.zeros(3), cos(light.half_beam)

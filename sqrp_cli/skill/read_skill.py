@@ -1,0 +1,302 @@
+"""Reading a skill: its folder holds skill.yaml and a PDDL file named after the skill."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest, no_such
+from sqrp_cli.files.entries import Entry
+from sqrp_cli.files.frames import TOOL
+from sqrp_cli.files.input_file import ContentDigest, decoded, read_input
+from sqrp_cli.files.source import KeyPath, SourceDocument, describe, dotted
+from sqrp_cli.files.units import Quantity
+from sqrp_cli.files.usual_values import SKILL, unusual_values
+from sqrp_cli.files.validation import validate
+from sqrp_cli.files.yaml_file import MAX_BYTES, read_yaml
+from sqrp_cli.logic.domain import Action, Domain
+from sqrp_cli.logic.formula import Formula
+from sqrp_cli.logic.formula_check import check_formula
+from sqrp_cli.logic.formula_time import operators
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.pddl_parser import parse_domain
+from sqrp_cli.skill import settings
+from sqrp_cli.skill.skill import (
+    FORMER_ENDING,
+    HOME,
+    FormulaEntry,
+    Grasp,
+    GraspWaypoint,
+    JointMove,
+    Names,
+    Requirement,
+    RetryEntry,
+    Skill,
+    SkillFile,
+    marked,
+    origins,
+)
+
+FreedEntry = TypeVar("FreedEntry", bound=Entry)
+
+SKILL_FILE = "skill.yaml"
+
+FINGERS = "fingers"
+"""The folder in that of a skill which has its two files for tools with fingers, where these do it differently."""
+
+PATH = "path"
+"""The parameter that every skill with joint moves has, unless they state their paths."""
+
+
+def skill_folder(folder: Path, *, fingers: bool) -> Path:
+    """The folder that has the files of a skill: with `fingers`, that for tools with fingers if there is one.
+
+    `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers.
+    """
+    former = folder.with_name(folder.name.removesuffix(FORMER_ENDING)) / FINGERS
+    if folder.name.endswith(FORMER_ENDING) and not folder.is_dir() and former.is_dir():
+        return former
+    return folder / FINGERS if fingers and (folder / FINGERS / SKILL_FILE).is_file() else folder
+
+
+def skill_name(folder: Path) -> str:
+    """The name of the skill in a folder."""
+    return folder.parent.name if folder.name == FINGERS else folder.name
+
+
+def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
+    """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
+
+    place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
+    checks the names of links, objects and detectors.
+    """
+    name = skill_name(folder)
+    if not folder.is_dir():
+        known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
+        message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
+        raise bad_input("unknown-skill", message, place)
+    for required in (SKILL_FILE, f"{name}.pddl"):
+        if not (folder / required).is_file():
+            close = nearest(required, (entry.name for entry in folder.iterdir()))
+            message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
+            raise bad_input("missing-file", message, place)
+    document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
+    path = folder / f"{name}.pddl"
+    content = read_input(path, MAX_BYTES)
+    digest.add(f"skills.{path.stem}.pddl", path, content)
+    domain = parse_domain(decoded(path, content), path)
+    digest.add(f"skills.{name}.yaml", document.path, document.content)
+    if name not in domain.actions:
+        message = f"no action `{name}`, named like its folder; {expected_names(name, domain.actions)}"
+        meant = nearest(name, domain.actions) or next(iter(domain.actions), None)
+        there = Place(domain.path) if meant is None else domain.actions[meant].place
+        raise bad_input("missing-action", message, there, mend="rename the action, or the folder and its file")
+    return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[name]).read(folder)
+
+
+class _SkillReader:
+    """Checks one skill file beyond its format, and collects all problems."""
+
+    def __init__(self, document: SourceDocument, file: SkillFile, domain: Domain, action: Action) -> None:
+        self.document = document
+        self.file = file
+        self.domain = domain
+        self.action = action
+        self.objects = [parameter.name for parameter in action.parameters]
+        self.problems: list[Problem] = []
+        self.values = {name: self._motion_values(name) for name in file.motion}
+        self.kinds: dict[str, list[settings.Kind]] = {name: [] for name in file.motion}
+        self.implicit: dict[str, settings.MotionParameter] = {}
+        self._refused: set[str] = set()
+        """Motion parameters with values that a setting refuses."""
+
+    def read(self, folder: Path) -> Skill:
+        for name in (name for name in self.file.motion if name in self.objects):
+            self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
+        for name, waypoint in self.file.waypoints.items():
+            self._check_fields(waypoint, ("waypoints", name))
+        self._check_origins()
+        for index, primitive in enumerate(self.file.primitives):
+            if primitive.name in [other.name for other in self.file.primitives[:index]]:
+                message = f"`{primitive.name}` names an earlier primitive action too"
+                self._report("duplicate-name", ("primitives", index, "name"), message)
+            self._check_fields(primitive, ("primitives", index))
+        waypoints = {name: self._freed(name, waypoint) for name, waypoint in self.file.waypoints.items()}
+        primitives = tuple(self._freed(primitive.name, primitive) for primitive in self.file.primitives)
+        parameters, requirements = (*self._parameters(), *self.implicit.values()), self._requirements()
+        self._check_targets()
+        if self.problems:
+            raise InputError(*self.problems)
+        return Skill(
+            name=skill_name(folder),
+            folder=folder,
+            domain=self.domain,
+            action=self.action,
+            motion_parameters=parameters,
+            waypoints=waypoints,
+            primitives=primitives,
+            requirements=requirements,
+            targets=self.file.targets,
+            places=self.document.places,
+            warnings=tuple(unusual_values(self.document, SKILL)),
+        )
+
+    def _report(self, code: str, path: KeyPath, message: str) -> None:
+        self.problems.append(self.document.problem(code, path, message))
+
+    def _known(self, name: str, valid: Collection[str], what: str, path: KeyPath) -> bool:
+        """Whether a name is among the valid ones; reports it otherwise."""
+        if name not in valid:
+            self._report(f"unknown-{what.replace(' ', '-')}", path, no_such(name, what, valid))
+        return name in valid
+
+    def _check_fields(self, entry: Entry, path: KeyPath) -> None:
+        """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
+        for at, value, mark in marked(entry, path):
+            if isinstance(mark, Names) and mark.what == "frame":
+                continue  # the workspace knows its objects
+            if isinstance(mark, Names):
+                valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
+                self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)
+            else:
+                self._check_setting(value, mark, at)
+
+    def _freed(self, name: str, entry: FreedEntry) -> FreedEntry:
+        """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
+        freed: dict[str, settings.Reference] = {}
+        for (field, *_), value, kind in marked(entry):
+            at_default = value == settings.Reference(PATH)
+            # A setting is free if it is `any` (but for the branch of a move home), or a path that is not stated.
+            is_any = value == settings.ANY and not (isinstance(entry, JointMove) and entry.to == HOME)
+            if isinstance(kind, settings.Kind) and (is_any or (at_default and PATH not in self.file.motion)):
+                parameter = PATH if at_default and PATH not in self.objects else f"{name}.{field}"
+                self.implicit[parameter] = settings.MotionParameter(
+                    parameter, (settings.DIRECT if at_default else settings.ANY,), (kind,), implicit=True
+                )
+                freed[str(field)] = settings.Reference(parameter)
+        return entry.model_copy(update=freed)
+
+    def _check_setting(self, value: object, kind: settings.Kind, path: KeyPath) -> None:
+        """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
+        if isinstance(value, settings.Reference):
+            name = value.parameter
+            if name in self.file.motion:
+                self.kinds[name].append(kind)
+                complaints = (kind.complaint(stated) for stated in self.values[name])
+                if (complaint := next(filter(None, complaints), None)) is not None:
+                    if name not in self._refused:  # once, however many settings use it
+                        message = f"{complaint.message} (`{dotted(path)}` uses it)"
+                        self._report(complaint.code, ("motion", name), message)
+                    self._refused.add(name)
+            elif name != PATH or kind is not settings.PATHS:
+                known = expected_names(name, self.file.motion)
+                self._report(
+                    "unknown-parameter", path, f"found `${name}`, which is no parameter under `motion`; {known}"
+                )
+        elif isinstance(value, Quantity | str) and (complaint := kind.complaint(value)) is not None:
+            self._report(complaint.code, path, complaint.message)
+
+    def _parameters(self) -> tuple[settings.MotionParameter, ...]:
+        """The motion parameters with their values in SI units; call it after all settings are checked."""
+        parameters = []
+        for name, stated in self.values.items():
+            values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
+            if len(set(values)) < len(values):
+                self._report("repeated-value", ("motion", name), "a value is given twice")
+            parameters.append(settings.MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
+        return tuple(parameters)
+
+    def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
+        entry = self.file.motion[name]
+        if isinstance(entry, settings.ValueRange):
+            start, end = entry.start, entry.to
+            if not isinstance(start, Quantity) or not isinstance(end, Quantity):
+                word = end if isinstance(start, Quantity) else start
+                message = f"found {describe(word)}, expected a number at both ends of a range"
+                self._report("wrong-unit", ("motion", name), message)
+                return (Quantity(0.0, None),)
+            dimension = start.dimension or end.dimension
+            if dimension is not end.dimension and end.dimension is not None:
+                message = f"the range goes from {dimension.name if dimension else 'a number'} to {end.dimension.name}"
+                self._report("wrong-unit", ("motion", name), message)
+            return tuple(
+                Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count)
+            )
+        return tuple(entry.values) if isinstance(entry, settings.ListedValues) else (entry,)
+
+    def _check_origins(self) -> None:
+        """Check that no waypoint leads back to itself, and that `home` is not redefined."""
+        if HOME in self.file.waypoints:
+            message = "`home` is the robot's home configuration; take another name"
+            self._report("ambiguous-name", ("waypoints", HOME), message)
+        others = {name: origins(waypoint) for name, waypoint in self.file.waypoints.items()}
+        for name in others:
+            circle = _circle(name, others)
+            if circle and name == next(other for other in others if other in circle):
+                path = ("waypoints", name, *others[name][circle[1]])
+                self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
+
+    def _requirements(self) -> tuple[Requirement, ...]:
+        stated: list[tuple[str | None, FormulaEntry | str, KeyPath]] = [
+            *((None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)),
+            *((name, entry, ("faults", name)) for name, entry in self.file.faults.items()),
+        ]
+        found: list[Requirement] = []
+        for name, text_or_entry, path in stated:
+            at: KeyPath = path if isinstance(text_or_entry, str) else (*path, "formula")
+            entry = FormulaEntry(formula=text_or_entry) if isinstance(text_or_entry, str) else text_or_entry
+            formula, condition = self._formula(entry.formula, at), None
+            if isinstance(entry.response, RetryEntry) and entry.response.when is not None:
+                when: KeyPath = (*path, "response", "when")
+                condition = self._formula(entry.response.when, when)
+                if condition is not None and (over_time := operators(condition)):
+                    message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
+                    self._report("temporal-condition", when, f"{message} `obj_on_table`")
+            if formula is not None:
+                found.append(Requirement(name, entry, formula, condition, self.document.value_place(at)))
+        return tuple(found)
+
+    def _formula(self, text: str, path: KeyPath) -> Formula | None:
+        place = self.document.value_place(path)
+        try:
+            formula = parse_formula(text, place, indent=(place.column or 1) - 1)
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
+        names = [entry.name for entry in self.file.primitives]
+        self.problems.extend(check_formula(formula, self.domain, self.action, names))
+        return formula
+
+    def _check_targets(self) -> None:
+        grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
+        for predicate, target in self.file.targets.items():
+            self._known(predicate, self.domain.predicates, "predicate", ("targets", predicate))
+            for index, box in enumerate(target.boxes):
+                path: KeyPath = ("targets", predicate, "boxes", index)
+                if box.name in [other.name for other in target.boxes[:index]]:
+                    self._report("duplicate-name", (*path, "name"), "an earlier box has this name too")
+                # `at` is a waypoint; of a box in the tool, one that grasps the object in `fits`.
+                if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", (*path, "at")):
+                    continue
+                waypoint = self.file.waypoints[box.at]
+                grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
+                if box.frame == TOOL and box.fits in grasped and not grasps:
+                    expected = f"expected one that grasps `{box.fits}` (with `object` and `side`)"
+                    self._report("wrong-value", (*path, "at"), f"found waypoint `{box.at}`, {expected}")
+
+
+def _circle(name: str, others: Mapping[str, Collection[str]]) -> tuple[str, ...]:
+    """The shortest way from a waypoint through its origins back to it, which stands at both ends; empty if none."""
+    ways: list[tuple[str, ...]] = [(name,)]
+    reached: set[str] = set()
+    for way in ways:
+        for other in others.get(way[-1], ()):
+            if other == name:
+                return (*way, name)
+            if other not in reached:
+                reached.add(other)
+                ways.append((*way, other))
+    return ()

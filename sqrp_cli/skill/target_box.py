@@ -1,0 +1,140 @@
+"""The boxes of targets: `BoxSpec` in a skill, about its parameters; `TargetBox` in programs and runs, about objects."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable
+from dataclasses import replace
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.files.entries import (
+    Direction,
+    Entry,
+    Extents,
+    Finite,
+    Length,
+    Name,
+    Pose,
+    PoseMatrix,
+    Stored,
+    Text,
+)
+from sqrp_cli.files.frames import TOOL, FrameName, StoredFrame
+from sqrp_cli.files.units import SHORTEST_DIRECTION
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.records import dataclass
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector at length 1; one that is too short stays as it is, and its owner refuses it."""
+    if max(map(abs, vector)) < SHORTEST_DIRECTION:
+        return vector
+    x, y, z = np.asarray(vector) / np.linalg.norm(vector)
+    return float(x), float(y), float(z)
+
+
+UnitVector = Annotated[Direction, AfterValidator(_unit)]
+
+
+class BoxSpec(Entry):
+    """A box of a target: where to look for what."""
+
+    name: Name = Field(description="What output calls it.")
+    frame: StoredFrame = Field(
+        description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
+        "`@start` (where it was when the skill began)."
+    )
+    fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
+    at: Name | None = Field(
+        default=None,
+        description="With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame "
+        "`tool`), or in the world, from where the box moves with its frame.",
+    )
+    margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
+    size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
+    pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
+    detector: Name = Field(description="The detector of the workspace that looks for it.")
+    normal: UnitVector | None = Field(
+        default=None, description="Direction away from the surface that it lies on (markers)."
+    )
+    encloses: tuple[Text, ...] | None = Field(
+        default=None,
+        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BoxSpec:
+        if (self.fits is None) == (self.size is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
+        if self.fits is None and (self.at is not None or self.margin):
+            raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
+        if self.at is None and self.fits is not None and self.frame == TOOL:
+            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
+        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("wrong-value", "`normal` has length 0")
+        if self.size is not None and min(self.size) < 0.002 and self.normal is None:
+            raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")
+        return self
+
+    @property
+    def X_FB(self) -> Array:
+        """The pose of the box in the frame (on top of `fits`), shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+class TargetSpec(Entry):
+    """What decides a predicate."""
+
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
+        default=1, description="How many cameras must each see all boxes."
+    )
+    boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TargetBox(Stored):
+    """A box to look at."""
+
+    name: str
+    detector: str
+    """The name of its detector."""
+    frame: StoredFrame
+    """`world`, a link, an object, or `OBJECT@start`."""
+    size: tuple[Finite, Finite, Finite]
+    """Full extents [m]."""
+    X_FB: Annotated[PoseMatrix, Field(alias="pose")]
+    """Pose of the box in the frame, shape (4, 4)."""
+    normal: tuple[Finite, Finite, Finite] | None
+    """Unit vector in the box's axes, away from the surface, if it has one."""
+    encloses: tuple[str, ...]
+    """Names of links, objects or parts that do not hide the box, in order."""
+
+    def seen_through(self, parts: Iterable[str]) -> Self:
+        """The same box, from which some more parts hide nothing."""
+        return replace(self, encloses=(*self.encloses, *dict.fromkeys(parts)))
+
+    @classmethod
+    def on_object(
+        cls,
+        name: str,
+        detector: str,
+        size: tuple[float, float, float],
+        X_OB: Array,
+        normal: tuple[float, float, float] | None,
+    ) -> TargetBox:
+        """A box of full extents `size` [m] that moves with an object, at X_OB (4, 4) in its frame."""
+        frame = FrameName(name)
+        return cls(name=name, detector=detector, frame=frame, size=size, X_FB=X_OB, normal=normal, encloses=(name,))
+
+
+def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
+    """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
+
+    objects: the names that count. None for a box that is for no object.
+    """
+    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
+    return next((name for name in names if name in objects), None)

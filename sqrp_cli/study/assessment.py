@@ -1,0 +1,199 @@
+"""One candidate from check to quality: preconditions, motion, skill states, coverage and the final figures.
+
+The delay of faults is by images, over all phases of the cameras, on the nominal motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible, bad_input
+from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.image_time import Onset, Window, delays
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.stop_and_return import Recovery, recovery_over
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.fault_sights import all_fault_windows, fault_onsets
+from sqrp_cli.study.quality import figures_of
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import MAX_SAMPLES, Sampling, sample_count
+from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.timeline import Rehearsal, Timeline, observe
+from sqrp_cli.task import pieces
+from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.grounding import TargetGrounder, formulas_outside, ground_formulas
+from sqrp_cli.task.task import Candidate
+
+_PROMPT = 1e-3
+"""Times and shares up to this explain no delay [s, 1]."""
+
+
+def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:
+    """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
+
+    windows: in which images show it. onsets: of each interval. It is noticed by the first image of it, or never.
+    expected_time = mean of the time at which it is noticed + stop + move back to the start + `total`. Means and shares
+    are over all the time of the intervals together, the rest is the largest of any of them.
+    """
+    parts = [delays(windows, onset, lambda t: t + recovery.at(t) + total, recovery.t) for onset in onsets]
+    lengths = np.array([onset.x[-1] - onset.x[0] for onset in onsets])
+    weights = lengths / lengths.sum() if lengths.any() else np.full(len(parts), 1.0 / len(parts))
+    noticed, unseen = weights * [part.noticed for part in parts], float(weights @ [part.unseen for part in parts])
+    return FaultMetrics(
+        delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
+        delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
+        blind_longest=max(longest_gap(windows, Stretch(float(one.x[0]), float(one.x[-1]))) for one in onsets),
+        unseen=unseen,
+        expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
+    )
+
+
+def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[Onset]) -> str:
+    """What takes so long until a fault is noticed, at worst; see `fault_metrics`."""
+    if not windows:
+        return "no image is sure to show it"
+    if fault.unseen:
+        return f"no image is sure to show it in {100 * fault.unseen:.3g} % of cases"
+    if fault.blind_longest > _PROMPT:
+        return f"no image shows it for up to {fault.blind_longest:.2f} s"
+    parting = max(float((onset.shown - onset.x).max()) for onset in onsets)
+    if parting > _PROMPT:
+        return f"tool and part have to part for up to {parting:.2f} s before an image shows it"
+    return "so long take a frame and the latency of the camera that sees it"
+
+
+def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
+    """The longest stretch of an interval that no window contains [s]."""
+    found, until = 0.0, interval.start
+    for window in sorted(windows):
+        found = max(found, min(window.start, interval.end) - until)
+        until = max(until, window.end)
+    return max(found, interval.end - until)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(Rehearsal):
+    """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
+
+    timeline: Timeline
+
+    @property
+    def without_delays(self) -> CandidateResult:
+        """Its figures, without faults."""
+        return CandidateResult(
+            candidate=self.candidate, feasible=True, **vars(figures_of(self.timeline, self.motion.time, {}))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Study(Watched):
+    """A feasible candidate with all data behind its figures."""
+
+    recovery: Recovery
+    windows: Mapping[str, Sequence[Window]]
+    """In which images show each fault, by its name."""
+    onsets: Mapping[str, tuple[Onset, ...]]
+    """From when on images show each fault, for each interval in which it may happen, by its name."""
+
+    def assessment(self, verdict: str) -> CandidateResult:
+        """The figures of the candidate."""
+        timeline, time = self.timeline, self.motion.time
+        faults = {
+            fault: fault_metrics(windows, self.onsets[fault], self.recovery, time)
+            for fault, windows in self.windows.items()
+        }
+        latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
+        return CandidateResult(
+            candidate=self.candidate,
+            feasible=True,
+            **vars(figures_of(timeline, time, faults)),
+            error=timeline.transition_error,
+            largest_gap=timeline.largest_gap,
+            remarks=self.motion.remarks,
+            outside=formulas_outside(self.candidate, self.motion),
+            verdict=verdict,
+            retried=tuple(name for name in faults if name in self.candidate.skill.retried_faults),
+            why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
+        )
+
+
+def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
+    """Check, move and observe one candidate that starts in `world`.
+
+    full: with the verdicts of every camera and their causes. Raises InputError for a sampling with too many samples.
+    """
+    motion = feasible_motion(cell, candidate, world)
+    if isinstance(motion, Infeasible):
+        return motion
+    return observed(cell, rehearsal(cell, candidate, world, motion), sampling, full=full)
+
+
+def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> Rehearsal:
+    """A candidate with its motion from `world`, and what must be seen when."""
+    workspace, model = cell.workspace, cell.model
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    formulas = ground_formulas(candidate, spans, motion.time)
+    grounder = TargetGrounder(
+        candidate=candidate,
+        world=world,
+        motion=motion,
+        objects=workspace.objects,
+        detectors=workspace.detectors,
+        robot=workspace.robot,
+        model=model,
+    )
+    targets = grounder.targets(formulas)
+    column = {target.atom: number for number, target in enumerate(targets)}
+    faults = pieces.fault_literals(formulas).items()
+    return Rehearsal(
+        candidate=candidate,
+        world=world,
+        motion=motion,
+        formulas=formulas,
+        targets=targets,
+        stage=Stage(model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO),
+        faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
+        T=pieces.monitored_time(formulas),
+        T_eoi=pieces.interesting_time(formulas),
+    )
+
+
+def observed(cell: Cell, scene: Rehearsal, sampling: Sampling, *, full: bool) -> Study:
+    """What the cameras see of a motion; see `study`."""
+    return with_delays(cell, all_watched(cell, [scene], sampling, full=full), sampling)[0]
+
+
+def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Watched]:
+    """As `observed` of each of several motions, without delays."""
+    for scene in scenes:
+        if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
+            name = scene.candidate.name
+            message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
+            mend = "leave it out: the default places samples where they matter"
+            raise bad_input("too-many-samples", message, mend=mend)
+    return [Watched(**vars(one), timeline=observe(one, cell.observer, sampling, full=full)) for one in scenes]
+
+
+def with_delays(cell: Cell, watched: Sequence[Watched], sampling: Sampling) -> list[Study]:
+    """Motions with how late faults are noticed; as they are where that is known."""
+    return [one if isinstance(one, Study) else _study(cell, one, sampling) for one in watched]
+
+
+def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
+    """The same motion seen by the cameras of another cell; see `study`."""
+    timeline = observe(study, cell.observer, sampling, full=full)
+    windows = all_fault_windows(study, timeline, cell.observer, sampling)
+    return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
+
+
+def _study(cell: Cell, scene: Watched, sampling: Sampling) -> Study:
+    windows = all_fault_windows(scene, scene.timeline, cell.observer, sampling)
+    starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
+    recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
+    return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

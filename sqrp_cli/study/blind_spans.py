@@ -1,0 +1,280 @@
+"""Why each camera does not see each target: at a sample, in total, and over time.
+
+`Coverage` is a record of it to store and compare.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from itertools import groupby, pairwise
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.document import LEFT_OUT, Record
+from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel
+from sqrp_cli.sight.observer import BoxVerdicts
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.stage import Samples
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The first limit that fails for a target in one sample and camera."""
+
+    cause: Cause
+    """NONE where the camera sees the target."""
+    by: int
+    """As in `BoxVerdicts`."""
+    figure: float
+    """Amount by which the limit is missed, in the limit's unit."""
+    box: int = 0
+    """Index of the box that fails it."""
+
+
+SEEN = Failure(Cause.NONE, -1, 0.0)
+
+_CAUSES = {int(cause): cause for cause in Cause}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnseenTime(Record):
+    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
+
+    literal: str
+    """Without `not`."""
+    camera: str
+    """Its name."""
+    cause: CauseLabel
+    """The first limit that fails."""
+    by: str | None
+    """What hides it or has its colour behind it, or the side on which it is out of the image."""
+    seconds: float
+    """Each sample counts for half of the time to its neighbours in its piece [s]."""
+    box: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a target with several boxes: the one that fails."""
+
+
+def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
+    """Totals of every literal, camera and cause, the longest first within each literal."""
+    weights = sample_weights(study)
+    observation = study.timeline.observation
+    totals = []
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        rows = np.flatnonzero(observation.required[:, column])
+        sums: dict[tuple[int, Cause, int, int], float] = defaultdict(float)
+        for camera in range(len(cell.observer.cameras)):
+            for row, failure in zip(rows.tolist(), first_failures(boxes, rows, camera), strict=True):
+                if failure.cause is not Cause.NONE:
+                    sums[camera, failure.cause, failure.by, failure.box] += float(weights[row])
+        found = [
+            UnseenTime(
+                literal=str(target.atom),
+                camera=cell.observer.cameras[camera].name,
+                cause=cast("CauseLabel", cause.label),
+                by=by_name(cell, cause, by),
+                seconds=seconds,
+                box=target.boxes[box].name if len(target.boxes) > 1 else None,
+            )
+            for (camera, cause, by, box), seconds in sums.items()
+            if seconds > 0
+        ]
+        totals += sorted(found, key=lambda total: -total.seconds)
+    return tuple(totals)
+
+
+def first_failures(boxes: Sequence[BoxVerdicts], rows: Indices, camera: int) -> list[Failure]:
+    """The failure of the first box that a camera does not see, for each of the given samples."""
+    columns = (values[:, 0].tolist() for values in first_failing(boxes, rows, slice(camera, camera + 1)))
+    return [SEEN if code == Cause.NONE else Failure(_CAUSES[code], *rest) for code, *rest in zip(*columns, strict=True)]
+
+
+class FirstFailing(NamedTuple):
+    """What `Failure` says, for m samples and c cameras: shape (m, c) each."""
+
+    cause: NDArray[np.int8]
+    by: Indices
+    figure: Array
+    box: Indices
+    """Index of that box; 0 where all are seen."""
+
+
+def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = slice(None)) -> FirstFailing:
+    """The failure of the first box that each of the cameras does not see, for each of the given samples."""
+    causes = np.stack([box.cause[rows, cameras] for box in boxes])
+    first = (causes != Cause.NONE).argmax(axis=0)[None]
+    by = np.stack([box.by[rows, cameras] for box in boxes])
+    figure = np.stack([box.figure[rows, cameras] for box in boxes])
+    cause, which, missed = (np.take_along_axis(values, first, axis=0)[0] for values in (causes, by, figure))
+    return FirstFailing(cause=cause, by=which, figure=missed, box=first[0])
+
+
+def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
+    """The name of a cause's culprit in output."""
+    match cause:
+        case Cause.HIDDEN | Cause.SAME_COLOUR:
+            return cell.solid_name(by)
+        case Cause.TOO_DARK:
+            return None if by < 0 else cell.solid_name(by)
+        case Cause.TOO_BRIGHT:
+            return list(cell.observer.lights)[by]
+        case Cause.OUT_OF_IMAGE:
+            return SIDES[by]
+        case _:
+            return None
+
+
+def sample_weights(study: Study) -> Array:
+    """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
+    steps = np.nan_to_num(study.timeline.steps)
+    weights = np.zeros(len(steps) + 1)
+    weights[:-1] += 0.5 * steps
+    weights[1:] += 0.5 * steps
+    return weights
+
+
+@dataclass(frozen=True)
+class BlindSpan:
+    """A stretch of time in which a camera does not see a target for one cause."""
+
+    stretch: Stretch
+    cause: Cause
+    by: str | None
+    """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
+
+    @property
+    def words(self) -> str:
+        """The cause in a few words."""
+        return self.cause.by(self.by)
+
+
+@dataclass(frozen=True)
+class TargetCoverage:
+    """The coverage of an atom's target."""
+
+    needed: int
+    """Number of cameras that must see it."""
+    required: tuple[Stretch, ...]
+    """When it must be observable."""
+    blind: Mapping[str, tuple[BlindSpan, ...]]
+    """Per camera, in order of time and without overlap, when it does not see the required target."""
+
+    def later(self, start: float) -> TargetCoverage:
+        """The same, so much later [s]."""
+
+        def moved(stretch: Stretch) -> Stretch:
+            return Stretch(stretch.start + start, stretch.end + start)
+
+        blind = {
+            camera: tuple(replace(span, stretch=moved(span.stretch)) for span in spans)
+            for camera, spans in self.blind.items()
+        }
+        return TargetCoverage(self.needed, tuple(map(moved, self.required)), blind)
+
+    def seen_by(self, camera: str) -> tuple[Stretch, ...]:
+        """When a camera sees it; never if there is no such camera."""
+        if camera not in self.blind:
+            return ()
+        return difference(self.required, [span.stretch for span in self.blind[camera]])
+
+    @property
+    def covered(self) -> tuple[Stretch, ...]:
+        """When enough cameras see it."""
+        seen = [self.seen_by(camera) for camera in self.blind]
+        edges = sorted({edge for some in (self.required, *seen) for s in some for edge in (s.start, s.end)})
+
+        def holds(some: Sequence[Stretch], t: float) -> bool:
+            return any(stretch.start <= t <= stretch.end for stretch in some)
+
+        middles = ((Stretch(start, end), 0.5 * (start + end)) for start, end in pairwise(edges))
+        return merge(
+            part
+            for part, t in middles
+            if holds(self.required, t) and sum(holds(some, t) for some in seen) >= self.needed
+        )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The coverage of a candidate over time."""
+
+    primitives: Mapping[str, float]
+    """When each ends, by name [s]."""
+    targets: Mapping[str, TargetCoverage]
+    """By atom."""
+
+
+def coverage_of(cell: Cell, study: Study) -> Coverage:
+    """The coverage in a full study.
+
+    Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
+    """
+    observation, samples, pieces = study.timeline.observation, study.timeline.samples, study.timeline.pieces
+    targets = {}
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        rows = np.flatnonzero(observation.required[:, column])
+        numbers = dict.fromkeys(samples.piece[rows].tolist())
+        required = merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)
+        blind = {
+            camera.name: tuple(_blind_spans(cell, samples.some(rows), first_failures(boxes, rows, index)))
+            for index, camera in enumerate(cell.observer.cameras)
+        }
+        targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
+    return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
+
+
+def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
+    """The coverage over several steps that follow each other without a pause.
+
+    Names of primitives and atoms begin with the number of their step, such as `2.hold(peg1)`.
+    """
+    primitives: dict[str, float] = {}
+    targets: dict[str, TargetCoverage] = {}
+    for number, step in enumerate(steps, 1):
+        start = max(primitives.values(), default=0.0)
+        primitives |= {f"{number}.{name}": start + end for name, end in step.primitives.items()}
+        targets |= {f"{number}.{atom}": target.later(start) for atom, target in step.targets.items()}
+    return Coverage(primitives, targets)
+
+
+def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """The parts of `stretches` outside those `without`; both in order of time and without overlap."""
+    parts = []
+    for stretch in stretches:
+        start = stretch.start
+        for hole in without:
+            if hole.end <= start or hole.start >= stretch.end:
+                continue
+            if hole.start > start:
+                parts.append(Stretch(start, hole.start))
+            start = max(start, hole.end)
+        if start < stretch.end:
+            parts.append(Stretch(start, stretch.end))
+    return tuple(parts)
+
+
+def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """The parts of `stretches` inside the others."""
+    return difference(stretches, difference(stretches, others))
+
+
+def _blind_spans(cell: Cell, samples: Samples, failures: Sequence[Failure]) -> Iterator[BlindSpan]:
+    """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
+    t, piece = samples.t.tolist(), samples.piece.tolist()
+    for (cause, by), group in groupby(range(len(t)), key=lambda index: (failures[index].cause, failures[index].by)):
+        indices = list(group)
+        first, last = indices[0], indices[-1]
+        start, end = t[first], t[last]
+        if first > 0 and failures[first - 1].cause is Cause.NONE and piece[first - 1] == piece[first]:
+            start = t[first - 1]
+        if last + 1 < len(t) and piece[last + 1] == piece[last]:
+            end = t[last + 1]
+        if cause is not Cause.NONE and end > start:
+            yield BlindSpan(Stretch(start, end), cause, by_name(cell, cause, by))

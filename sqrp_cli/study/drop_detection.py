@@ -1,0 +1,456 @@
+"""From when on images show that the tool has lost a part: what must lie apart first, and what must be in its place.
+
+A lost part falls freely, with the tool's velocity, to where it stood or is to stand, or onto what is below it. An image
+shows that it is not held once it lies clear of where the tool would show it, or apart from there and in a place that
+the camera sees and in which it is looked for, too: seen in between, a detector of colours calls it neither held nor
+gone. An image shows that it is in its place once the line of sight through its centre meets the middle plane of its box
+inside the box.
+
+Cameras contradict each other as long as one of them takes the part for held. So there are two answers: images *surely*
+show a drop once the slowest camera does that may judge it soon after, and *usually* once more of these say so than say
+the opposite. Which these are follows from the robot's motion alone: what else hides a part makes windows smaller, but
+never a drop quicker to see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
+from sqrp_cli.cell.scene import FLOOR_DEPTH
+from sqrp_cli.geometry import Array, Mask, transform
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.image_time import Onset
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.motion.fingers import move_fingers
+from sqrp_cli.motion.placed_scene import CLEARANCE
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.targets import SoughtBox, Target
+from sqrp_cli.skill.target_box import object_of
+from sqrp_cli.study.stage import Stage
+
+
+class DropRule(NamedTuple):
+    """What a detector of colours needs to call a part not held, as far as it may be known beforehand."""
+
+    pixels: float
+    """How far apart it must be seen from where the tool would show it [pixels], ..."""
+    share: float
+    """... and a share of its size."""
+    inside: float
+    """How far from a place, as a share of its length that way, it fills enough of it to count as there."""
+    covered: float
+    """How much of where the tool would show it it may cover if it counts as there nowhere: a share."""
+
+
+SURE = DropRule(
+    # The detector measures by whole pixels. What it leaves open lies at an edge across the way, half of it hidden.
+    pixels=SHIFT_PIXELS + 1.0,
+    share=SHIFT_SHARE + 2.0 * ALIKE,
+    # Moved by a share d, a convex silhouette still covers (1 - d)^2 of itself at least (Brunn-Minkowski), even if all
+    # that it leaves uncovered is in the share of it that must be visible.
+    inside=1.0 - float(np.sqrt(1.0 - LEAST_SHARE * (1.0 - FULL / 2))),
+    covered=0.0,
+)
+"""So much is surely enough."""
+
+USUAL = DropRule(
+    # What the detector leaves open lies at two edges.
+    pixels=SHIFT_PIXELS,
+    share=SHIFT_SHARE + ALIKE / 2.0,
+    # Moved along an edge by a share d, a box covers 1 - d of itself.
+    inside=1.0 - FULL / 2,
+    covered=EMPTY,
+)
+"""So much is usually enough."""
+
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+_STARTS, _STEP = 25, 0.1
+"""Instants of an interval at which a part is let fall: at least so many, and one in so many seconds."""
+
+_LONGEST = 4.0
+"""How long what is lost is followed [s]; what images do not show by then, they never do."""
+
+_FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
+"""Times after it is lost at which it is looked at [s], the first ones closer."""
+
+_SOON = 0.8
+"""How long after a loss cameras count that judge the part [s]."""
+
+_NEVER = 1e3
+"""How long after the motion what no image shows is shown [s]: after all windows."""
+
+
+class Sight(NamedTuple):
+    """Cameras that look at a drop."""
+
+    eyes: Array
+    """Where each of c cameras is, shape (c, s, f, 3) or (c, 1, 1, 3) [m]."""
+    focal: Array
+    """Their focal lengths, shape (c,) [pixels]."""
+
+
+class SeenOffset(NamedTuple):
+    """How far a part is from where it is expected, as c cameras see it at s * f times; shape (c, s, f) [m] each."""
+
+    across: Array
+    """Across the line of sight."""
+    distance: Array
+    """From the camera to where it is expected."""
+    nearer: Array
+    """By how much it is nearer than that."""
+    length: Array
+    """How long the silhouette of its box is along the direction of the offset, through its middle."""
+    focal: Array
+    """Of the cameras, shape (c, 1, 1) [pixels]."""
+    spread: float
+    """Square root of the mean area of the silhouette of its box."""
+
+    @classmethod
+    def of(cls, expected: Array, free: Array, sight: Sight, R_WB: Array, size: Array) -> SeenOffset:
+        """expected, free: where its centre would be and is, (s, f, 3) [m]. R_WB, size: of the box expected there."""
+        ray, gap = expected - sight.eyes, free - expected
+        distance, nearer = _norm(ray), -_dot(ray, gap)
+        nearer /= distance
+        across = gap + (nearer / distance)[..., None] * ray
+        # The length is the most r for which r * direction + k * ray is in the box for some k; at a corner of these
+        # bounds two faces meet.
+        gone = _norm(across)
+        way = np.where(gone[..., None] > 1e-9, across / np.maximum(gone, 1e-9)[..., None], 0.0)[..., None, :] @ R_WB
+        u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
+        v = v / _norm(v)[..., None]
+        length = np.full(u.shape[:-1], np.linalg.norm(size))
+        for i, j in ((0, 2), (1, 0), (2, 1)):
+            turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
+            reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
+            np.minimum(length, reach / np.maximum(turn, 1e-9), out=length)
+        focal = sight.focal[:, None, None]
+        return cls(across=gone, distance=distance, nearer=nearer, length=length, focal=focal, spread=_spread(size))
+
+    def apart(self, rule: DropRule) -> Array:
+        """By how much it is further from where it is expected than it must be."""
+        return self.across - (rule.pixels * self.distance / self.focal + rule.share * self.spread)
+
+    def clear(self, rule: DropRule) -> Array:
+        """By how much it is seen beside that, covering too little of it."""
+        scale = self.distance / np.maximum(self.distance - self.nearer, 1e-6)
+        return self.across * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * self.length
+
+    def fills(self, rule: DropRule) -> Array:
+        """By how much it is nearer to that than it must be to fill it."""
+        return rule.inside * self.length - self.across
+
+
+class _Shown(NamedTuple):
+    """When a drop at each of s instants is shown by each of c cameras."""
+
+    x: Array
+    """When the fault becomes true, shape (s,) [s]."""
+    surely: Array
+    """From when on each that may judge it shows it, -inf of the others, shape (c, s) [s]."""
+    late: Array
+    """From when on the slowest of all would, shape (s,) [s]."""
+    usual: Array
+    """From when on all of them together usually show it, shape (s,) [s]."""
+
+
+def onset(
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+) -> Onset:
+    """From when on images show a fault that becomes true at a time of an interval.
+
+    literals: of the fault, with the target of each. Where the tool loses nothing in it, images show it at once.
+    """
+    found = _shown(stage, observer, literals, targets, interval)
+    if found is None:
+        return Onset.at_once(interval.start, interval.end)
+    slowest = found.surely.max(axis=0, initial=-np.inf)
+    slowest = np.where(slowest < 0, found.late, slowest)  # where no camera judges it, none says so at once
+    fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
+    if fingers.joints:  # the windows are those of closed fingers
+        start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
+        closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
+    slowest = np.maximum(slowest, found.x + closing)
+    # What takes longer by more than a step is shown later at once, where between two starts is not known.
+    late = np.flatnonzero(np.diff(slowest - found.x) > _STEP) + 1
+    x = np.insert(found.x, late, found.x[late - 1] + 1e-6)
+    surely = _between(x, np.insert(slowest, late, slowest[late]), interval)
+    usual = _between(x, np.insert(found.usual, late, found.usual[late - 1]), interval)
+    return Onset(surely.x, surely.shown, np.minimum(usual.shown, surely.shown))
+
+
+def least_delays(
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: Stretch,
+    response: float,
+) -> Array:
+    """What the longest delay of a fault is at least, with each camera and whichever others, shape (cameras,) [s].
+
+    As the slowest of the cameras that may judge a part tells when it is shown, others make no camera faster.
+    At some phase the image that shows it is known one response later. See `onset`.
+
+    response: the shortest of all cameras [s].
+    """
+    found = _shown(stage, observer, literals, targets, interval)
+    if found is None:
+        return np.full(len(observer.cameras), response)
+    alone = [_between(found.x, surely, interval) for surely in found.surely]
+    return np.array([(one.shown - one.x + response).max() for one in alone])
+
+
+def _shown(
+    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+) -> _Shown | None:
+    """When each camera shows a fault; None where the tool loses nothing."""
+    name = held_in(stage, interval)
+    if name is None or interval.length <= 0.0:
+        return None
+
+    def boxes_of(target: Target) -> list[SoughtBox]:
+        return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
+
+    boxes = [(lit.positive, targets[lit.atom].cameras, box) for lit in literals for box in boxes_of(targets[lit.atom])]
+    needed = {box: cameras for _, cameras, box in boxes}
+    left = [box for positive, _, box in boxes if not positive and box.frame in stage.model.links]
+    reached = [box for positive, _, box in boxes if positive and box.frame in stage.resting]
+    if not left:
+        return None
+    t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
+    step = t[1] - t[0]
+    times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
+    states = stage.states(stage.samples_at(times))
+    X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
+    free = _falling(stage, observer, name, X_WO, times, len(t))
+    expected = _followed(X_WO[:, :3, 3], times, len(t))
+    eyes = [_followed(states.camera_poses(camera)[:, :3, 3], times, len(t)) for camera in observer.cameras]
+    sight = Sight(np.array(eyes).reshape(-1, *free.shape), _focal(observer.cameras))
+    R_WB, size = (
+        np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[: len(t), :3, :3],
+        np.array(left[0].size),
+    )
+    held = SeenOffset.of(expected, free, sight, R_WB[:, None], size)
+
+    by_color = left[0].limits.kind == "color"
+    every = (box for target in targets.values() for box in boxes_of(target))
+    places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
+    some = times[times <= interval.end + _SOON + step]
+    judged = _judging(observer, stage, [*left, *reached], some, robot_alone=True)
+    seen = _judging(observer, stage.once_lost(), places, some, robot_alone=False)
+    first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
+    windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
+    before = np.searchsorted(some, t[:, None] + _FALL, side="right") - 1
+    at_places: list[tuple[Mask, SeenOffset]] = []  # whether each camera sees the place before and after each time
+    for box in places:
+        both = np.append(seen[box][:-1] & seen[box][1:], np.zeros((1, seen[box].shape[1]), dtype=bool), axis=0)
+        X_WB = stage.resting[box.frame][0] @ box.X_FB
+        there = np.broadcast_to(X_WB[:3, 3], free.shape)
+        offset = SeenOffset.of(there, free, sight, X_WB[:3, :3], np.array(left[0].size))
+        at_places.append((np.moveaxis(both[before], 2, 0), offset))
+
+    def judges(box: SoughtBox) -> Mask:
+        """Whether each camera judges a box soon after each loss, shape (c, s)."""
+        return np.transpose([judged[box][window].any(axis=0) for window in windows])
+
+    period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
+
+    def gone(rule: DropRule) -> tuple[Array, Array]:
+        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
+        apart = held.apart(rule)
+        enough = apart
+        if by_color:
+            in_a_place = np.full(apart.shape, -np.inf)
+            for looked_at, offset in at_places:
+                in_a_place = np.maximum(in_a_place, np.where(looked_at, offset.fills(rule), -np.inf))
+            enough = np.maximum(held.clear(rule), np.minimum(apart, in_a_place))
+        return t + _first(apart, period), t + _first(enough, period)
+
+    x, late, judge = t, gone(SURE)[1], np.any([judges(box) for box in left], axis=0)
+    surely = np.where(judge, late, -np.inf)
+    until, since = gone(USUAL)
+    usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
+    for box in reached:
+        X_WB, size = stage.resting[box.frame][0] @ box.X_FB, np.array(box.size)
+        part = (free - X_WB[:3, 3]) @ X_WB[:3, :3]
+        x = np.maximum(x, t + _first((0.5 * size - np.abs(part)).min(axis=2)[None])[0])
+        # By how much the line of sight through the part meets the middle plane of the box inside it.
+        ray = part - (sight.eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
+        met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
+        there, judge = t + _first((0.5 * size[:2] - np.abs(met)).min(axis=3), period), judges(box)
+        late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
+        until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
+        usual = np.maximum(usual, majority_time(until, since, needed[box]))
+    latest = stage.motion.time + _NEVER
+    return _Shown(*(np.minimum(one, latest) for one in (x, surely, late.max(axis=0, initial=-np.inf), usual)))
+
+
+def majority_time(until: Array, since: Array, needed: int) -> Array:
+    """When more cameras say something than say the opposite, and as many as needed, shape (s,) [s]; infinite if never.
+
+    until: when each of c cameras ceases to say the opposite, (c, s) [s]. since: when each says it, (c, s) [s].
+    """
+    times = np.concatenate([until, since])
+    yes = (since[None] <= times[:, None]).sum(axis=1)
+    no = (until[None] > times[:, None]).sum(axis=1)
+    found: Array = np.where((yes > no) & (yes >= needed), times, np.inf).min(axis=0, initial=np.inf)
+    return found
+
+
+def held_in(stage: Stage, interval: Stretch) -> str | None:
+    """What the tool holds throughout an interval."""
+    primitives = stage.motion.primitives
+    held = {p.held for p in primitives if p.start < interval.end - 1e-9 and p.end > interval.start + 1e-9}
+    return held.pop() if len(held) == 1 else None
+
+
+def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
+    """The onset of what becomes true at x and is shown from some times on, within an interval."""
+    x = np.maximum.accumulate(x)
+    lag = np.maximum(shown - x, 0.0)
+    kept = np.append(np.diff(x) > 1e-9, True)
+    inner = (x > interval.start) & (x < interval.end) & kept
+    at = np.concatenate([[interval.start], x[inner], [interval.end]])
+    return Onset(at, np.maximum.accumulate(at + np.interp(at, x[kept], lag[kept])))
+
+
+def _followed(track: Array, times: Array, starts: int) -> Array:
+    """Where a point is while a part falls, shape (s, f, 3) [m].
+
+    track: at `times`, (n, 3), or (1, 3). starts: how many of them are starts of a fall, s.
+    """
+    when, track = times[:starts, None] + _FALL, np.broadcast_to(track, (len(times), 3))
+    return np.stack([np.interp(when, times, track[:, axis]) for axis in range(3)], axis=2)
+
+
+def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Array, starts: int) -> Array:
+    """Where the centre of a lost part is, shape (s, f, 3) [m].
+
+    It falls freely to where it stood or is to stand, else onto the first solid below where it is lost, or the floor.
+
+    X_WO: of the part in the tool, at `times`, (n, 4, 4). starts: how many of them are starts of a fall, s.
+    """
+    path = X_WO[:, :3, 3]
+    start, velocity = path[:starts], np.gradient(path, times, axis=0)[:starts]
+    floor = start[:, 2] - _height(observer, stage, name, X_WO[:starts])
+    begins_held = stage.motion.primitives[0].held == name
+    for X_rest in (None if begins_held else stage.X_WO[name], stage.motion.final.X_WO.get(name)):
+        if X_rest is not None:
+            above = np.hypot(*(start - X_rest[:3, 3])[:, :2].T) < 0.02
+            floor = np.where(above, np.maximum(floor, X_rest[2, 3]), floor)
+    up, height = velocity[:, 2], np.maximum(start[:, 2] - floor, 0.0)
+    fall = np.minimum(_FALL, ((up + np.sqrt(up**2 + 2.0 * GRAVITY * height)) / GRAVITY)[:, None])
+    free: Array = start[:, None] + velocity[:, None] * fall[..., None]
+    free[..., 2] -= 0.5 * GRAVITY * fall**2
+    return free
+
+
+def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
+    """How far an object at s poses (s, 4, 4) is above what lies below its middle and its corners, shape (s,) [m]."""
+    others = [one for one in observer.solids if one.part.parent != name and one.part.parent in stage.resting]
+    faces = [transform(stage.resting[one.part.parent][0], one.vertices)[one.triangles] for one in others]
+    a, b, c = np.moveaxis(np.concatenate([np.empty((0, 3, 3)), *faces]), 1, 0)
+    corners = np.concatenate([one.corners for one in observer.solids if one.part.parent == name])
+    at = transform(X_WO, corners)
+    bottom, middle = at[..., 2].min(axis=1), at.mean(axis=1, keepdims=True)
+    feet = np.concatenate([middle, middle + 0.9 * (at - middle)], axis=1)[..., :2]
+    columns, of = np.unique(feet.round(3).reshape(-1, 2), axis=0, return_inverse=True)  # few where it is lifted
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    q, r, floor = b - a, c - a, low[:, 2].min(initial=0.0) - FLOOR_DEPTH
+    area = q[:, 0] * r[:, 1] - q[:, 1] * r[:, 0]
+    near = (low[:, :2] <= columns.max(axis=0)).all(axis=1) & (high[:, :2] >= columns.min(axis=0)).all(axis=1)
+    near &= np.abs(area) > 1e-12
+    a, q, r, area = (one[near, None] for one in (a, q, r, area))
+    x, y = np.moveaxis(columns - a[..., :2], 2, 0)
+    u, v = (x * r[..., 1] - y * r[..., 0]) / area, (y * q[..., 0] - x * q[..., 1]) / area
+    z = np.where((u >= 0) & (v >= 0) & (u + v <= 1), a[..., 2] + u * q[..., 2] + v * r[..., 2], -np.inf)
+    tops = [
+        np.where(z[:, i] <= h + CLEARANCE, z[:, i], floor).max(initial=floor)
+        for i, h in zip(of.reshape(len(X_WO), -1), bottom, strict=True)
+    ]
+    height: Array = np.maximum(bottom - tops, 0.0)
+    return height
+
+
+def _judging(
+    observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Array, *, robot_alone: bool
+) -> dict[SoughtBox, Mask]:
+    """Whether each of c cameras judges each box at times (n,) [s], shape (n, c).
+
+    robot_alone: whether nothing else is in the way, and cameras count, too, that may judge a box or not: more of them
+    only ever show a drop later. Otherwise one that counts is sure to look for the part there.
+    """
+    if not boxes or not observer.cameras:
+        return {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes}
+    others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
+    asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
+    states = stage.states(stage.samples_at(t))
+    verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
+    found = (
+        judged(box, seen, observer.cameras, states) if robot_alone else seen.cause == Cause.NONE
+        for box, (seen,) in zip(asked, verdicts, strict=True)
+    )
+    return dict(zip(boxes, found, strict=True))
+
+
+def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
+    """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
+    least = np.full(seen.cause.shape, box.limits.min_visible)
+    if box.limits.kind == "color":
+        eyes = [states.camera_poses(camera)[:, :3, 3] for camera in cameras]
+        distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
+        far = np.array([np.broadcast_to(one, states.count) for one in distance]).T
+        least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
+    in_free_view = np.isin(seen.cause, (Cause.NONE, Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT))
+    found: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, in_free_view)
+    return found
+
+
+def _focal(cameras: Sequence[Camera]) -> Array:
+    """Focal lengths of c cameras, shape (c,) [pixels]."""
+    return np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])
+
+
+def _spread(size: Array) -> float:
+    """Square root of the mean area of the silhouette of a box of full extents (3,) [m]."""
+    return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Inner products of vectors (..., 3); NumPy's sums over so short an axis take several times as long."""
+    found: Array = a[..., 0] * b[..., 0]
+    found += a[..., 1] * b[..., 1]
+    found += a[..., 2] * b[..., 2]
+    return found
+
+
+def _norm(vectors: Array) -> Array:
+    """Lengths of vectors (..., 3)."""
+    return np.sqrt(_dot(vectors, vectors))
+
+
+def _first(margin: Array, least: float = 0.0) -> Array:
+    """When a margin (c, s, f) is first not negative after the loss for a least time [s], shape (c, s) [s].
+
+    Infinite if it never is.
+    """
+    bad = np.where(margin < 0.0, _FALL, np.inf)
+    lasts = np.minimum.accumulate(bad[..., ::-1], axis=2)[..., ::-1] - _FALL
+    good = (margin >= 0.0) & (lasts >= least)
+    index = good.argmax(axis=2)
+    before = np.maximum(index - 1, 0)
+    late, early = (np.take_along_axis(margin, i[..., None], axis=2)[..., 0] for i in (index, before))
+    with np.errstate(invalid="ignore"):
+        share = np.where((index > 0) & np.isfinite(early) & (early < 0), early / np.minimum(early - late, -1e-12), 1.0)
+    found = _FALL[before] + np.clip(share, 0.0, 1.0) * (_FALL[index] - _FALL[before])
+    return np.where(good.any(axis=2), found, np.inf)

@@ -1,0 +1,198 @@
+"""When images show a fault: the windows in which they show all its literals, by what it takes to see them.
+
+A fault says that a literal holds that should not, so an image that *refutes* what should be is enough. For `not hold`
+that is any one box without its object, where coverage, which has to confirm `hold`, needs all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
+from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.skill.target_box import object_of
+from sqrp_cli.study.drop_detection import held_in, least_delays, onset
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.timeline import Rehearsal, Timeline, observe
+from sqrp_cli.task.pieces import Piece, fault_intervals, fault_literals
+
+
+@dataclass(frozen=True, eq=False)
+class FaultWatch:
+    """A fault: its literals, and what shows each."""
+
+    name: str
+    literals: tuple[Literal, ...]
+    intervals: tuple[Stretch, ...]
+    """When it may happen."""
+    columns: tuple[tuple[int, ...], ...]
+    """Of each literal the targets that show it, each by itself: indices."""
+    until: float = 0.0
+    """Up to when, after its interval, images show it wherever no formula says anything of it [s]."""
+
+    def counts_in(self, piece: Piece) -> bool:
+        """Whether an image of a piece can show that it has happened."""
+        if any(s.start - SAME_INSTANT <= piece.start and piece.end <= s.end + SAME_INSTANT for s in self.intervals):
+            return True
+        if piece.start < self.intervals[0].end - SAME_INSTANT:
+            return False
+        return any(literal.negated() in piece.literals for literal in self.literals) or self.is_left_alone_in(piece)
+
+    def is_left_alone_in(self, piece: Piece) -> bool:
+        """Whether a piece after its interval requires nothing of it, while all is still as in the interval."""
+        after = piece.start >= self.intervals[-1].end - SAME_INSTANT and piece.end <= self.until + SAME_INSTANT
+        return after and not any(literal in piece.literals for literal in self.literals)
+
+
+def fault_windows(
+    timeline: Timeline, targets: Sequence[Target], fault: FaultWatch, cameras: Sequence[Camera], end: float
+) -> tuple[Window, ...]:
+    """The windows in which images show a fault, those of cameras of one rate and latency in order.
+
+    That is in its intervals and, after them, where a formula requires the opposite of one of its literals, or nothing
+    of it while the tool holds what it held: between two neighbouring samples that both show it. targets: those of the
+    timeline. end: of the motion [s]; a run looks once more then, so that a window that lasts until the end goes on for
+    a period.
+
+    Of cameras of several rates or latencies each kind has its windows, by the full matrix. Where only several kinds
+    together show all literals, the slowest period and latency count, in windows that are as long.
+    """
+    seen, samples = timeline.observation, timeline.samples
+    clocks = np.array([(1.0 / camera.rate, camera.lag) for camera in cameras]).reshape(-1, 2)
+    kinds = [(*clock, (clocks == clock).all(axis=1)) for clock in np.unique(clocks, axis=0).tolist()]
+    several = len(kinds) > 1
+    if several:
+        kinds.append((*clocks.max(axis=0).tolist(), np.ones(len(clocks), dtype=bool)))
+    counts = np.array([fault.counts_in(piece) for piece in timeline.pieces])[samples.piece]
+    neighbours = ~np.isnan(timeline.steps) | (np.diff(samples.t) <= SAME_INSTANT)
+    windows = []
+    for period, lag, own in kinds:
+        covered = seen.covered
+        if several:
+            number = np.stack([sees_all(boxes)[:, own].sum(axis=1) for boxes in seen.full_matrix], axis=1)
+            covered = seen.required & (number >= [target.cameras for target in targets])
+        shows = counts & np.all([covered[:, list(columns)].any(axis=1) for columns in fault.columns], axis=0)
+        edges = np.flatnonzero(np.diff(shows[:-1] & shows[1:] & neighbours, prepend=False, append=False))
+        least = period if own.all() and several else 0.0
+        for first, last in samples.t[edges].reshape(-1, 2).tolist():
+            until = last + period if last >= end - SAME_INSTANT else last
+            windows += [Window(first, until, period, lag)] if until - first > least else []
+    return tuple(windows)
+
+
+def all_fault_windows(
+    scene: Rehearsal, timeline: Timeline, observer: Observer, sampling: Sampling
+) -> dict[str, tuple[Window, ...]]:
+    """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
+
+    What fingers lose is looked for once they are closed on nothing.
+    """
+    several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
+    targets, faults = watched_faults(scene)
+    lost = [fault for fault in faults if is_lost_by_fingers(scene.stage, fault)]
+    found: dict[str, tuple[Window, ...]] = {}
+    for stage, some in ((scene.stage.once_lost(), lost), (scene.stage, [one for one in faults if one not in lost])):
+        # Does the timeline lack anything that images are asked for?
+        atoms = {literal.atom for fault in some for literal in fault.literals}
+        beyond = any(
+            fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
+            for fault in some
+            for piece in scene.stage.pieces
+        )
+        seen = timeline
+        if some and (
+            some is lost or beyond or targets != scene.targets or (several and not timeline.observation.matrix)
+        ):
+            pieces = []
+            for piece in stage.pieces:  # with the opposite of a fault's literals, where formulas do not ask for it
+                more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]
+                asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
+                pieces += [asking] if any(fault.counts_in(asking) for fault in some) else []
+            request = scene.for_targets(stage.with_pieces(pieces), targets)
+            seen = observe(request, observer, sampling, full=several)
+        for fault in some:
+            found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, scene.motion.time)
+    return found
+
+
+def watched_faults(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
+    """What images are asked for to show the faults of a candidate, and by which of it each is shown."""
+    by_atom = {target.atom: target for target in scene.targets}
+    shown_by = {
+        literal: distinguishing(by_atom[literal.atom], literal, scene.stage.X_WO)
+        for literals in fault_literals(scene.formulas).values()
+        for literal in literals
+    }
+    more = any(target not in scene.targets for targets in shown_by.values() for target in targets)
+    asked = tuple(dict.fromkeys(chain(*shown_by.values()))) if more else scene.targets
+    faults: list[FaultWatch] = []
+    for name, literals in fault_literals(scene.formulas).items():
+        intervals = fault_intervals(scene.formulas, name)
+        # When what the tool holds changes first after the last interval, less the time to settle.
+        end, primitives = intervals[-1].end, scene.stage.motion.primitives
+        settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == name)
+        at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
+        changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
+        faults.append(
+            FaultWatch(
+                name=name,
+                literals=literals,
+                intervals=intervals,
+                columns=tuple(tuple(map(asked.index, shown_by[literal])) for literal in literals),
+                until=changes[0] - settle if changes else scene.stage.motion.time,
+            )
+        )
+    return asked, tuple(faults)
+
+
+def is_lost_by_fingers(stage: Stage, fault: FaultWatch) -> bool:
+    """Whether fingers lose what they hold in all intervals of a fault."""
+    held = {held_in(stage, interval) for interval in fault.intervals}
+    return bool(stage.model.fingers.joints) and None not in held
+
+
+def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array]) -> tuple[Target, ...]:
+    """The targets of which each by itself shows a literal.
+
+    One that says that something is not so is shown by any one box of its target: by one with an object, which is then
+    not in it, if there are any.
+    """
+    if literal.positive or len(target.boxes) == 1:
+        return (target,)
+    with_object = [box for box in target.boxes if object_of(str(target.atom), box, objects) is not None]
+    return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
+
+
+def fault_onsets(scene: Rehearsal, observer: Observer) -> dict[str, tuple[Onset, ...]]:
+    """From when on images show each fault, for each interval in which it may happen, by its name."""
+    targets = {target.atom: target for target in scene.targets}
+    return {
+        fault: tuple(
+            onset(scene.stage, observer, literals, targets, interval)
+            for interval in fault_intervals(scene.formulas, fault)
+        )
+        for fault, literals in fault_literals(scene.formulas).items()
+    }
+
+
+def least_fault_delays(scene: Rehearsal, observer: Observer, response: float) -> Array:
+    """What the longest delay of any fault is at least with each camera, see `drop_detection.least_delays`."""
+    targets = {target.atom: target for target in scene.targets}
+    found = [
+        least_delays(scene.stage, observer, literals, targets, interval, response)
+        for fault, literals in fault_literals(scene.formulas).items()
+        for interval in fault_intervals(scene.formulas, fault)
+    ]
+    longest: Array = np.max([np.zeros(len(observer.cameras)), *found], axis=0)
+    return longest

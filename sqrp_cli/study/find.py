@@ -1,0 +1,272 @@
+"""The best way of doing what a candidate says: all are planned and observed, and none is judged by less."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import compress
+from math import inf
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible, bad_option
+from sqrp_cli.figures import Qualities
+from sqrp_cli.files.entries import completed
+from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.ranking import compared_quality, compared_time, contenders, rank
+from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.task.feasibility import feasible_motion, impossible_start, skill_use
+from sqrp_cli.task.grips import first_grip, grips
+from sqrp_cli.task.task import Candidate
+
+ROUNDING = 1e-9
+"""By how much a way may exceed a limit, because times are sums [s]."""
+
+
+@dataclass(frozen=True)
+class TimeLimit:
+    """The longest time of a way."""
+
+    seconds: float | None = None
+    """[s]; None for a multiple of the fastest way's."""
+    times: float = 1.0
+    """Of the time of the fastest of all ways of the candidate, where no seconds are given."""
+
+    @classmethod
+    def read(cls, text: str, option: str = "--max-time") -> TimeLimit:
+        """A limit such as `20 s` or `1.25x`. Raises InputError for anything else."""
+        stripped = text.strip()
+        try:
+            times = float(stripped[:-1]) if stripped.endswith("x") else None
+        except ValueError:
+            times = None
+        if times is not None and 1.0 <= times <= 1e6:
+            return cls(None, times)
+        quantity = read_quantity(text)
+        if times is None and quantity is not None and quantity.dimension in (None, TIME) and 0 < quantity.value <= 1e6:
+            return cls(quantity.value)
+        seconds = expected_quantity(replace(TIME, example="20 s"))
+        expected = f"{seconds}, or a multiple of the time of the fastest of all ways, at least 1, such as `1.25x`"
+        raise bad_option(f"{option} is `{text}`, expected {expected}")
+
+    def longest(self, scenes: Sequence[Rehearsal]) -> float:
+        """The longest time of a way among all ways of a candidate [s]."""
+        return self.times * min(scene.motion.time for scene in scenes) if self.seconds is None else self.seconds
+
+    def within(self, scenes: Sequence[Rehearsal], whose: str = "its fastest way") -> Sequence[Rehearsal] | Infeasible:
+        """The ways that keep the limit, or by how much the fastest one exceeds it. whose: what its reason calls it."""
+        longest = self.longest(scenes)
+        kept = [scene for scene in scenes if scene.motion.time <= longest + ROUNDING]
+        if kept:
+            return kept
+        fastest = min(scene.motion.time for scene in scenes)
+        return Infeasible((f"{whose} takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed",))
+
+
+@dataclass(frozen=True, eq=False)
+class BestWay:
+    """The best way of a candidate, and what became of the others."""
+
+    study: Study
+    assessment: CandidateResult
+    """The figures of the study, without a sentence."""
+    ways: WaysFound
+
+
+@dataclass(frozen=True)
+class WantedWay:
+    """Which of its ways a candidate is done in."""
+
+    by: Criterion = "q_eoi"
+    """What counts first."""
+    fastest: bool = False
+    """Whether the fastest branch with the first grip is taken without a look at others."""
+    limit: TimeLimit | None = None
+    """How long it may take."""
+
+
+def find_way(
+    cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay, plans: Plans | None = None
+) -> BestWay | Infeasible:
+    """The wanted way of doing what a candidate says: every way is planned and observed, none is left out.
+
+    plans: what is known of motions already, and is added to.
+    """
+    if (obstacle := impossible_start(cell, candidate, world)) is not None:
+        return obstacle
+    plans = Plans() if plans is None else plans
+    planned = plans.of(cell, candidate, world, fastest=wanted.fastest)
+    scenes, longest = planned.scenes, inf
+    if wanted.limit is not None and not isinstance(scenes, Infeasible):
+        whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
+        longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
+    if isinstance(scenes, Infeasible):
+        return replace(scenes, tried=planned.tried)
+    watched = plans.observed(cell, scenes, sampling)
+    if candidate.open_paths:
+        direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
+        watched = [*direct, *_seen(cell, scenes, sampling, longest, wanted.by)]
+    if wanted.by in ("q_eoi", "q_avg", "time"):  # only these may be the best or Pareto-optimal
+        watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
+    studies = with_delays(cell, watched, sampling)
+    ranked = rank([study.assessment("") for study in studies], wanted.by)
+    best = ranked[0]
+    chosen = next(study for study in studies if study.candidate is best.candidate)
+    ends: tuple[BlindEnd, ...] = ()
+    if candidate.open_paths:
+        from sqrp_cli.study.seen_ways import blind_ends
+
+        ends = blind_ends(chosen, candidate.open_paths)
+    found = WaysFound(tried=planned.tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
+    return BestWay(chosen, best, found)
+
+
+def studied_ways(
+    cell: Cell,
+    candidate: Candidate,
+    world: World,
+    sampling: Sampling,
+    *,
+    limit: TimeLimit,
+    worth: Callable[[Qualities], bool],
+    plans: Plans | None = None,
+) -> Iterator[Study]:
+    """Studies of all ways of a candidate within a limit whose qualities are worth one, the fastest first.
+
+    Nothing if it cannot be done. plans: what is known of motions already.
+    """
+    plans = Plans() if plans is None else plans
+    scenes = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False).scenes
+    allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
+    if isinstance(allowed, Infeasible):
+        return
+    watched = plans.observed(cell, allowed, sampling)
+    if candidate.open_paths:
+        longest = limit.longest(allowed)
+        seen = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
+        watched = [*(replace(one, candidate=one.candidate.with_paths({})) for one in watched), *seen]
+    for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
+        if worth(qualities_over(one.timeline)):
+            yield from with_delays(cell, [one], sampling)
+
+
+def with_branch(cell: Cell, scene: Rehearsal) -> Candidate:
+    """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
+    way = scene.candidate
+    branches = plan_branches(skill_use(cell, way, scene.world), cell.collision, cell.seed)
+    for found in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
+        # Whether two motions of a skill lead through the same joint positions in the same time.
+        pairs = list(zip(found.motion.primitives, scene.motion.primitives, strict=True))
+        in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
+        ends = (
+            (found.motion.positions(n, np.array([a.end])), scene.motion.positions(n, np.array([b.end])))
+            for n, (a, b) in enumerate(pairs)
+        )
+        if in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends):
+            return replace(way, branch=found.branch)
+    return way
+
+
+def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
+    """The fastest motion of a candidate with the first grip that has one; else why the first has none.
+
+    Ways around are searched for the first grip only.
+    """
+    first = feasible_motion(cell, first_grip(candidate), world)
+    if isinstance(first, Motion) or impossible_start(cell, candidate, world) is not None:
+        return first
+    others = (skill_use(cell, grip, world) for grip in grips(cell, candidate, world)[1:])
+    motions = (plan_motion(use, cell.collision, cell.seed, around=False) for use in others)
+    return next((motion for motion in motions if isinstance(motion, Motion)), first)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """The ways that were tried, and those that can be done, or why none can."""
+
+    tried: int
+    scenes: Sequence[Rehearsal] | Infeasible
+
+
+class Plans:
+    """The planned ways of candidates in one world, for cells that differ in their cameras only."""
+
+    def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
+        """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
+        self._known: dict[int, tuple[Candidate, _Planned]] = {}
+        self._sights, self._seen = sights, dict[int, Watched]()
+
+    def observed(self, cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling) -> list[Watched]:
+        """What is seen of some of the planned ways; observed at the first time, if that is kept."""
+        if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
+            return all_watched(cell, scenes, sampling, full=False)
+        missing = [scene for scene in scenes if id(scene) not in self._seen]
+        self._seen |= zip(map(id, missing), all_watched(cell, missing, sampling, full=False), strict=True)
+        return [self._seen[id(scene)] for scene in scenes]
+
+    def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
+        """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""
+        if id(candidate) not in self._known:
+            self._known[id(candidate)] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
+        return self._known[id(candidate)][1]
+
+
+def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
+    """The fastest branch of a candidate with its first grip, planned: its way with `--ways fastest`."""
+    way = first_grip(candidate)
+    motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
+    return _Planned(1, motion if isinstance(motion, Infeasible) else [rehearsal(cell, way, world, motion)])
+
+
+def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
+    """Every way of a candidate, planned; of the branch that it states, if any."""
+    tried, scenes = 0, []
+    reasons: list[tuple[str, ...]] = []
+    for grip in grips(cell, candidate, world):
+        branches = plan_branches(skill_use(cell, grip, world), cell.collision, cell.seed)
+        if isinstance(branches, Infeasible):
+            tried, reasons = tried + 1, [*reasons, branches.reasons]
+            continue
+        tried, reasons = tried + (1 if grip.branch else branches.tried), [*reasons, branches.reasons]
+        stated = (found for found in branches.feasible if {**found.branch, **grip.branch} == found.branch)
+        ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
+        scenes += [rehearsal(cell, way, world, motion) for way, motion in ways]
+    none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
+    return _Planned(tried, scenes or none)
+
+
+def _seen(
+    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, longest: float, by: Criterion
+) -> Sequence[Study]:
+    """The ways with better paths than those of the scenes; a path is `any` in none."""
+    from sqrp_cli.study.seen_ways import seen_ways
+
+    return seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
+
+
+def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:
+    """The figures of the first way, and of all that are Pareto-optimal, one of those that are equal."""
+    optimal = (one for one in ranked if one.pareto or one.rank == 1)
+    found: dict[tuple[float, ...], CandidateResult] = {}
+    for one in optimal:
+        found.setdefault(
+            (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one
+        )
+    return tuple(
+        completed(
+            WayFigures,
+            way,
+            parameters=way.candidate.parameters,
+            vias={name: vias.tolist() for name, vias in way.candidate.vias.items()},
+            time=float(way.time or 0.0),
+        )
+        for way in found.values()
+    )

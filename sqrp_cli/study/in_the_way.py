@@ -1,0 +1,161 @@
+"""Who is in the way: which parts hide how much of a target from each camera, and what to move first.
+
+It takes every triangle near a hidden view, so only what explains a candidate asks for it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.document import Record
+from sqrp_cli.geometry import Indices
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import BoxViews, HidingPart
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.blind_spans import first_failing, sample_weights
+
+_VIEWS = 4000
+"""Views to look at together, to bound the memory."""
+
+
+class HiddenView(NamedTuple):
+    """A box that a camera does not see in a sample because it is hidden, all by index."""
+
+    column: int
+    """Of the target."""
+    box: int
+    """Of the box of that target."""
+    row: int
+    """Of the sample."""
+    camera: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenTarget(Record):
+    """What hides a target from a camera, on average over the time for which it does."""
+
+    literal: str
+    """Without `not`: a literal and its negation have one target."""
+    camera: str
+    """Its name."""
+    seconds: float
+    """For how long the first box that the camera does not see is a hidden one [s]."""
+    hidden: float
+    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
+    parts: tuple[HidingPart, ...]
+    """The largest share first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectToMove:
+    """An object in the way that the task does not handle."""
+
+    name: str
+    """As in the workspace."""
+    share: float
+    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
+    alone: float
+    """The part of that which nothing else hides, in 0..1."""
+
+
+HiddenViews = Mapping[HiddenView, tuple[HidingPart, ...]]
+"""What hides each of several views, the largest share first."""
+
+
+def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> HiddenViews:
+    """What hides each hidden box from each camera in the samples `rows` (all), of what must be observable then."""
+    wanted = np.ones(len(study.timeline.samples), dtype=bool)
+    if rows is not None:
+        wanted[:] = False
+        wanted[rows] = True
+    observation = study.timeline.observation
+    views: list[HiddenView] = []  # neighbours are of one box and camera
+    for column, of_target in enumerate(observation.full_matrix):
+        asked_for = (observation.required[:, column] & wanted)[:, None]
+        for number, verdicts in enumerate(of_target):
+            camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for).T)
+            views += [HiddenView(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
+    boxes = list(dict.fromkeys((view.column, view.box) for view in views))
+    place = {key: number for number, key in enumerate(boxes)}
+    sought = [study.targets[column].boxes[box] for column, box in boxes]
+    states = study.stage.states(study.timeline.samples)
+    found: dict[HiddenView, tuple[HidingPart, ...]] = {}
+    for start in range(0, len(views), _VIEWS):
+        some = views[start : start + _VIEWS]
+        asked = BoxViews(
+            box=np.array([place[view.column, view.box] for view in some]),
+            camera=np.array([view.camera for view in some]),
+            state=np.array([view.row for view in some]),
+        )
+        found.update(zip(some, cell.observer.occluders(sought, states, asked), strict=True))
+    return found
+
+
+def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[HiddenTarget, ...]:
+    """What hides each target from each camera, in the order of targets and cameras; views: all hidden ones."""
+    weights, observation = sample_weights(study), study.timeline.observation
+    found = []
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        rows = np.flatnonzero(observation.required[:, column])
+        first = first_failing(boxes, rows)
+        for index, camera in enumerate(cell.observer.cameras):
+            hidden = np.flatnonzero(first.cause[:, index] == Cause.HIDDEN)
+            some = [
+                (float(weights[rows[at]]), views[HiddenView(column, int(first.box[at, index]), int(rows[at]), index)])
+                for at in hidden.tolist()
+            ]
+            duration = sum(weight for weight, _ in some)
+            if duration > 0:
+                parts = _mean(some, duration)
+                share = sum(part.share for part in parts)
+                found.append(
+                    HiddenTarget(
+                        literal=str(target.atom), camera=camera.name, seconds=duration, hidden=share, parts=parts
+                    )
+                )
+    return tuple(found)
+
+
+def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove, ...]:
+    """The objects in the way, the one first without which most would be seen; none that the task handles.
+
+    Nor a fixed one that others stand on.
+
+    It counts what is hidden from any camera while too few see the target. views: all hidden ones.
+    """
+    weights, observation = sample_weights(study), study.timeline.observation
+    lost = observation.required & ~observation.covered
+    some = [(float(weights[view.row]), parts) for view, parts in views.items() if lost[view.row, view.column]]
+    parts = _mean(some, 1.0)
+    total = sum(part.share for part in parts)
+    if total <= 0.0:
+        return ()
+    parents = {solid.name: solid.part.parent for solid in cell.observer.solids}
+    objects = cell.workspace.objects
+    supports = {one.on for one in objects.values() if one.on is not None and objects[one.on].fixed}
+    kept = supports.union(study.candidate.binding.values())
+    shares: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
+    for part in parts:
+        parent = parents[part.name]
+        if parent in objects and parent not in kept:
+            shares[parent][0] += part.share / total
+            shares[parent][1] += part.alone / total
+    found = [ObjectToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
+    return tuple(sorted(found, key=lambda one: (-one.alone, -one.share, one.name)))
+
+
+def _mean(some: Sequence[tuple[float, Sequence[HidingPart]]], duration: float) -> tuple[HidingPart, ...]:
+    """The parts of several views, each with its weight, the largest share first; over the weights' sum."""
+    shares: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
+    for weight, parts in some:
+        for part in parts:
+            shares[part.name][0] += weight * part.share / duration
+            shares[part.name][1] += weight * part.alone / duration
+    found = [HidingPart(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
+    return tuple(sorted(found, key=lambda one: (-one.share, one.name)))

@@ -1,0 +1,254 @@
+"""All candidates of a task, assessed one after the other or in parallel processes, with the same results."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.find import Plans, WantedWay, find_way
+from sqrp_cli.study.program_update import world_after
+from sqrp_cli.study.ranking import winners
+from sqrp_cli.study.result import (
+    CandidateResult,
+    Criterion,
+    Recalibrated,
+    RecalibratedCandidate,
+    SamplingDone,
+    WaysFound,
+)
+from sqrp_cli.study.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
+from sqrp_cli.study.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.study.verdict import verdict
+from sqrp_cli.study.whole_study import assessment_of_all, world_left
+from sqrp_cli.task.grips import choice_in_words, way_in_words
+from sqrp_cli.task.task import Candidate, in_words
+
+WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
+"""Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
+
+
+class ExplainedStep(NamedTuple):
+    """A feasible step with all that its figures were computed from."""
+
+    result: CandidateResult
+    """With the figures of the study."""
+    study: Study
+
+
+class Explained(NamedTuple):
+    """A candidate of one step or several, with all that its figures were computed from."""
+
+    result: CandidateResult
+    """With the figures of the studies."""
+    steps: tuple[ExplainedStep, ...]
+    """Each step, also where there is only one; none if the candidate is infeasible."""
+
+    @property
+    def study(self) -> Study | None:
+        """Of a candidate of one step; None if it is infeasible."""
+        return self.steps[0].study if self.steps else None
+
+
+@dataclass(frozen=True, eq=False)
+class StepDone:
+    """A step in its best way, and what it leaves behind."""
+
+    assessment: CandidateResult
+    before: World
+    after: World | None
+    """None if it is infeasible."""
+
+
+_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
+"""Steps that several candidates share, by the world that they start from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inquiry:
+    """How candidates are asked about."""
+
+    sampling: Sampling = Adaptive()
+    calibration: Calibration | None = None
+    """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
+    wanted: WantedWay = WantedWay()
+    """Which way of each candidate."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Assignment(Inquiry):
+    """What is to be computed for each candidate."""
+
+    cell: Cell
+    world: World
+    """That every candidate starts from."""
+    plans: Plans | None = None
+    """The motions of candidates in this world, if they are to be kept for other cameras."""
+
+    def assess(self, candidate: Candidate) -> CandidateResult:
+        """The figures of one candidate in the wanted way, or why it is infeasible."""
+        if candidate.steps:
+            return assessment_of_all(candidate, [step.assessment for step in self.steps_done(candidate)])
+        found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted, self.plans)
+        if isinstance(found, Infeasible):
+            ways = WaysFound(tried=found.tried, feasible=0, pareto=())
+            return CandidateResult.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
+        study, errors = found.study, self.calibration
+        return replace(
+            found.assessment,
+            verdict=verdict(self.cell, study),
+            candidate=candidate,
+            best_way=study.candidate,
+            ways=found.ways,
+            q_expected=expected_quality(self.cell, study),
+            recalibrated=() if errors is None else under_calibration_errors(self.cell, study, self.sampling, errors),
+        )
+
+    def steps_done(self, candidate: Candidate) -> list[StepDone]:
+        """The steps of a candidate of several, each in its wanted way in the world that those before it leave.
+
+        The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
+        """
+        asked = [repr(getattr(self, part.name)) for part in fields(Inquiry)]
+        done: list[StepDone] = []
+        before: World | None = self.world
+        for step in candidate.steps:
+            if before is None:
+                break
+            key = (str(id(self.cell)), step.skill.name, repr(step.all_parameters), *asked)
+            known = _known.setdefault(before, {})
+            if key not in known:
+                assessment = replace(self, world=before, plans=None).assess(step)
+                known[key] = StepDone(assessment, before, world_left(self.cell, assessment, before))
+            done.append(known[key])
+            before = done[-1].after
+        return done
+
+    def explain(self, known: CandidateResult) -> Explained:
+        """A candidate with the full study of each of its steps, and the figures from these."""
+        if not known.feasible:
+            return Explained(described(known), ())
+        if not known.steps:
+            alone = self._explained(known)
+            return Explained(alone.result, (alone,))
+        steps: list[ExplainedStep] = []
+        world = self.world
+        for step in known.steps:
+            steps.append(replace(self, world=world)._explained(replace(step, rank=1, pareto=True)))
+            world = world_after(step.way, steps[-1].study.motion, world)
+        found = assessment_of_all(known.candidate, [step.result for step in steps])
+        result = replace(found, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
+        return Explained(described(result), tuple(steps))
+
+    def _explained(self, known: CandidateResult) -> ExplainedStep:
+        """A feasible candidate of one step with the full study of its way, and the figures from that."""
+        found = study(self.cell, known.way, self.world, self.sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{known.candidate.name} was feasible a moment ago")
+        result = replace(
+            found.assessment(verdict(self.cell, found)),
+            candidate=known.candidate,
+            best_way=known.best_way,
+            rank=known.rank,
+            pareto=known.pareto,
+            ways=known.ways,
+            q_expected=expected_quality(self.cell, found),
+        )
+        return ExplainedStep(described(result), found)
+
+
+def described(one: CandidateResult) -> CandidateResult:
+    """A result with all that is said of it in words, as documents have it; also its steps and its ways."""
+    candidate, way = one.candidate, one.way
+    words = in_words(candidate.skill, candidate.all_parameters)
+    does = {part.name: f"{part.words} ({part.name})" for part in candidate.skill.primitives}
+    ways = one.ways and replace(
+        one.ways,
+        pareto=tuple(
+            replace(found, words=way_in_words(candidate.skill, candidate.parameters, found.parameters))
+            for found in one.ways.pareto
+        ),
+    )
+    steps = (replace(described(step), task=step.candidate.task, parameters=step.way.parameters) for step in one.steps)
+    return replace(
+        one,
+        parameters=candidate.parameters,
+        name=candidate.name,
+        objects=dict(candidate.binding),
+        settings={name: value for name, value in words.items() if name not in candidate.binding},
+        choice=choice_in_words(candidate, way) if one.feasible else "",
+        why=tuple(re.sub(r"^\w+(?=:| to )", lambda name: does.get(name[0], name[0]), said) for said in one.reasons),
+        ways=ways,
+        steps=tuple(steps),
+    )
+
+
+def recalibrated(results: Sequence[CandidateResult], by: Criterion, calibration: Calibration) -> Recalibrated:
+    """How often each candidate is first among draws of camera poses, and the spread of its qualities.
+
+    results: of all candidates, with the qualities of each draw, in the order of the task: of equal ones the first wins.
+    """
+    feasible = [one for one in results if one.feasible]
+    firsts = winners(feasible, by)
+
+    def span(name: str, one: CandidateResult) -> list[float] | None:
+        """The 5th and 95th percentile of a quality, None where it is undefined."""
+        drawn = [getattr(quality, name) for quality in one.recalibrated]
+        return None if not drawn or None in drawn else [float(end) for end in np.percentile(drawn, [5, 95])]
+
+    return Recalibrated(
+        position=calibration.position,
+        rotation=calibration.rotation,
+        seed=calibration.seed,
+        draws=DRAWS,
+        candidates=tuple(
+            RecalibratedCandidate(
+                parameters=one.candidate.parameters,
+                q_avg=span("q_avg", one),
+                q_eoi=span("q_eoi", one),
+                first=firsts[one.candidate.name],
+            )
+            for one in feasible
+        ),
+    )
+
+
+def sampling_done(sampling: Sampling, results: Sequence[CandidateResult]) -> SamplingDone:
+    """How the motions of some candidates were sampled; errors and gaps are the largest of all."""
+    error = max((one.error for one in results if one.error is not None), default=None)
+    gap = max((one.largest_gap for one in results if one.largest_gap is not None), default=None)
+    match sampling:
+        case FixedCount(samples):
+            return SamplingDone(mode="samples", samples=samples, error=error, max_gap=gap)
+        case FixedStep(dt):
+            return SamplingDone(mode="dt", dt=dt, error=error, max_gap=gap)
+        case Adaptive(tolerance):
+            return SamplingDone(mode="adaptive", tolerance=tolerance, max_motion=MAX_MOTION, error=error, max_gap=gap)
+
+
+def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
+    """The assessments in the order of the candidates, each as soon as it and those before it are done.
+
+    jobs: number of processes at most.
+    """
+    fastest = assignment.wanted.fastest
+    tried = not fastest and any(candidate.leaves_free for candidate in candidates)
+    processes = min(jobs, len(candidates) // (WORTH_WITH_WAYS if tried else WORTH_A_PROCESS))
+    assessments: Iterable[CandidateResult] = map(assignment.assess, candidates)
+    if processes > 1:
+        from sqrp_cli.platform.processes import in_processes
+
+        assessments = in_processes(assignment.assess, candidates, processes)
+    for candidate, assessment in zip(candidates, assessments, strict=True):
+        # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
+        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
+        yield replace(assessment, candidate=candidate, best_way=way)

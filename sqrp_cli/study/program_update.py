@@ -1,0 +1,187 @@
+"""Program update: the chosen candidate becomes a step, and its effect changes the world for the next one.
+
+A failed step is planned again in the same way, from the world after its fault.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.logic.conditions import apply_effect
+from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula_time import with_times
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.program import record
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.skill.settings import ANY
+from sqrp_cli.skill.skill import RetryEntry
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.fault_sights import distinguishing
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.timeline import observe
+from sqrp_cli.study.verdict import verdict
+from sqrp_cli.task.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class StepReplanner:
+    """A `program.Replanner` for the steps of one cell."""
+
+    cell: Cell
+
+    def replan(self, step: record.Step, world: World) -> record.Step | None:
+        """The same skill with the same parameters from `world`; None if that is infeasible.
+
+        Where its branch is, after the object was moved, any other branch that the skill leaves free.
+        """
+        candidate = candidate_of(step, self.cell)
+        if candidate.open_paths:
+            from sqrp_cli.study.seen_ways import way_with_seen_paths
+
+            candidate = way_with_seen_paths(self.cell, candidate, world)
+        found = study(self.cell, candidate, world, Adaptive(), full=True)
+        if isinstance(found, Infeasible):
+            left_free = (name for name, value in candidate.skill.defaults.items() if value == ANY)
+            free = {name: ANY for name in left_free if isinstance(candidate.values[name], str)}
+            candidate = replace(candidate, values={**candidate.values, **free}, branch={}, vias={})
+            found = study(self.cell, candidate, world, Adaptive(), full=True)
+        if isinstance(found, Infeasible):
+            return None
+        cameras = tuple(camera.name for camera in self.cell.observer.cameras)
+        return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
+
+
+def candidate_of(step: record.Step, cell: Cell) -> Candidate:
+    """The way that a step of a program was made from; paths around vias are planned again by who needs them."""
+    skill = cell.workspace.skills[step.skill]
+    names = [parameter.name for parameter in skill.action.parameters]
+    binding = {name: str(step.parameters[name]) for name in names}
+    said = {name: value for name, value in step.parameters.items() if name not in binding}
+    branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
+    values = {**skill.defaults, **said}
+    return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
+
+
+def make_step(task: str, study: Study, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
+    """The step of a program from a full study.
+
+    cameras: names in the order of the study's verdicts.
+    """
+    candidate, motion = study.candidate, study.motion
+    lists = argument_lists(candidate.skill.action)
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    formulas = list[record.ProgramFormula]()
+    for requirement in candidate.skill.requirements:
+        response, when = requirement.stated.response, requirement.retry_when
+        if isinstance(response, RetryEntry):
+            seen = None if when is None else str(bind(when, candidate.binding, lists))
+            answer = record.ProgramResponse(action="retry", retries=response.retry, when=seen)
+        else:
+            answer = record.ProgramResponse(action=response)
+        formulas.append(
+            record.ProgramFormula(
+                formula=str(with_times(bind(requirement.formula, candidate.binding, lists), spans)),
+                fault=requirement.name,
+                settle=requirement.stated.settle,
+                response=answer,
+            )
+        )
+    observation, t = study.timeline.observation, study.timeline.samples.t
+    targets = dict[str, record.ProgramTarget]()
+    for column, target in enumerate(study.targets):
+        sees = sees_all(observation.full_matrix[column]) & observation.required[:, column, None]
+        targets[str(target.atom)] = record.ProgramTarget(
+            cameras=target.cameras,
+            boxes=target.boxes,
+            seen={name: _intervals(t, sees[:, index]) for index, name in enumerate(cameras)},
+        )
+    sights = {
+        fault: record.ProgramSight(
+            windows=tuple(windows),
+            onsets=tuple(
+                record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
+                for onset in study.onsets[fault]
+            ),
+        )
+        for fault, windows in study.windows.items()
+    }
+    primitives = tuple(
+        record.ProgramPrimitive(
+            name=timed.name,
+            does=action.words,
+            action=type(action).__name__,
+            start=timed.start,
+            end=timed.end,
+            held=timed.held,
+            trajectory=timed.trajectory,
+            guard=None
+            if timed.guard is None
+            else record.ProgramGuard(force=timed.guard.force, trajectory=timed.guard.trajectory),
+        )
+        for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
+    )
+    return record.Step(
+        task=task,
+        skill=candidate.skill.name,
+        parameters=candidate.parameters,
+        time=motion.time,
+        q_avg=assessment.q_avg,
+        q_eoi=assessment.q_eoi,
+        faults=assessment.faults,
+        verdict=assessment.verdict,
+        primitives=primitives,
+        formulas=tuple(formulas),
+        targets=targets,
+        before=study.world,
+        after=world_after(candidate, motion, study.world),
+        sights=sights,
+    )
+
+
+def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
+    """The world after a candidate with this motion: facts from its effect, the rest from the motion."""
+    return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
+
+
+def with_usual_images(step: record.Step, study: Study, observer: Observer) -> record.Step:
+    """The step of a study with the times of usual images, which take as long to find as the study."""
+    confirming = [(target,) for target in study.targets]
+    refuting = [
+        distinguishing(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets
+    ]
+    asked = list(dict.fromkeys(chain(*confirming, *refuting)))
+    request = study.for_targets(study.stage, [replace(target, cameras=1).usual for target in asked])
+    usual: list[dict[str, tuple[tuple[float, float], ...]]] = [{} for _ in (*confirming, *refuting)]
+    for camera in observer.cameras:
+        found = observe(request, replace(observer, cameras=(camera,)), Adaptive(), full=False)
+        sees = found.observation.covered.T
+        for intervals, any_of in zip(usual, confirming + refuting, strict=True):
+            shown = np.logical_or.reduce(sees[[asked.index(target) for target in any_of]])
+            intervals[camera.name] = _intervals(found.samples.t, shown)
+    targets = {}
+    for column, (atom, target) in enumerate(step.targets.items()):
+        refuted = {} if refuting[column] == confirming[column] else usual[len(confirming) + column]
+        targets[atom] = target.model_copy(update={"usual": usual[column], "refuted": refuted})
+    return step.model_copy(update={"targets": targets})
+
+
+def _intervals(t: Array, seen: Mask) -> tuple[tuple[float, float], ...]:
+    """Intervals of sight: from the first to the last of neighbouring samples at times t in which it is seen [s]."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8))).reshape(-1, 2)
+    merged: list[tuple[float, float]] = []
+    for start, end in ((float(t[first]), float(t[last - 1])) for first, last in edges):
+        if merged and merged[-1][1] == start:
+            merged[-1] = (merged[-1][0], end)
+        else:
+            merged.append((start, end))
+    return tuple(merged)

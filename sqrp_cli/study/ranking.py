@@ -1,0 +1,134 @@
+"""Ranking of candidates: order by a criterion with defined ties, and Pareto optimality."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import inf
+
+from sqrp_cli.study.result import CandidateResult, Criterion
+
+_Figure = Callable[[CandidateResult], float | None]
+"""A figure of a candidate by which it may be ranked; None where it is undefined."""
+
+_TIME_DECIMALS = 6
+"""Times equal to this many decimals of a second count as equal: the rest is rounding."""
+
+_QUALITY_STEP = 1e-3
+"""Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
+
+
+def rank(results: Sequence[CandidateResult], by: Criterion) -> tuple[CandidateResult, ...]:
+    """The candidates in order, with their places: the best first, the infeasible ones last, in their original order.
+
+    Ties are broken by Q_avg, time, worst delay and finally the parameters: numbers by value, words by spelling. A
+    criterion that is null for a candidate is ignored for all.
+    """
+    feasible = [one for one in results if one.feasible]
+    ordered = [
+        replace(one, rank=place, pareto=_undominated(one, feasible))
+        for place, one in enumerate(_in_order(feasible, by), 1)
+    ]
+    return (*ordered, *(replace(one, rank=None, pareto=False) for one in results if not one.feasible))
+
+
+def _in_order(feasible: Sequence[CandidateResult], by: Criterion) -> list[CandidateResult]:
+    columns = _columns(feasible, by)
+
+    def key(one: CandidateResult) -> tuple[list[float], list[tuple[float, str]]]:
+        values = one.candidate.parameters.values()
+        return _compared(one, columns), [(0.0, value) if isinstance(value, str) else (value, "") for value in values]
+
+    return sorted(feasible, key=key)
+
+
+def contenders(results: Sequence[CandidateResult], by: Criterion) -> list[bool]:
+    """Which of some feasible ones without delays may be first or Pareto-optimal, whatever their delays are.
+
+    by: no criterion of delays.
+    """
+    columns = _columns(results, by)
+    values = [_compared(one, columns) for one in results]
+    first = min(values)
+    return [own == first or _undominated(one, results) for own, one in zip(values, results, strict=True)]
+
+
+def _columns(feasible: Sequence[CandidateResult], by: Criterion) -> list[_Figure]:
+    """What is compared, in order: all that no candidate lacks."""
+    columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.latest]
+    return [column for column in columns if all(column(one) is not None for one in feasible)]
+
+
+def _compared(one: CandidateResult, columns: Sequence[_Figure]) -> list[float]:
+    """The figures of columns as they are compared, the least the best."""
+    return [compared_time(value) for column in columns if (value := column(one)) is not None]
+
+
+def winners(feasible: Sequence[CandidateResult], by: Criterion) -> Counter[str]:
+    """How often each candidate would be first among the draws of camera poses, by its name."""
+    draws = zip(*(one.recalibrated for one in feasible), strict=True)
+    drawn = ([replace(a, q_avg=q.q_avg, q_eoi=q.q_eoi) for a, q in zip(feasible, draw, strict=True)] for draw in draws)
+    return Counter(_in_order(one, by)[0].candidate.name for one in drawn)
+
+
+def compared_quality(quality: float | None) -> float:
+    """A quality as it is compared, in 0..1; one that is undefined counts as 1."""
+    return 1.0 if quality is None else round(quality / _QUALITY_STEP) * _QUALITY_STEP
+
+
+def compared_time(seconds: float) -> float:
+    """A time as it is compared [s]; rounded qualities stay as they are."""
+    return round(seconds, _TIME_DECIMALS)
+
+
+def _rounded(quality: float | None) -> float | None:
+    """A quality as it is compared, negated because less is better in every column."""
+    return None if quality is None else -compared_quality(quality)
+
+
+def _expected_time(one: CandidateResult) -> float | None:
+    """After the worst of the retried faults: the others do not complete the task. Infinite like `_delay`."""
+    times = [one.faults[name].expected_time or inf for name in one.retried]
+    return (inf if one.unseen else max(times)) if times else None
+
+
+def _delay(one: CandidateResult) -> float | None:
+    """Of the worst fault, on average; infinite where a fault may never be noticed."""
+    if one.unseen:
+        return inf
+    return max((fault.delay_mean or 0.0 for fault in one.faults.values()), default=None)
+
+
+_CRITERIA: dict[Criterion, _Figure] = {
+    "q_eoi": lambda one: _rounded(one.q_eoi),
+    "q_avg": lambda one: _rounded(one.q_avg),
+    "time": lambda one: one.time,
+    "delay": _delay,
+    "expected_time": _expected_time,
+}
+"""What each criterion compares; less is better."""
+
+
+def criterion_figure(one: CandidateResult, by: Criterion) -> float | None:
+    """The figure of a criterion: a quality in 0..1, or a time [s]; None where it is undefined.
+
+    A time is infinite where a fault may never be noticed.
+    """
+    figure = _CRITERIA[by](one)
+    return abs(figure) if figure is not None and by in ("q_eoi", "q_avg") else figure
+
+
+def _undominated(one: CandidateResult, others: Sequence[CandidateResult]) -> bool:
+    """Whether none of the others is at least as good in qualities and time, and better in one."""
+
+    def objectives(one: CandidateResult) -> tuple[float | None, ...]:
+        time = None if one.time is None else compared_time(one.time)
+        return _rounded(one.q_avg), _rounded(one.q_eoi), time
+
+    own = objectives(one)
+    for other in map(objectives, others):
+        pairs = [(a, b) for a, b in zip(other, own, strict=True) if a is not None and b is not None]
+        if all(a <= b for a, b in pairs) and any(a < b for a, b in pairs):
+            return False
+    return True

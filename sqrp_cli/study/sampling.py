@@ -1,0 +1,161 @@
+"""The first samples of a motion: a fixed number, a fixed step, or as dense as movement and images ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.geometry import Array, box_corners
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.study.stage import Samples, Stage
+
+DEFAULT_TOLERANCE = 1e-3
+"""Largest error of Q that bisection leaves, as a fraction (0.1 points)."""
+
+MAX_MOTION = 0.01
+"""Largest motion between neighbouring samples in adaptive sampling [m].
+
+It applies to every corner of a target and of a box around a moving part; for a camera on a link, to its centre and a
+point 1 m in front of it.
+"""
+
+MAX_STEP, MIN_STEP = 0.05, 0.001
+"""Largest time between neighbouring samples where a formula applies and a joint moves [s].
+
+The first, or the frame period of the fastest camera if that is less, but no less than the second.
+"""
+
+VIEW = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Tracked points of a moving camera, in its optical frame, shape (2, 3) [m]."""
+
+_PROBES = 21
+"""Instants per primitive at which speeds are measured, to place the adaptive samples."""
+
+_SPACING = 0.97 * MAX_MOTION
+"""Motion between adaptive samples as they are placed [m].
+
+Speed counts as constant between the probes, and steps longer than `MAX_MOTION` are halved; this margin of a few per
+cent avoids most halving.
+"""
+
+MAX_SAMPLES = 200_000
+"""Samples of one candidate beyond which a request is refused."""
+
+
+@dataclass(frozen=True)
+class FixedCount:
+    """A number of instants per primitive, equally spaced in time, both ends included."""
+
+    samples: int
+
+
+@dataclass(frozen=True)
+class FixedStep:
+    """An instant every `dt` seconds from each primitive's start, and its end."""
+
+    dt: float
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """As dense as `MAX_MOTION` and `longest_step` say, then bisected until Q is exact to `tolerance` (a fraction)."""
+
+    tolerance: float = DEFAULT_TOLERANCE
+
+
+Sampling = FixedCount | FixedStep | Adaptive
+
+
+def longest_step(cameras: Iterable[Camera]) -> float:
+    """Largest time between adaptive samples where a formula applies and a joint moves [s].
+
+    No gain or loss of sight that lasts as long falls between two samples, whatever the speeds, and at most one image of
+    each camera falls into any that does.
+    """
+    return max(MIN_STEP, min([MAX_STEP, *(1.0 / camera.rate for camera in cameras)]))
+
+
+def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets: Sequence[Target]) -> Samples:
+    """The samples of every piece before any bisection; both ends of every piece are among them."""
+    primitives = stage.motion.primitives
+    match sampling:
+        case FixedCount(count):
+            instants = [np.linspace(p.start, p.end, count, dtype=float) for p in primitives]
+        case FixedStep(dt):
+            instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1, dtype=float) for p in primitives]
+        case Adaptive():
+            instants = _equal_motion(stage, observer, targets)
+    times: list[Array] = []
+    for piece in stage.pieces:
+        t = instants[piece.primitive]
+        inner = t[(t > piece.start + 1e-9) & (t < piece.end - 1e-9)]
+        times.append(
+            np.concatenate([[piece.start], inner, [piece.end]] if piece.end > piece.start else [[piece.start]])
+        )
+    return Samples(np.repeat(np.arange(len(times)), list(map(len, times))), np.concatenate(times))
+
+
+def sample_count(sampling: Sampling, motion: Motion) -> float:
+    """Approximate number of samples of a fixed sampling; 0 for the adaptive one, which bounds itself."""
+    match sampling:
+        case FixedCount(samples):
+            return float(samples) * len(motion.primitives)
+        case FixedStep(dt):
+            return motion.time / dt
+        case Adaptive():
+            return 0.0
+
+
+def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:
+    """Instants of each primitive with no more movement and time between them than allowed."""
+    primitives, longest = stage.motion.primitives, longest_step(observer.cameras)
+    used = sorted({piece.primitive for piece in stage.pieces})
+    t = {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
+    for index, moved in _steps(stage, observer, targets, t).items():
+        # About `_SPACING` is moved between two instants at most, and no more time passes than allowed.
+        most = longest if stage.asks(index) else np.inf
+        passed = np.concatenate([[0.0], np.cumsum(np.maximum(moved / _SPACING, np.diff(t[index]) / most))])
+        even = np.linspace(0.0, passed[-1], max(1, int(np.ceil(passed[-1]))) + 1)
+        t[index] = np.interp(even, passed, t[index]) if passed[-1] else t[index][[0, -1]]
+    for index, moved in _steps(stage, observer, targets, t).items():
+        wide = np.flatnonzero(moved > MAX_MOTION)
+        t[index] = np.insert(t[index], wide + 1, 0.5 * (t[index][wide] + t[index][wide + 1]))
+    return [t.get(index, np.array([primitive.start])) for index, primitive in enumerate(primitives)]
+
+
+def _steps(
+    stage: Stage, observer: Observer, targets: Sequence[Target], instants: Mapping[int, Array]
+) -> dict[int, Array]:
+    """Movement of the fastest tracked point from each instant of a primitive to the next [m].
+
+    instants: of some primitives, by their index [s].
+    """
+    first = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
+    counts = [len(t) for t in instants.values()]
+    samples = Samples(np.repeat([first[index] for index in instants], counts), np.concatenate([*instants.values()]))
+    moving = {name: X_WF for name, X_WF in stage.states(samples).X_WF.items() if stage.moves(name)}
+    boxes = [box for target in targets for box in target.boxes]
+    paths = [_paths(moving[s.part.parent], s.corners) for s in observer.solids if s.part.parent in moving]
+    paths += [_paths(moving[box.frame] @ box.X_FB, box_corners(box.size)) for box in boxes if box.frame in moving]
+    paths += [_paths(moving[c.frame] @ c.X_FC, VIEW) for c in observer.cameras if c.frame in moving]
+    steps = np.zeros(len(samples))
+    if paths:
+        together = np.concatenate(paths)
+        moved = together[:, 1:] - together[:, :-1]
+        steps[:-1] = np.sqrt(np.einsum("kmi,kmi->km", moved, moved).max(axis=0))
+    parts = np.split(steps, np.cumsum(counts)[:-1])
+    return {index: part[:-1] for index, part in zip(instants, parts, strict=True)}
+
+
+def _paths(X_WF: Array, points: Array) -> Array:
+    """World positions, shape (k, m, 3), of k points of a frame, (k, 3), that is at X_WF, (m, 4, 4).
+
+    One matrix product of all states at once is several times faster than one for each.
+    """
+    rotated = points @ X_WF[:, :3, :3].reshape(-1, 3).T
+    return rotated.reshape(len(points), -1, 3) + X_WF[:, :3, 3]

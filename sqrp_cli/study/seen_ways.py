@@ -1,0 +1,310 @@
+"""Ways of a candidate with paths that the cameras can follow: a race of the most promising, then the exact figures.
+
+Which joint moves may take other paths, what limits them, and ends that no path helps come first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.ground_primitives import ground_primitives
+from sqrp_cli.motion.position_limits import near_limits
+from sqrp_cli.motion.timing import MotionLimits
+from sqrp_cli.records import dataclass
+from sqrp_cli.skill.skill import HOME
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.move_search import (
+    COST_DECIMALS,
+    EXACTLY,
+    MoveSearch,
+    MoveSpace,
+    SeenPath,
+    WatchedMove,
+    exchange,
+)
+from sqrp_cli.study.observation import look_at
+from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.result import BlindEnd
+from sqrp_cli.study.sampling import Adaptive, Sampling
+from sqrp_cli.study.stage import Samples
+from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.task.feasibility import skill_use
+from sqrp_cli.task.task import Candidate
+from sqrp_cli.trajectory import JointPath, Trajectory
+
+
+def open_moves(scene: Rehearsal, names: Collection[str]) -> list[WatchedMove]:
+    """Those of the named joint moves of a way during which formulas apply."""
+    primitives = enumerate(scene.motion.primitives)
+    moves = (WatchedMove(scene, index) for index, primitive in primitives if primitive.name in names)
+    return [move for move in moves if move.is_monitored]
+
+
+def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], spare: float) -> Iterator[MoveSpace]:
+    """What the paths of moves depend on, by the moves' indices. spare: longest time beyond that of the direct way [s].
+
+    Moves by home have none.
+    """
+    model = cell.model
+    grounded = ground_primitives(skill_use(cell, scene.candidate, scene.world), cell.collision)
+    if isinstance(grounded, Infeasible):
+        raise ValueError(f"{scene.candidate.name} was feasible a moment ago")
+    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    for index, move in moves.items():
+        primitive, timed = grounded.primitives[index], scene.motion.primitives[index].trajectory
+        if primitive.via_home:
+            continue
+        arm = slice(len(model.arm))
+        direct = Trajectory(JointPath(timed.path.breaks, timed.path.coefficients[:, :, arm]), timed.law)
+        q0, q1 = direct.path.positions([0.0, 1.0])
+        yield MoveSpace(
+            move=move,
+            q0=q0,
+            q1=q1,
+            bounds=near_limits(model, np.stack([q0, q1])),
+            limits=replace(limits, velocity=primitive.speed * limits.velocity),
+            scene=cell.collision.placed(primitive.world, primitive.allowed),
+            direct=SeenPath(np.zeros((0, len(q0))), direct, free=True),
+            longest=direct.duration + spare,
+        )
+
+
+def blind_ends(study: Study, names: Collection[str]) -> tuple[BlindEnd, ...]:
+    """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
+    timeline, actions = study.timeline, study.candidate.skill.primitives
+    t, blind, ends = timeline.samples.t, timeline.monitored & ~timeline.covered, list[BlindEnd]()
+    for index in (move.primitive for move in open_moves(study, names)):
+        within = np.array([piece.primitive == index for piece in timeline.pieces])[timeline.samples.piece]
+        rows = np.flatnonzero(within)
+        stops = [stop for action in actions[:index] if (stop := getattr(action, "to", None)) is not None]
+        for at, in_order in ((str([HOME, *stops][-1]), rows), (str(getattr(actions[index], "to", "")), rows[::-1])):
+            if not blind[in_order[0]]:
+                continue
+            seen = np.flatnonzero(~blind[in_order])  # up to the first sample that is covered
+            seconds = float(abs(t[in_order[seen[0] if len(seen) else -1]] - t[in_order[0]]))
+            if seconds:
+                ends.append(BlindEnd(primitive=actions[index].name, at=at, seconds=seconds))
+            if not len(seen):
+                break  # It is not covered anywhere: once is enough.
+    return tuple(ends)
+
+
+BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
+"""Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
+
+ROUNDS = ((3, 3), (2, 3))
+"""The race: how many ways are left, and for how many generations of paths; then the best one goes on alone."""
+
+MOST_WORK = 24_000
+"""In looks at paths of one candidate: when so many are reached, the search ends."""
+
+SAME_TIME = 0.05
+"""Ways of one branch whose times differ by no more than this are searched once [s]."""
+
+WORTH_SEARCHING = 0.05
+"""A move that is blind for less than this is left as it is [s]."""
+
+LEVEL = 0.02
+"""Qualities in events of interest that differ by no more than about this count as equal while ways are chosen."""
+
+GLANCE_STEP = 0.4
+"""Time between the looks that tell direct ways apart [s]."""
+
+ROUNDING = 1e-9
+"""By how much a way may exceed the longest time, because times are sums [s]."""
+
+LEFT = 6
+"""Paths of each move that are left in the end."""
+
+
+def seen_ways(
+    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, longest: float = np.inf, interest_first: bool = True
+) -> list[Study]:
+    """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
+
+    scenes: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
+    interest_first: whether quality in events of interest counts before all else. The result depends only on the
+    arguments. It is empty if no path is better than the direct ones.
+
+    For each joint move that leaves its path open, `BLIND_WEIGHT` times the blind time plus the duration is minimised
+    over joint positions that it bends around. All ways are looked at; the most promising ones are searched together,
+    and those that fall behind drop out.
+    """
+    runners = _runners(cell, scenes, longest, interest_first)
+    if not runners:
+        return []
+    everyone, work = [search for runner in runners for search in runner.searches], 0
+    for number, generations in ROUNDS:
+        runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:number]
+        work += exchange(cell.observer, _searches(runners), everyone)
+        for _ in range(generations):
+            work += sum(search.advance(cell.observer) for search in _searches(runners))
+    runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:1]
+    work += exchange(cell.observer, _searches(runners), everyone)
+    while work < MOST_WORK and (searches := _searches(runners)):
+        work += sum(search.advance(cell.observer) for search in searches)
+    return [found for runner in runners if (found := _result(cell, runner, sampling, longest)) is not None]
+
+
+def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
+    """One way with the best paths from a world; with direct ones where none is better, or where it cannot be done."""
+    direct = study(cell, way.with_paths({}), world, Adaptive(), full=False)
+    if isinstance(direct, Infeasible):
+        return way.with_paths({})
+    seen = seen_ways(cell, [replace(direct, candidate=way)], Adaptive())
+    return seen[0].candidate if seen else way.with_paths({})
+
+
+@dataclass(frozen=True, eq=False)
+class _Runner:
+    """A way with the searches for its paths."""
+
+    scene: Rehearsal
+    """Of the direct way."""
+    level: int
+    """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
+    blind_elsewhere: float
+    """How long the state is not covered outside the moves that are searched [s]."""
+    searches: tuple[MoveSearch, ...]
+    weight: float
+    """Seconds of motion that a blind second counts for."""
+
+    @property
+    def cost(self) -> float:
+        """What is minimised, with the best paths so far [s]."""
+        return self.cost_with([search.best for search in self.searches])
+
+    @property
+    def direct_cost(self) -> float:
+        """The same of the direct way [s]."""
+        return self.cost_with([search.space.direct for search in self.searches])
+
+    def cost_with(self, paths: Sequence[SeenPath]) -> float:
+        """The same with one path for each search [s]."""
+        longer = sum(path.time - search.space.direct.time for search, path in zip(self.searches, paths, strict=True))
+        blind = self.blind_elsewhere + sum(path.blind for path in paths)
+        return self.cost_of(blind, self.scene.motion.time + longer)
+
+    def cost_of(self, blind: float, time: float) -> float:
+        """The same of a motion of a duration, with a time in which the state is not covered [s]."""
+        return round(self.weight * blind + time, COST_DECIMALS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Glance:
+    """What a few looks at a direct way show, for each of its p primitive actions."""
+
+    scene: Rehearsal
+    blind: Array
+    """How long the state is not covered, shape (p,) [s]."""
+    interest: Array
+    """How long it is not covered in events of interest, shape (p,) [s]."""
+
+    @classmethod
+    def of(cls, cell: Cell, scene: Rehearsal) -> _Glance:
+        """Looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive."""
+        primitives, stage = scene.motion.primitives, scene.stage
+        counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
+        times = [
+            p.start + (p.end - p.start) * (np.arange(count) + 0.5) / count
+            for p, count in zip(primitives, counts, strict=True)
+        ]
+        t = np.concatenate(times)
+        samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
+        seen = look_at(cell.observer, stage, scene.targets, samples)
+        blind = seen.monitored & ~seen.states_covered
+        at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
+        step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
+        return cls(
+            scene,
+            blind=np.bincount(at, blind, len(primitives)) * step,
+            interest=np.bincount(at, blind & stage.of_interest(samples), len(primitives)) * step,
+        )
+
+    def elsewhere(self, moves: Sequence[int]) -> float:
+        """How long the state is not covered outside some primitive actions, by index [s]."""
+        return float(np.delete(self.blind, moves).sum())
+
+    def level(self, moves: Sequence[int]) -> int:
+        """The quality in events of interest if these primitive actions were seen, in steps of `LEVEL`."""
+        T_eoi = self.scene.T_eoi
+        return round((1.0 - np.delete(self.interest, moves).sum() / T_eoi) / LEVEL) if T_eoi > 0 else 0
+
+
+def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_first: bool) -> list[_Runner]:
+    """The most promising ways at the start: those that would be best if all their open moves could be seen."""
+    weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
+    open_of = {id(scene): open_moves(scene, scene.candidate.open_paths) for scene in scenes}
+    moves = {key: {move.primitive: move for move in of_way} for key, of_way in open_of.items()}
+    glances = [_Glance.of(cell, scene) for scene in scenes if moves[id(scene)]]
+
+    def promise(glance: _Glance) -> tuple[int, float]:
+        of_way = list(moves[id(glance.scene)])
+        level = glance.level(of_way) if interest_first else 0
+        return -level, weight * glance.elsewhere(of_way) + glance.scene.motion.time
+
+    def same(scene: Rehearsal, other: Rehearsal) -> bool:
+        same_branch = scene.candidate.branch == other.candidate.branch
+        return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
+
+    chosen: list[_Glance] = []
+    for glance in sorted(glances, key=promise):
+        if len(chosen) < ROUNDS[0][0] and not any(same(glance.scene, other.scene) for other in chosen):
+            chosen.append(glance)
+    runners = []
+    for glance in chosen:
+        scene = glance.scene
+        spare = longest - scene.motion.time
+        spaces = list(move_spaces(cell, scene, moves[id(scene)], spare))
+        searches = [MoveSearch(space, cell.seed + 1000 * k) for k, space in enumerate(spaces)]
+        for search in searches:
+            search.look(cell.observer, [search.space.direct], EXACTLY)
+        searched = tuple(search for search in searches if search.space.direct.blind > WORTH_SEARCHING)
+        left = [search.space.move.primitive for search in searches]
+        blind = glance.elsewhere(left) + sum(s.space.direct.blind for s in searches if s not in searched)
+        if searched:
+            level = glance.level(left) if interest_first else 0
+            runners.append(_Runner(scene, level, blind, searched, weight))
+    return runners
+
+
+def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
+    """The searches that still may win something."""
+    return [search for runner in runners for search in runner.searches if not search.is_settled]
+
+
+def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Study | None:
+    """The way with the best paths that fit the time together, studied exactly; None if none is better."""
+    spare = longest - runner.scene.motion.time
+    left = [search.left(runner.weight, LEFT) for search in runner.searches]
+    for search, paths_left in zip(runner.searches, left, strict=True):
+        search.look(cell.observer, paths_left, EXACTLY)
+    # A free path for each move, together of the least cost within the time.
+    spaces = [search.space for search in runner.searches]
+    most = sum(space.direct.time for space in spaces) + spare + ROUNDING
+    together = (paths for paths in product(*left) if sum(path.time for path in paths) <= most)
+    paths = next(
+        (
+            paths
+            for paths in sorted(together, key=runner.cost_with)
+            if all(space.is_free(path) for space, path in zip(spaces, paths, strict=True))
+        ),
+        tuple(space.direct for space in spaces),
+    )
+    vias = {search.space.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
+    vias = {name: found for name, found in vias.items() if len(found)}
+    if not vias:
+        return None
+    found = study(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
+    if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
+        return None
+    blind = (1.0 - (average_quality(found.timeline) or 0.0)) * found.timeline.T
+    return found if runner.cost_of(blind, found.motion.time) < runner.direct_cost else None

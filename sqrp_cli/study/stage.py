@@ -1,0 +1,207 @@
+"""Poses of robot and objects at any instant of a motion: the geometric side of skill states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import chain, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.motion.fingers import closed_behind
+from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
+from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.task.pieces import Piece
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Instants of a motion: the piece that each belongs to, non-decreasing, and its time [s]; both of shape (m,)."""
+
+    piece: NDArray[np.int64]
+    t: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def steps(self) -> Array:
+        """Time from each sample to the next within its piece [s], 0 at the end of a piece, shape (m - 1,)."""
+        return np.where(np.diff(self.piece) == 0, np.diff(self.t), 0.0)
+
+    @property
+    def ends(self) -> Mask:
+        """Whether each sample is the first or the last of its piece, shape (m,)."""
+        ends: Mask = (np.diff(self.piece, prepend=-1) != 0) | (np.diff(self.piece, append=-1) != 0)
+        return ends
+
+    def some(self, which: Mask | Indices | list[int]) -> Samples:
+        """Some of the samples, by mask or by index."""
+        return Samples(self.piece[which], self.t[which])
+
+    def merge_order(self, other: Samples) -> NDArray[np.int64]:
+        """The order that sorts these samples, followed by the others, by piece and time."""
+        return np.lexsort((np.concatenate([self.t, other.t]), np.concatenate([self.piece, other.piece])))
+
+    def joined(self, other: Samples, order: NDArray[np.int64]) -> Samples:
+        """These samples and the others, in an order that `merge_order` gave."""
+        return Samples(np.concatenate([self.piece, other.piece])[order], np.concatenate([self.t, other.t])[order])
+
+
+class Stage:
+    """Robot, objects and their frames over a motion that begins with objects at known poses."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        motion: Motion,
+        pieces: Sequence[Piece],
+        X_WO: Mapping[str, Array],
+        carried: Sequence[str] | None = None,
+    ) -> None:
+        """X_WO: known poses of objects at the start of the motion, shape (4, 4). carried: that lie elsewhere than then.
+
+        carried are by default what the tool holds at some time.
+        """
+        self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
+        self._primitive = np.array([piece.primitive for piece in self.pieces])
+        held = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
+        self._carried = tuple(held) if carried is None else tuple(carried)
+
+    def with_pieces(self, pieces: Sequence[Piece]) -> Stage:
+        """The same motion, cut into other pieces."""
+        return Stage(self.model, self.motion, pieces, self.X_WO, self._carried)
+
+    def of_interest(self, samples: Samples) -> Mask:
+        """Whether each of m samples lies in an event of interest, shape (m,)."""
+        return np.array([piece.of_interest for piece in self.pieces], dtype=bool)[samples.piece]
+
+    def once_lost(self, closed: float = 1.0) -> Stage:
+        """The motion of a tool that has lost what it should hold.
+
+        The part lies where it stood or, if the tool held it from the start, is to stand. closed: by which share of the
+        way that they have left the fingers have closed.
+        """
+        motion = self.motion
+        from_start = motion.primitives[0].held
+        lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self._carried}
+
+        def empty(primitive: TimedPrimitive) -> TimedPrimitive:
+            there = replace(primitive, held=None, X_TO=None, X_WO={**primitive.X_WO, **lies})
+            if primitive.held is None:
+                return there
+            return replace(there, trajectory=closed_behind(self.model, primitive.trajectory, closed))
+
+        lost = replace(motion, primitives=tuple(map(empty, motion.primitives)))
+        return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)
+
+    def samples_at(self, t: Array) -> Samples:
+        """Instants in order, shape (n,) [s], as samples; those after the motion are at its end."""
+        ends = np.array([piece.end for piece in self.pieces])
+        t = np.minimum(t, ends[-1])
+        return Samples(np.minimum(np.searchsorted(ends, t, side="right"), len(ends) - 1), t)
+
+    def positions(self, samples: Samples) -> Array:
+        """Positions of the motion's joints, shape (m, n)."""
+        q = np.empty((len(samples), len(self.motion.joint_names)))
+        for index, rows in self._by_primitive(samples):
+            q[rows] = self.motion.positions(index, samples.t[rows])
+        return q
+
+    def held(self, samples: Samples) -> list[str | None]:
+        """The object in the tool at each sample."""
+        holding = [primitive.held for primitive in self.motion.primitives]
+        return [holding[index] for index in self._primitive[samples.piece].tolist()]
+
+    def shifted(self, samples: Samples, by: float) -> Samples:
+        """The same samples so much later [s], but within the primitive of each."""
+        primitives = self.motion.primitives
+        start, end = (np.array([getattr(one, edge) for one in primitives]) for edge in ("start", "end"))
+        of_sample = self._primitive[samples.piece]
+        return Samples(samples.piece, np.clip(samples.t + by, start[of_sample], end[of_sample]))
+
+    def requires(self, targets: Sequence[Target], samples: Samples) -> Mask:
+        """Whether the state at each sample holds the atom of each target, shape (m, targets)."""
+        atoms = [{literal.atom for literal in piece.literals} for piece in self.pieces]
+        held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
+        return held[samples.piece]
+
+    def moves(self, frame: str) -> bool:
+        """Whether a frame ever moves, as far as its kind tells."""
+        return frame in self._carried or (frame in self.model.links and frame not in self.model.still_links)
+
+    def asks(self, primitive: int) -> bool:
+        """Whether something moves during a primitive, by index, in which anything must be seen."""
+        asked = any(piece.literals for piece in self.pieces if piece.primitive == primitive)
+        return asked and not self.motion.primitives[primitive].trajectory.stands
+
+    @cached_property
+    def moving_pieces(self) -> Mask:
+        """Whether something moves in each piece, shape (pieces,)."""
+        stands = [primitive.trajectory.stands for primitive in self.motion.primitives]
+        return np.array([not stands[piece.primitive] for piece in self.pieces], dtype=bool)
+
+    def states(self, samples: Samples) -> SceneStates:
+        """World poses of every frame at each sample."""
+        return states_of([self], [samples])
+
+    @cached_property
+    def resting(self) -> dict[str, Array]:
+        """World poses of the objects that the motion does not carry, and of all at its start, shape (1, 4, 4) each."""
+        starts = {name: fixed_frame(X_start) for name, X_start in self.X_WO.items()}
+        objects = {name: X_start for name, X_start in starts.items() if name not in self._carried}
+        return frame_poses({}, objects, starts, fixed_frame())
+
+    def carried(self, samples: Samples, X_WT: Array) -> dict[str, Array]:
+        """World poses of the objects that the motion carries, at samples with these poses of the tool; (m, 4, 4)."""
+        return {name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}
+
+    def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
+        """The stays of an object that some primitives carry and that rests in the others."""
+        for index, rows in self._by_primitive(samples):
+            primitive = self.motion.primitives[index]
+            yield Stay(rows, primitive.X_TO if primitive.held == name else None, primitive.X_WO.get(name))
+
+    def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
+        """The primitives with samples, and the slices of these."""
+        count = len(self.motion.primitives)
+        ends = self._primitive[samples.piece].searchsorted(np.arange(count), side="right").tolist()
+        return [(index, slice(start, end)) for index, (start, end) in enumerate(pairwise([0, *ends])) if start < end]
+
+
+def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneStates:
+    """World poses of every frame at the samples of stages in one cell, those of one stage after the other's."""
+    model, counts = stages[0].model, [len(some) for some in samples]
+    q = [stage.positions(some) for stage, some in zip(stages, samples, strict=True)]
+    X_WL = model.link_poses(np.concatenate(q) if len(q) > 1 else q[0])
+    links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
+    X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
+    carried = [stage.carried(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
+    return SceneStates(sum(counts), frame_poses(links, _objects(stages, carried, counts), {}, fixed_frame()))
+
+
+def _objects(
+    stages: Sequence[Stage], carried: Sequence[Mapping[str, Array]], counts: Sequence[int]
+) -> Mapping[str, Array]:
+    """World poses of all objects and their starts over the states of stages, one stage after the other.
+
+    carried: by each stage, over its states. Shape (m, 4, 4), or (1, 4, 4) for what rests at one place in all of them.
+    """
+
+    def join(name: str) -> Array:
+        poses = [own[name] if name in own else stage.resting[name] for stage, own in zip(stages, carried, strict=True)]
+        if len(poses[0]) == 1 and all(np.array_equal(X, poses[0]) for X in poses):
+            return poses[0]
+        return np.concatenate([np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True)])
+
+    resting = stages[0].resting
+    in_one_world = all(stage.X_WO is stages[0].X_WO for stage in stages)
+    moved = dict.fromkeys(chain.from_iterable(carried if in_one_world else [resting, *carried]))
+    return {**resting, **{name: join(name) for name in moved}}

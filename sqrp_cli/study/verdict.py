@@ -1,0 +1,351 @@
+"""The score of a candidate explained in a sentence or two.
+
+Which literal is lost when, by which camera, behind what, who sees it before and after, and what would help.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.geometry import Array, Indices, Mask, axis_rotation, box_corners, inverse, pose, transform
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import BoxVerdicts, sees_all
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.blind_spans import by_name, first_failing
+from sqrp_cli.study.result import NOTHING_MISSING
+
+_LOOKS, _LOOKS_OF_SEVERAL = 5, 25
+"""Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
+of them."""
+
+_MOST_TURN, _TURNS = 30, 3
+"""By how much a camera may be turned to close a gap [deg], and how many cameras are tried, the least turn first."""
+
+
+HELP = ". It would help to "
+"""Separates the sentence about the loss from the one about the remedy."""
+
+_SENTENCES = {
+    Cause.BEHIND: "{camera} looks away from {target}",
+    Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
+    Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
+    Cause.OUT_OF_IMAGE: "{camera} has {target} outside its image ({by})",
+    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {target} for its detector",
+    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {target} for its detector",
+    Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
+    Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
+    Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
+    Cause.SAME_COLOUR: "{camera} cannot tell {target} from {by} of the same colour behind it",
+    Cause.TOO_DARK: "{target} is too dark for {camera}{shadow}",
+    Cause.TOO_BRIGHT: "{target} is too bright for {camera} in the light of {by}",
+}
+
+_ADVICE = {
+    Cause.BEHIND: "turn {camera} round, or say `convention: body`",
+    Cause.TOO_NEAR: "move {camera} {figure} back",
+    Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
+    Cause.OUT_OF_IMAGE: "",  # no turn that is tried shows all of it
+    Cause.DETECTOR_NEAR: "move {camera} {figure} back",
+    Cause.DETECTOR_FAR: "move {camera} {figure} closer",
+    Cause.OBLIQUE: "move {camera} round to face it",
+    Cause.TOO_SMALL: "move {camera} closer or narrow its view",
+    Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
+    Cause.SAME_COLOUR: "move {camera} to where {by} is not behind it, or give {by} another colour",
+    Cause.TOO_DARK: "raise the gain of {camera} or add light from where nothing shades {target}",
+    Cause.TOO_BRIGHT: "lower the gain of {camera} or dim {by}",
+}
+
+_OTHER_WAY = ", or try another approach"
+"""What is left out where all ways were tried already, and where a skill goes nowhere in more ways than one."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A turn of a camera about its lens, whole degrees in all."""
+
+    up: float
+    """[deg]; negative: down."""
+    right: float
+    """[deg]; negative: left."""
+
+    @property
+    def angle(self) -> float:
+        """The angle in all [deg]."""
+        return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(self.rotation) - 1.0), -1.0, 1.0))))
+
+    @property
+    def rotation(self) -> Array:
+        """The turned optical frame in the one before: first to the right, then up; shape (3, 3)."""
+        return axis_rotation(1, np.radians(self.right)) @ axis_rotation(0, np.radians(self.up))
+
+    def __str__(self) -> str:
+        sides = ((self.right, "to the right", "to the left"), (self.up, "up", "down"))
+        words = [back if value < 0 else forth for value, forth, back in sides if abs(value) > 0.1 * self.angle]
+        return f"{self.angle:.0f} deg {' and '.join(words)}"
+
+
+@dataclass(frozen=True)
+class CameraCause:
+    """Why a camera does not see a target over a stretch: its commonest first failing limit."""
+
+    camera: str
+    """Its name."""
+    cause: Cause
+    """The limit."""
+    by: str | None
+    """The occluder, what has the same colour behind it, what shades it or the light on it, or the side of the image."""
+    figure: float
+    """Mean amount by which the limit is missed, in the limit's unit."""
+    partly: bool
+    """Whether the camera sees the target for a part of the stretch."""
+    turn: Turn | None = None
+    """With which it would see the target in every sample of the stretch that was looked at, where that is known."""
+
+    def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
+        """One of the sentences above about this camera."""
+        match self.cause:
+            case Cause.OBLIQUE:
+                figure = f"{np.degrees(self.figure):.0f} deg"
+            case Cause.TOO_SMALL:
+                figure = f"{self.figure:.0f} px"
+            case _:
+                figure = f"{self.figure:.2f} m"
+        shadow = f", in the shadow of {self.by}" if self.by else ""
+        words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow}
+        return templates[self.cause].format_map(words)
+
+    @property
+    def words(self) -> str:
+        """The cause in a few words."""
+        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        if self.cause in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
+            words = self.cause.by(self.by)
+        return f"{words} for a part of that time" if self.partly else words
+
+
+@dataclass(frozen=True)
+class BlindStretch:
+    """A stretch of time in which a state is not covered."""
+
+    start: float
+    """First uncovered sample [s]."""
+    end: float
+    """Last uncovered sample [s]."""
+    atom: Atom
+    """One whose target is not covered."""
+    causes: tuple[CameraCause, ...]
+    """Causes of all cameras that do not see it; the one for which the least change closes the gap comes first."""
+    seeing: tuple[str, ...]
+    """The cameras that see it."""
+    needed: int
+    """Number of cameras that must see it."""
+    before: tuple[str, ...] = ()
+    """The cameras that see it right before."""
+    after: tuple[str, ...] = ()
+    """The cameras that see it right after."""
+
+    def __str__(self) -> str:
+        when = Stretch(self.start, self.end).when
+        if not self.causes:
+            cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
+            there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
+            return f"{self.atom} needs {cameras} it, but there {there}, {when}"
+        if self.needed > 1:
+            # No single camera is to blame, and each may see the target for a while.
+            seen = f"; {', '.join(self.seeing)} {_see(self.seeing)} it" if self.seeing else ""
+            return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
+        nearest, *others = self.causes
+        sentence = f"{nearest.sentence(_SENTENCES, self.atom)} {when}"
+        if not others:
+            return sentence
+        both = self.before == self.after
+        times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
+        around = ", ".join(f"{', '.join(names)} {_see(names)} it {word}" for names, word in times if names)
+        return f"{sentence}, and no other camera makes up for it ({_listed(others)}){around and f'; {around}'}"
+
+    @property
+    def advice(self) -> str:
+        """What would help; empty where nothing is known to."""
+        if not self.causes:
+            return "add a camera"
+        nearest = self.causes[0]
+        if nearest.turn is None:
+            return nearest.sentence(_ADVICE, self.atom)
+        wider = " or widen its view" if nearest.cause is Cause.OUT_OF_IMAGE else ""
+        return f"turn {nearest.camera} {nearest.turn}{wider}"
+
+
+def _see(cameras: Sequence[str]) -> str:
+    return "sees" if len(cameras) == 1 else "see"
+
+
+def _listed(causes: Sequence[CameraCause]) -> str:
+    """Cameras grouped by their causes."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for cause in causes:
+        groups[cause.words].append(cause.camera)
+    return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
+
+
+def verdict(cell: Cell, study: Study) -> str:
+    """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
+
+    Stretches within the events of interest come first. Moves that go around something are named at the end.
+    """
+    timeline, sentences = study.timeline, NOTHING_MISSING
+    t, blind = timeline.samples.t, timeline.monitored & ~timeline.covered
+    interesting = blind & timeline.interesting
+    if runs := list(stretches(interesting if interesting.any() else blind)):
+        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), study.candidate.skill
+        lost = explain_stretch(cell, study, longest)
+        stated = any(not parameter.implicit for parameter in skill.motion_parameters)
+        tried = study.candidate.branch or not (skill.waypoints or stated)
+        advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
+        sentences = f"{lost}{advice and HELP}{advice}."
+    ways = ", ".join(study.motion.remarks)
+    return sentences + (f" On the way {ways}." if ways else "")
+
+
+def stretches(blind: Mask) -> Iterator[Indices]:
+    """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
+    rows = np.flatnonzero(blind)
+    yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
+
+
+def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
+    """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
+
+    Where that one is lost for a part of the run only, the stretch is the longest such part.
+    """
+    loss, timeline = _worst_loss(cell, study, rows), study.timeline
+    if not loss.lost.all():
+        samples, target = timeline.samples.some(rows), loss.target
+        (boxes,) = cell.observer.verdicts([target], study.stage.states(samples), shares=False)
+        lost = sees_all(boxes).sum(axis=1) < target.cameras
+        parts = stretches(timeline.observation.required[rows, loss.column] & lost)
+        rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
+        loss = _worst_loss(cell, study, rows)
+    names = [camera.name for camera in cell.observer.cameras]
+    sees = sees_all(loss.boxes) & timeline.observation.required[loss.look, loss.column][:, None]
+    start, end = np.flatnonzero(loss.few)[[0, -1]].tolist()
+    before, after = (
+        tuple(name for name, seen in zip(names, some.any(axis=0), strict=True) if seen)
+        for some in (sees[:start], sees[end + 1 :])
+    )
+    causes = _causes(cell, loss)
+    outside = {cause.camera for cause in causes if cause.cause in (Cause.BEHIND, Cause.OUT_OF_IMAGE)}
+    turned = _least_turn(cell, study, loss, [camera for camera in cell.observer.cameras if camera.name in outside])
+    # A turn that closes the gap is the least change; else one who sees it before or after is nearest to seeing it.
+    causes = sorted(
+        (replace(cause, turn=turned.get(cause.camera)) for cause in causes),
+        key=lambda one: (one.turn is None, one.partly, one.camera not in (*before, *after), -one.cause),
+    )
+    blind = {cause.camera for cause in causes}
+    return BlindStretch(
+        start=float(timeline.samples.t[rows[0]]),
+        end=float(timeline.samples.t[rows[-1]]),
+        atom=loss.target.atom,
+        causes=tuple(causes),
+        seeing=tuple(name for name in names if name not in blind),
+        needed=loss.target.cameras,
+        before=before,
+        after=after,
+    )
+
+
+class _Loss(NamedTuple):
+    """A target that is not covered in a run of samples, looked at in a few of them."""
+
+    column: int
+    """Index of the target."""
+    target: Target
+    look: Indices
+    """The few samples, and those beside them in which the target is covered or not required, shape (m,)."""
+    few: Mask
+    """Which of these are in the run, shape (m,)."""
+    boxes: tuple[BoxVerdicts, ...]
+    """The verdicts on the target's boxes in these samples."""
+    lost: Mask
+    """In which of the few the target is required, and fewer cameras than needed see it."""
+
+
+def _worst_loss(cell: Cell, study: Study, rows: Indices) -> _Loss:
+    """The target that is lost in most of a few samples of a run."""
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+    few = rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(np.int64))]
+    seen = study.timeline.observation
+    uncovered = seen.required & ~seen.covered
+    losses = []
+    for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
+        others, target = np.flatnonzero(~uncovered[:, column]), study.targets[column]
+        look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
+        states = study.stage.states(study.timeline.samples.some(look))
+        (boxes,) = cell.observer.verdicts([target], states, shares=False)
+        lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
+        inside = np.isin(look, few)
+        losses.append(_Loss(column, target, look, inside, boxes, lost[inside]))
+    return max(losses, key=lambda loss: loss.lost.sum())
+
+
+def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
+    """Why each camera does not see the lost target, if it does not: its commonest first failing limit."""
+    rows = np.flatnonzero(loss.few)[loss.lost]
+    first = first_failing(loss.boxes, rows)
+    causes = []
+    for index, camera in enumerate(cell.observer.cameras):
+        missed: dict[tuple[int, int], list[float]] = defaultdict(list)
+        for code, by, figure in zip(*(values[:, index].tolist() for values in first[:3]), strict=True):
+            if code != Cause.NONE:
+                missed[code, by].append(figure)
+        if missed:
+            (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
+            cause, partly = Cause(code), sum(map(len, missed.values())) < len(rows)
+            causes.append(CameraCause(camera.name, cause, by_name(cell, cause, by), float(np.mean(figures)), partly))
+    return causes
+
+
+def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]) -> dict[str, Turn]:
+    """Of some cameras, the one that sees all the lost samples after the least turn; empty if none does.
+
+    The turn brings the corners of all boxes within the image; whether it then shows them is asked of the observer.
+    """
+    rows = loss.look[loss.few][loss.lost]
+    states = study.stage.states(study.timeline.samples.some(rows))
+    corners = [transform(states.box_poses(box), box_corners(box.size)) for box in loss.target.boxes]
+    corners_W = np.concatenate([np.broadcast_to(of_box, (len(rows), 8, 3)) for of_box in corners], axis=1)
+    # Rays at each half degree from the optical axis to the right, left, top and bottom, shape (4, n, 3).
+    angles = np.radians(np.arange(0.0, 90.0, 0.5))
+    sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
+    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
+    turns = []
+    for camera in cameras:
+        shown = np.minimum.accumulate(Projection.of(camera).shows(rays), axis=1)
+        right, left, top, bottom = (float(angles[max(row.sum() - 1, 0)]) for row in shown)
+        x, y, z = np.moveaxis(transform(inverse(states.camera_poses(camera)), corners_W), -1, 0)
+        aside = np.arctan2(x, z)
+        pan = max(aside.max() - right, 0.0) or min(aside.min() + left, 0.0)
+        above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan))
+        tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
+        least = Turn(*np.degrees([tilt, pan]))
+        if 0.0 < least.angle <= _MOST_TURN:
+            whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
+            turns.append((camera, Turn(whole * least.up, whole * least.right)))
+    turns = sorted(turns, key=lambda turn: turn[1].angle)[:_TURNS]
+    if not turns:
+        return {}
+    moved = tuple(replace(camera, X_FC=camera.X_FC @ pose(turn.rotation)) for camera, turn in turns)
+    (found,) = replace(cell.observer, cameras=moved, memory=None).verdicts([loss.target], states, shares=False)
+    closes: list[bool] = np.all(sees_all(found), axis=0).tolist()
+    return next(({camera.name: turn} for (camera, turn), sees in zip(turns, closes, strict=True) if sees), {})

@@ -1,0 +1,184 @@
+"""A way of doing a task with all data behind its figures, step by step; most tasks have one step.
+
+How the figures of the whole follow from those of its steps is on the page of numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple, Protocol
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import Figures, Qualities
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.records import dataclass
+from sqrp_cli.study.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.study.program_update import world_after
+from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.task.candidate import Candidate, whole_candidate
+from sqrp_cli.task.feasibility import feasible_motion
+
+
+class StepShown(NamedTuple):
+    """Which step of a task of several, or of a program, is looked at."""
+
+    number: int
+    """From 1."""
+    steps: int
+    """How many there are."""
+    whole: CandidateResult | None
+    """The candidate of all steps in its ranking; None in a program, which has no ranking."""
+
+
+def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -> tuple[str, ...]:
+    """Why a candidate cannot be done because one of its steps cannot; number: of the step, from 1."""
+    if not candidate.steps:
+        return tuple(reasons)
+    return tuple(f"step {number}, {candidate.steps[number - 1].task}: {reason}" for reason in reasons)
+
+
+def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> CandidateResult:
+    """The figures of a candidate over all its steps, or why the last of them is infeasible.
+
+    done: the steps in order, up to the first infeasible one.
+    """
+    last = done[-1]
+    if not last.feasible:
+        reasons = reasons_of_step(candidate, len(done), last.reasons)
+        return replace(CandidateResult.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
+    times = [one.time or 0.0 for one in done]
+    seen = mean_qualities(done, done)
+    return CandidateResult(
+        candidate=candidate,
+        feasible=True,
+        time=sum(times),
+        q_avg=seen.q_avg,
+        q_eoi=seen.q_eoi,
+        q_expected=mean_quality([(one.q_expected, one.t_total) for one in done]),
+        t_total=sum(one.t_total or 0.0 for one in done),
+        t_eoi=sum(one.t_eoi or 0.0 for one in done),
+        faults={
+            f"{number}.{name}": fault
+            if fault.expected_time is None
+            else replace(fault, expected_time=fault.expected_time + sum(times) - times[number - 1])
+            for number, one in enumerate(done, 1)
+            for name, fault in one.faults.items()
+        },
+        retried=tuple(f"{number}.{name}" for number, one in enumerate(done, 1) for name in one.retried),
+        states=sum(one.states or 0 for one in done),
+        error=max((one.error for one in done if one.error is not None), default=None),
+        largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
+        remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
+        verdict=_verdict(done),
+        why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
+        recalibrated=tuple(
+            mean_qualities(draw, done) for draw in zip(*(one.recalibrated for one in done), strict=True)
+        ),
+        best_way=whole_candidate(candidate.skill, [one.way for one in done]),
+        steps=tuple(done),
+    )
+
+
+class SeenStep(Protocol):
+    """What tells how well a step is seen."""
+
+    @property
+    def q_eoi(self) -> float | None:
+        """In 0..1; None without an event of interest."""
+
+    @property
+    def q_avg(self) -> float | None:
+        """In 0..1; None where no formula applies."""
+
+
+def worst_seen(steps: Sequence[SeenStep]) -> int:
+    """The index of the step that is seen worst, by Q_eoi, then Q_avg; of several the first."""
+    return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
+
+
+def world_left(cell: Cell, assessment: CandidateResult, world: World) -> World | None:
+    """The world that a candidate leaves which begins in another one; None if it cannot be done."""
+    if not assessment.feasible:
+        return None
+    motion = feasible_motion(cell, assessment.way, world)
+    return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
+
+
+def mean_quality(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
+    """The mean of qualities, each weighted by the time that it is about; None where there is no such time."""
+    known = [(quality, time) for quality, time in parts if quality is not None and time]
+    total = sum(time for _, time in known)
+    return min(1.0, sum(quality * time for quality, time in known) / total) if known else None
+
+
+def mean_qualities(seen: Sequence[SeenStep], steps: Sequence[Figures]) -> Qualities:
+    """The qualities of the whole from those of its steps; steps: with the times that these are about."""
+    pairs = list(zip(seen, steps, strict=True))
+    return Qualities(
+        mean_quality([(one.q_avg, step.t_total) for one, step in pairs]),
+        mean_quality([(one.q_eoi, step.t_eoi) for one, step in pairs]),
+    )
+
+
+def _verdict(done: Sequence[CandidateResult]) -> str:
+    """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
+    numbered = sorted(enumerate(done, 1), key=lambda one: (_worth(one[1].q_eoi), _worth(one[1].q_avg), one[0]))
+    losing = [(n, one) for n, one in numbered if min(_worth(one.q_eoi), _worth(one.q_avg)) < 1.0]
+    if not losing:
+        return done[0].verdict
+    return " ".join(f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing)
+
+
+def _worth(quality: float | None) -> float:
+    return 1.0 if quality is None else quality
+
+
+@dataclass(frozen=True, eq=False)
+class WholeStudy:
+    """A feasible way with the study of each of its steps, in the world that those before it leave."""
+
+    candidate: Candidate
+    """The way, of one step or several."""
+    steps: tuple[Study, ...]
+    """At least one."""
+
+    @property
+    def assessment(self) -> CandidateResult:
+        """The figures of the whole, without a sentence."""
+        each = [step.assessment("") for step in self.steps]
+        return assessment_of_all(self.candidate, each) if self.candidate.steps else each[0]
+
+
+def whole_study(cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool) -> WholeStudy | Infeasible:
+    """Study a way that starts in `world`, of one step or several; see `study`."""
+    watched = whole_watched(cell, way, world, sampling, full=full)
+    if isinstance(watched, Infeasible):
+        return watched
+    return WholeStudy(way, tuple(with_delays(cell, watched, sampling)))
+
+
+def whole_watched(
+    cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
+) -> tuple[Watched, ...] | Infeasible:
+    """The steps of `whole_study` without delays, which take as long as all the rest."""
+    done: list[Watched] = []
+    for step in way.steps or (way,):
+        motion = feasible_motion(cell, step, world)
+        if isinstance(motion, Infeasible):
+            return Infeasible(reasons_of_step(way, len(done) + 1, motion.reasons), motion.tried)
+        done += all_watched(cell, [rehearsal(cell, step, world, motion)], sampling, full=full)
+        if len(done) < len(way.steps):
+            world = world_after(step, motion, world)
+    return tuple(done)
+
+
+def qualities_of(steps: Sequence[Watched]) -> Qualities:
+    """How well the steps of a way are seen, in all."""
+    return Qualities(
+        mean_quality([(average_quality(step.timeline), step.T) for step in steps]),
+        mean_quality([(interest_quality(step.timeline), step.T_eoi) for step in steps]),
+    )

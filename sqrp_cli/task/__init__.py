@@ -1,0 +1,1 @@
+"""Words of a task come in; its candidates go out: what each would move, watch and lose."""

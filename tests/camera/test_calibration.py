@@ -1,0 +1,192 @@
+"""Camera calibrations as different programs write them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.camera.calibration import Intrinsics, read_calibration
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+
+CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
+FISHEYE = """\
+image_width: 800
+image_height: 600
+camera_matrix: {rows: 3, cols: 3, data: [300, 0, 400, 0, 300, 300, 0, 0, 1]}
+distortion_model: equidistant
+distortion_coefficients: {rows: 4, cols: 1, data: [0.01, 0.002, -0.0003, 0.00004]}
+projection_matrix: {rows: 3, cols: 4, data: [250, 0, 400, 0, 0, 250, 300, 0, 0, 0, 1, 0]}
+"""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a person reads in a file: width, height; fx, fy, cx, cy; model and coefficients."""
+
+    size: tuple[int, int]
+    pinhole: tuple[float, float, float, float]
+    model: str
+    coefficients: tuple[float, ...]
+
+
+FILES = {
+    "camera_calibration.yaml": Expected(
+        (1280, 720), (912.34871, 911.90217, 641.20553, 358.77120), "plumb_bob",
+        (0.112043, -0.231871, 0.000412, -0.001097, 0.0),
+    ),
+    "rounded_without_projection.yaml": Expected(
+        (640, 480), (617, 617, 322, 238), "plumb_bob", (0.12, -0.24, 0, -0.001, 0)
+    ),
+    "rational.yaml": Expected(
+        (4096, 3072), (1965.2, 1964.7, 2046.8, 1556.1), "rational_polynomial",
+        (0.45, -2.51, 6.1e-4, -2.2e-4, 1.44, 0.33, -2.33, 1.37),
+    ),
+    "fisheye.yaml": Expected(
+        (848, 800), (285.5, 286.4, 421.4, 401.2), "equidistant", (-0.0076, 0.0441, -0.0417, 0.0081)
+    ),
+    "opencv_filestorage.yaml": Expected(
+        (1600, 1200), (1413.2, 1412.8, 799.55, 601.25), "plumb_bob", (-0.091, 0.1, 0.0003, -0.0004, -0.02)
+    ),
+    "camera_info_ros2.yaml": Expected(
+        (1280, 720), (908.5, 907.9, 646.1, 362.4), "plumb_bob", (-0.055, 0.064, -0.0006, 0.0005, -0.02)
+    ),
+    "camera_info_ros1.yaml": Expected(
+        (640, 480), (525.1, 525.3, 319.6, 239.4), "plumb_bob", (0.04, -0.13, -0.001, 0.0006, 0.0)
+    ),
+    "nested_rows.yaml": Expected(
+        (1920, 1200), (1211.0, 1210.5, 959.0, 600.5), "plumb_bob", (-0.11, 0.08, 1e-4, 2e-4, 0.0)
+    ),
+}  # fmt: skip
+
+
+def read(text: str, folder: Path) -> Intrinsics:
+    path = folder / "camera.yaml"
+    path.write_text(text, encoding="utf-8")
+    return read_calibration(path)[0]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_read_as_their_programs_write_them(name: str) -> None:
+    camera, expected = read_calibration(CAMERAS / name)[0], FILES[name]
+    fx, fy, cx, cy = expected.pinhole
+    assert (camera.width, camera.height) == expected.size
+    np.testing.assert_allclose(camera.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=1e-12)
+    assert camera.distortion_model == expected.model
+    np.testing.assert_allclose(camera.distortion, expected.coefficients, rtol=1e-12)
+
+
+def test_every_file_is_tried() -> None:
+    intrinsic = {path.name for path in CAMERAS.iterdir() if not path.name.startswith("easy_")}
+    assert intrinsic == set(FILES)
+
+
+def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path) -> None:
+    assert read(FISHEYE, tmp_path).matrix[0, 0] == 300
+
+
+@pytest.mark.parametrize(("old", "new", "says"), [
+        ("width: 1280", "width: 1280.5", "expected a whole number"),
+        ("- 646.1", "- 646,1", "found `646,1`, expected a number"),
+        ("k:\n- 908.5\n", "k:\n", "found 8 numbers, expected 9"),
+        ("d:\n- -0.055\n", "d:\n", "found 4 distortion coefficients, expected 5 for `plumb_bob`"),
+        ("plumb_bob", "inverse_brown_conrady", "no known distortion model"),
+        ("k:\n", "kk:\n", "lacks the key `camera_matrix`"),
+        ("k:\n", "camera_matrx:\n", "lacks the key `camera_matrix`; did you mean it by `camera_matrx`?"),
+        ("width:", "image_wdth:", "lacks the key `image_width`; did you mean it by `image_wdth`?"),
+])  # fmt: skip
+def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(
+    old: str, new: str, says: str, tmp_path: Path
+) -> None:
+    text = (CAMERAS / "camera_info_ros2.yaml").read_text(encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(text.replace(old, new, 1), tmp_path)
+    problem = caught.value.problems[0]
+    assert says in problem.message
+    assert problem.place is not None
+    if "lacks" not in says:
+        assert problem.place.line is not None
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "equidistant"])
+@pytest.mark.parametrize("count", [0, 2, 4, 5, 8, 12, 14])
+def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, count: int) -> None:
+    text = FISHEYE.replace("equidistant", model).replace(
+        "{rows: 4, cols: 1, data: [0.01, 0.002, -0.0003, 0.00004]}",
+        f"{{rows: 1, cols: {count}, data: {[0.01] * count}}}",
+    )
+    if count == {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}[model]:
+        assert len(read(text, tmp_path).distortion) == count
+    else:
+        with pytest.raises(InputError) as caught:
+            read(text, tmp_path)
+        place = caught.value.problems[0].place
+        assert place is not None
+        assert place.line == 5
+
+
+def test_a_field_of_view_reaches_from_edge_to_edge(cell: Path) -> None:
+    camera = load_workspace(cell).cameras["top"]
+    left = np.linalg.inv(camera.matrix) @ [-0.5, 0.0, 1.0]
+    right = np.linalg.inv(camera.matrix) @ [camera.width - 0.5, 0.0, 1.0]
+    assert np.degrees(np.arctan(right[0]) - np.arctan(left[0])) == pytest.approx(60.0)
+    assert left[0] == pytest.approx(-right[0])
+
+
+def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell: Path) -> None:
+    """All three describe a camera above the scene that looks straight down, its image's top towards +x."""
+    down = {
+        "look_at: [0.5, 0, 0], up: [1, 0, 0]",
+        "rpy: [180 deg, 0, -90 deg]",
+        "quaternion: [0.70710678, -0.70710678, 0, 0]",
+    }
+    expected = [[0, -1, 0], [-1, 0, 0], [0, 0, -1]]
+    original = (cell / "workspace.yaml").read_text(encoding="utf-8")
+    for orientation in down:
+        (cell / "workspace.yaml").write_text(original.replace("look_at: [0.5, 0, 0]", orientation), encoding="utf-8")
+        X_WC = load_workspace(cell).cameras["top"].X_FC
+        assert np.allclose(X_WC[:3, :3], expected, atol=1e-7), orientation
+        assert X_WC[:3, 3].tolist() == [0.5, 0.0, 1.5]
+
+
+def test_body_axes_are_forward_left_up(cell: Path) -> None:
+    """The side camera's body is turned by -90 deg about z: forward is -y, left is +x, up is +z of the world."""
+    R_WC = load_workspace(cell).cameras["side"].X_FC[:3, :3]
+    right, down, forward = R_WC.T
+    assert np.allclose(forward, [0, -1, 0])
+    assert np.allclose(right, [-1, 0, 0])
+    assert np.allclose(down, [0, 0, -1])
+
+
+INFO = """width: 1280
+height: 720
+distortion_model: plumb_bob
+d: [0.0, 0.0, 0.0, 0.0, 0.0]
+k: [910.0, 0.0, 640.0, 0.0, 910.0, 360.0, 0.0, 0.0, 1.0]
+binning_x: {x}
+binning_y: {y}
+roi: {{x_offset: {left}, y_offset: {top}, width: {width}, height: {height}, do_rectify: false}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "left", "top", "width", "height", "size", "pinhole"),
+    [
+        (0, 0, 0, 0, 0, 0, (1280, 720), (910, 910, 640, 360)),
+        (0, 0, 320, 180, 640, 360, (640, 360), (910, 910, 320, 180)),  # 39 deg wide
+        (2, 2, 0, 0, 0, 0, (640, 360), (455, 455, 320, 180)),
+        (2, 4, 320, 180, 640, 360, (320, 90), (455, 227.5, 160, 45)),
+    ],
+)
+def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left, top, width, height, size, pinhole):
+    camera = read(INFO.format(x=x, y=y, left=left, top=top, width=width, height=height), tmp_path)
+    assert (camera.width, camera.height) == size
+    assert tuple(camera.matrix[(0, 1, 0, 1), (0, 1, 2, 2)]) == pinhole
+
+
+def test_a_region_out_of_the_image_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`roi` reaches out of the image of 1280x720"):
+        read(INFO.format(x=0, y=0, left=700, top=0, width=640, height=360), tmp_path)

@@ -1,0 +1,295 @@
+"""One camera in every format that people have gives the same intrinsics, and damage gives one good message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from sqrp_cli.camera.calibration import read_calibration
+from sqrp_cli.camera.camera import CalibrationFile, Camera
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from tests.cells import read_cases
+
+CASES = read_cases("calibrations.yaml")
+
+SIZE = (1280, 720)
+PINHOLE = (912.348712, 911.902174, 641.205533, 358.771204)
+K = np.array([[PINHOLE[0], 0, PINHOLE[2]], [0, PINHOLE[1], PINHOLE[3]], [0, 0, 1]])
+PLUMB_BOB = (0.112043, -0.231871, 0.000412, -0.001097, 0.051)
+RADTAN = (*PLUMB_BOB[:4], 0.0)
+RATIONAL = (0.45, -2.51, 6.1e-4, -2.2e-4, 1.44, 0.33, -2.33, 1.37)
+FISHEYE = (-0.0076, 0.0441, -0.0417, 0.0081)
+
+Writer = Callable[[Path], CalibrationFile]
+
+
+def file_storage(ending: str, *, size: bool = True, D: tuple[float, ...] = PLUMB_BOB, **other: str) -> Writer:
+    """OpenCV's own writer."""
+
+    def write(folder: Path) -> CalibrationFile:
+        path = folder / f"camera.{ending}"
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        storage.write("calibration_time", "Mon Nov 23 20:00:00 2026")
+        if size:
+            storage.write("image_width", SIZE[0])
+            storage.write("image_height", SIZE[1])
+        storage.write("camera_matrix", K)
+        storage.write("distortion_coefficients", np.array([D]))
+        for name, value in other.items():
+            storage.write(name, value)
+        storage.release()
+        return CalibrationFile(file=str(path)) if size else CalibrationFile(file=str(path), width=1280, height=720)
+
+    return write
+
+
+def sample_of_opencv(folder: Path) -> CalibrationFile:
+    """With the names of the calibration program that comes with OpenCV."""
+    path = folder / "out_camera_data.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_Width", SIZE[0]), ("image_Height", SIZE[1]), ("Camera_Matrix", K)):
+        storage.write(name, value)
+    storage.write("Distortion_Coefficients", np.array([PLUMB_BOB]).T)
+    storage.release()
+    return CalibrationFile(file=str(path))
+
+
+def vins(model: str, projection: Mapping[str, float], distortion: Mapping[str, float]) -> Writer:
+    """As camodocal writes it, with OpenCV's writer."""
+
+    def write(folder: Path) -> CalibrationFile:
+        path = folder / "cam0.yaml"
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        storage.write("model_type", model)
+        storage.write("camera_name", "camera")
+        storage.write("image_width", SIZE[0])
+        storage.write("image_height", SIZE[1])
+        for name, values in (("distortion_parameters", distortion), ("projection_parameters", projection)):
+            if values:
+                storage.startWriteStruct(name, cv2.FILE_NODE_MAP)
+                for key, value in values.items():
+                    storage.write(key, value)
+                storage.endWriteStruct()
+        storage.release()
+        return CalibrationFile(file=str(path))
+
+    return write
+
+
+def dumped(data: Any, ending: str = "yaml", **wanted: Any) -> Writer:
+    """As Python programs write YAML."""
+
+    def write(folder: Path) -> CalibrationFile:
+        path = folder / f"camera.{ending}"
+        path.write_text(yaml.safe_dump(data), encoding="utf-8")
+        return CalibrationFile(file=str(path), **wanted)
+
+    return write
+
+
+def typed(text: str, **wanted: Any) -> Writer:
+    """A text as it is."""
+
+    def write(folder: Path) -> CalibrationFile:
+        path = folder / "camera.txt"
+        path.write_text(text, encoding="utf-8")
+        return CalibrationFile(file=str(path), **wanted)
+
+    return write
+
+
+def kalibr(model: str, coefficients: tuple[float, ...]) -> dict[str, Any]:
+    return {
+        "T_cn_cnm1": np.eye(4).tolist(), "cam_overlaps": [1], "camera_model": "pinhole",
+        "distortion_coeffs": list(coefficients), "distortion_model": model, "intrinsics": list(PINHOLE),
+        "resolution": list(SIZE), "rostopic": "/cam0/image_raw",
+    }  # fmt: skip
+
+
+def camera_info(model: str, D: tuple[float, ...], k: str = "k", d: str = "d") -> dict[str, Any]:
+    found = {"width": SIZE[0], "height": SIZE[1], "distortion_model": model, k: K.ravel().tolist(), d: list(D)}
+    return {"header": {"frame_id": "camera"}, **found, "p": [0.0] * 12}
+
+
+def ost(name: str = "narrow_stereo", D: tuple[float, ...] = PLUMB_BOB) -> str:
+    def rows(matrix: Any) -> str:
+        return "\n".join(" ".join(f"{number:.6f}" for number in row) for row in matrix)
+
+    sections = [("camera matrix", K), ("distortion", [D]), ("rectification", np.eye(3)), ("projection", np.eye(3, 4))]
+    values = "\n\n".join(f"{title}\n{rows(matrix)}" for title, matrix in sections)
+    return f"# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n1280\n\nheight\n720\n\n[{name}]\n\n{values}\n\n"
+
+
+def words(numbers: tuple[float, ...]) -> str:
+    return " ".join(map(str, numbers))
+
+
+FISHEYE_NAMES = ("k2", "k3", "k4", "k5", "mu", "mv", "u0", "v0")
+NAMED = dict(zip(("fx", "fy", "cx", "cy"), PINHOLE, strict=True))
+COLMAP = f"{PINHOLE[0]} {PINHOLE[1]} {PINHOLE[2] + 0.5} {PINHOLE[3] + 0.5}"
+KALIBR = {"cam0": kalibr("equidistant", FISHEYE), "cam1": kalibr("radtan", RADTAN[:4])}
+
+FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
+    "OpenCV YAML": (file_storage("yaml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
+    "OpenCV XML": (file_storage("xml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (XML)"),
+    "OpenCV JSON": (file_storage("json"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (JSON)"),
+    "OpenCV's sample": (sample_of_opencv, "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
+    "OpenCV without size": (file_storage("yaml", size=False), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
+    "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), "rational_polynomial", RATIONAL, "OpenCV FileStorage (XML)"),
+    "OpenCV, 14 with zeros": (
+        file_storage("json", D=(*RATIONAL, *[0.0] * 6)), "rational_polynomial", RATIONAL, "OpenCV FileStorage (JSON)",
+    ),
+    "a model with 14, zeros": (
+        dumped(camera_info("rational_polynomial", (*RATIONAL, *[0.0] * 6))), "rational_polynomial", RATIONAL,
+        "ROS camera_info (YAML)",
+    ),
+    "no coefficients": (dumped(camera_info("", ())), "none", (), "ROS camera_info (YAML)"),
+    "OpenCV fisheye": (
+        file_storage("yml", D=FISHEYE, distortion_model="fisheye"), "equidistant", FISHEYE, "OpenCV FileStorage (YAML)",
+    ),
+    "VINS pinhole": (
+        vins("PINHOLE", NAMED, dict(zip(("k1", "k2", "p1", "p2"), RADTAN, strict=False))), "plumb_bob", RADTAN, "VINS",
+    ),
+    "VINS fisheye": (
+        vins("KANNALA_BRANDT", dict(zip(FISHEYE_NAMES, FISHEYE + PINHOLE, strict=True)), {}),
+        "equidistant", FISHEYE, "VINS",
+    ),
+    "Kalibr": (dumped(KALIBR, camera="cam0"), "equidistant", FISHEYE, "Kalibr camchain: cam0"),
+    "Kalibr, the other": (dumped(KALIBR, camera="cam1"), "plumb_bob", RADTAN, "Kalibr camchain: cam1"),
+    "Kalibr, one": (
+        dumped({"cam0": kalibr("none", ())}), "none", (), "Kalibr camchain: cam0",
+    ),
+    "message": (dumped(camera_info("plumb_bob", PLUMB_BOB)), "plumb_bob", PLUMB_BOB, "ROS camera_info (YAML)"),
+    "message of ROS 1": (
+        dumped(camera_info("rational_polynomial", RATIONAL, "K", "D")), "rational_polynomial", RATIONAL,
+        "ROS camera_info (YAML)",
+    ),
+    "fisheye": (dumped(camera_info("fisheye", FISHEYE)), "equidistant", FISHEYE, "ROS camera_info (YAML)"),
+    "COLMAP's name": (dumped(camera_info("OPENCV_FISHEYE", FISHEYE)), "equidistant", FISHEYE, "ROS camera_info (YAML)"),
+    "several": (
+        dumped({"left": camera_info("plumb_bob", RADTAN), "right": camera_info("fisheye", FISHEYE)}, camera="right"),
+        "equidistant", FISHEYE, "ROS camera_info (YAML): right",
+    ),
+    "several in a list": (
+        dumped({"cameras": [{**camera_info("fisheye", FISHEYE), "camera_name": name} for name in "ab"]}, camera="b"),
+        "equidistant", FISHEYE, "ROS camera_info (YAML): b",
+    ),
+    "nothing distorts": (dumped(camera_info("none", ())), "none", (), "ROS camera_info (YAML)"),
+    "ost.txt": (typed(ost()), "plumb_bob", PLUMB_BOB, "ROS camera_info (INI): narrow_stereo"),
+    "ost.txt of two": (
+        typed(ost("narrow_stereo/left", RADTAN) + ost("narrow_stereo/right"), camera="narrow_stereo/right"),
+        "plumb_bob", PLUMB_BOB, "ROS camera_info (INI): narrow_stereo/right",
+    ),
+    "COLMAP": (
+        typed(f"# Cameras\n1 PINHOLE 640 480 5 5 3 2\n7 OPENCV 1280 720 {COLMAP} {words(RADTAN[:4])}\n", camera="7"),
+        "plumb_bob", RADTAN, "COLMAP cameras.txt: 7",
+    ),
+    "COLMAP in lower case": (typed(f"1 pinhole 1280 720 {COLMAP}\n"), "none", (), "COLMAP cameras.txt: 1"),
+    "COLMAP fisheye": (
+        typed(f"1 OPENCV_FISHEYE 1280 720 {COLMAP} {words(FISHEYE)}\n"), "equidistant", FISHEYE,
+        "COLMAP cameras.txt: 1",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
+    writer, model, coefficients, lens_file = FILES[name]
+    wanted = writer(tmp_path)
+    found = read_calibration(Path(wanted.file), wanted).intrinsics
+    assert (found.width, found.height) == SIZE
+    assert (found.distortion_model, found.lens_file) == (model, lens_file)
+    np.testing.assert_allclose(found.matrix, K, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.distortion, coefficients, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("model", "parameters", "distortion"), [
+        ("SIMPLE_PINHOLE", "900 640 360", ("none", ())),
+        ("SIMPLE_RADIAL", "900 640 360 0.1", ("plumb_bob", (0.1, 0, 0, 0, 0))),
+        ("RADIAL", "900 640 360 0.1 -0.2", ("plumb_bob", (0.1, -0.2, 0, 0, 0))),
+        ("RADIAL_FISHEYE", "900 640 360 0.1 -0.2", ("equidistant", (0.1, -0.2, 0, 0))),
+        ("FULL_OPENCV", "900 900 640 360 1 2 3 4 5 6 7 8", ("rational_polynomial", (1, 2, 3, 4, 5, 6, 7, 8))),
+])  # fmt: skip
+def test_colmap_counts_pixels_from_the_corner_of_the_first(tmp_path, model, parameters, distortion):
+    wanted = typed(f"1 {model} 1280 720 {parameters}\n")(tmp_path)
+    found = read_calibration(Path(wanted.file), wanted).intrinsics
+    np.testing.assert_allclose(found.matrix, [[900, 0, 639.5], [0, 900, 359.5], [0, 0, 1]])
+    assert (found.distortion_model, tuple(found.distortion)) == distortion
+
+
+WRITTEN_BY_COLMAP = """# Camera list with one line of data per camera:
+#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
+# Number of cameras: 7
+1 SIMPLE_PINHOLE 1280 720 900.10000000000002 640 360
+2 PINHOLE 1280 720 900.10000000000002 901.20000000000005 640.29999999999995 360.39999999999998
+3 SIMPLE_RADIAL 1280 720 900 640 360 0.10000000000000001
+4 RADIAL 1280 720 900 640 360 0.10000000000000001 -0.20000000000000001
+5 OPENCV 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.001 0.002
+6 OPENCV_FISHEYE 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.01 0.02
+7 FULL_OPENCV 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.001 0.002 @
+""".replace("@", "0.10000000000000001 0.20000000000000001 0.29999999999999999 0.40000000000000002")
+"""By COLMAP 4.2.1, about cameras of our own."""
+
+SEEN_BY_COLMAP = (
+    ((730.01, 179.98), (369.97, 585.025)),
+    ((730.31, 180.16), (370.27, 585.7)),
+    ((730.45, 179.1), (365.8825, 588.43125)),
+    ((730.405, 179.19), (367.1383375, 587.38471875)),
+    ((730.495, 179.03415), (367.6018375, 587.617095938)),
+    ((728.930591847, 181.941192769), (380.003961524, 576.904102469)),
+    ((729.530171152, 180.965951761), (377.725410878, 579.17141111)),
+)
+"""Where COLMAP itself sees (0.1, -0.2, 1) and (-0.3, 0.25, 1) with each of these cameras [pixels]."""
+
+
+@pytest.mark.parametrize("number", range(1, 8))
+def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path: Path, number: int) -> None:
+    wanted = typed(WRITTEN_BY_COLMAP, camera=str(number))(tmp_path)
+    lens = read_calibration(Path(wanted.file), wanted).intrinsics
+    camera = Camera(**vars(lens), name="c", frame="world", X_FC=np.eye(4), rate=10.0)
+    seen = Projection.of(camera).pixels(np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]])).points
+    np.testing.assert_allclose(seen, np.array(SEEN_BY_COLMAP[number - 1]) - 0.5, rtol=0, atol=2e-9)
+
+
+@pytest.mark.parametrize("case", CASES["damaged"], ids=lambda case: case["case"])
+def test_damage_gives_one_message(tmp_path: Path, case: dict[str, Any]) -> None:
+    text = CASES["texts"].get(case["text"], case["text"])
+    for old, new in case.get("replace", {}).items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "camera.txt"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_calibration(
+            path, CalibrationFile(**{"file": "camera.txt", **case.get("wanted", {})}), "cameras.c.calibration"
+        )
+    (problem,) = caught.value.problems
+    assert problem.code == case["code"]
+    for words in case["says"]:
+        assert words in problem.message
+    assert case.get("mend", "") in (problem.mend or "")
+    assert problem.place is not None
+    assert (problem.place.file, problem.place.line) == (path, case.get("line"))
+
+
+def test_a_workspace_says_which_camera_and_how_large_the_image_is(cell: Path) -> None:
+    (cell / "side.yaml").write_text(yaml.safe_dump(KALIBR), encoding="utf-8")
+    workspace = cell / "workspace.yaml"
+    text = workspace.read_text(encoding="utf-8")
+    workspace.write_text(text.replace("side.yaml", "{file: side.yaml, camera: cam0}"), encoding="utf-8")
+    assert load_workspace(cell).cameras["side"].lens_file == "Kalibr camchain: cam0"
+    workspace.write_text(text.replace("side.yaml", "{file: side.yaml, width: 640}"), encoding="utf-8")
+    with pytest.raises(InputError, match="`width` and `height` go together"):
+        load_workspace(cell)
+    workspace.write_text(text.replace("side.yaml", "{file: sid.yaml, camera: cam0}"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_workspace(cell)
+    assert "did you mean" in str(caught.value)

@@ -1,0 +1,98 @@
+"""Camera poses from hand-eye calibrations, in the files that easy_handeye and easy_handeye2 write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.camera.hand_eye import read_hand_eye
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+
+CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
+ORIGINAL = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
+
+
+def with_hand_eye(cell: Path, file: str, extra: str = "") -> Path:
+    """The cell with its wrist camera where a calibration says."""
+    workspace = cell / "workspace.yaml"
+    text = workspace.read_text(encoding="utf-8")
+    assert ORIGINAL in text
+    workspace.write_text(text.replace(ORIGINAL, f"    hand_eye: {CAMERAS / file}\n{extra}"), encoding="utf-8")
+    return cell
+
+
+def test_an_eye_in_hand_sits_on_the_effector(cell: Path) -> None:
+    camera = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml")).cameras["hand"]
+    assert camera.frame == "wrist"
+    np.testing.assert_allclose(
+        camera.X_FC, [[0, 0, 1, 0.03], [0, 1, 0, -0.05], [-1, 0, 0, 0.12], [0, 0, 0, 1]], atol=1e-7
+    )
+
+
+def test_an_eye_on_base_sits_on_the_base_link_and_looks_down(cell: Path) -> None:
+    camera = load_workspace(with_hand_eye(cell, "easy_handeye2_on_base.calib")).cameras["hand"]
+    assert camera.frame == "base"
+    np.testing.assert_allclose(camera.X_FC, [[1, 0, 0, 0.5], [0, -1, 0, 0], [0, 0, -1, 1.4], [0, 0, 0, 1]], atol=1e-12)
+
+
+def test_a_frame_that_is_not_optical_is_doubted_until_the_axes_are_stated(cell: Path) -> None:
+    doubted = load_workspace(with_hand_eye(cell, "easy_handeye_early.yaml"))
+    assert [warning.code for warning in doubted.warnings if warning.code == "doubtful-axes"] == ["doubtful-axes"]
+    np.testing.assert_allclose(doubted.cameras["hand"].X_FC[:3, 3], [-0.2, 0.4, 0.3])
+
+
+def test_body_axes_are_turned_into_optical_ones(cell: Path) -> None:
+    workspace = load_workspace(with_hand_eye(cell, "easy_handeye_early.yaml", "    convention: body\n"))
+    np.testing.assert_allclose(workspace.cameras["hand"].X_FC[:3, 2], [1, 0, 0])
+    assert [warning for warning in workspace.warnings if warning.code == "doubtful-axes"] == []
+
+
+def test_the_workspace_may_name_another_link_than_the_file(cell: Path) -> None:
+    workspace = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    frame: lower\n"))
+    assert workspace.cameras["hand"].frame == "lower"
+
+
+def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
+    path = with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    pose: {position: [0, 0, 1]}\n")
+    with pytest.raises(InputError, match="exactly one of the keys `pose`, `hand_eye`"):
+        load_workspace(path)
+
+
+@pytest.mark.parametrize(("file", "old", "new", "line", "says"), [
+        ("easy_handeye_in_hand.yaml", "qw: 0.7071068", "qw: 0.1", 12, "the quaternion has length 0.714, expected 1"),
+        ("easy_handeye_in_hand.yaml", "  x: 0.03\n", "", 11, "`transformation` lacks the key `x`"),
+        ("easy_handeye_in_hand.yaml", "  qx: 0.0\n", "  qx: nought\n", 13, "found `nought`, expected a number"),
+        ("easy_handeye_in_hand.yaml", "  robot_effector_frame: wrist\n", "", 1, "lacks the key `robot_effector_frame`"),
+        ("easy_handeye_in_hand.yaml", "  eye_on_hand: true\n", "", 1, "lacks the key `calibration_type`"),
+        ("easy_handeye_in_hand.yaml", "transformation:", "transformations:", None, "lacks the key `transform`"),
+        ("easy_handeye2_on_base.calib", "eye_on_base", "eye_to_base", 3, "did you mean `eye_on_base`?"),
+        ("easy_handeye2_on_base.calib", "    w: 0.0\n", "", 16, "`transform.rotation` lacks the key `w`"),
+        ("easy_handeye2_on_base.calib", "    z: 1.4\n", "    z: .nan\n", 15, "finite"),
+])  # fmt: skip
+def test_mistakes_are_refused_where_they_stand(
+    file: str, old: str, new: str, line: int | None, says: str, tmp_path: Path
+) -> None:
+    text = (CAMERAS / file).read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / file
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_hand_eye(path)
+    problem = caught.value.problems[0]
+    assert says in problem.message
+    assert problem.place is not None
+    assert (problem.place.file, problem.place.line) == (path, line)
+
+
+def test_a_frame_that_the_robot_lacks_is_refused_in_the_calibration_itself(cell: Path) -> None:
+    text = (CAMERAS / "easy_handeye_in_hand.yaml").read_text(encoding="utf-8")
+    (cell / "wrist.yaml").write_text(text.replace("frame: wrist", "frame: wirst"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_workspace(with_hand_eye(cell, str(cell / "wrist.yaml")))
+    problem = caught.value.problems[0]
+    assert (problem.code, problem.place.line) == ("unknown-frame", 8)
+    assert "`wrist`" in problem.message
+    assert "frame:" in problem.mend

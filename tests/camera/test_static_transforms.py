@@ -1,0 +1,271 @@
+"""Where a camera is, by static transforms: TF messages, launch files, commands and recordings."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from sqrp_cli.camera.hand_eye import read_hand_eye
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix, rpy_to_matrix
+
+LINKS = ("world", "base", "wrist")
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+IN_HAND = ("wrist", "camera_link", (0.03, -0.05, 0.12), (0.0, 0.6, 0.0, 0.8))
+IN_CAMERA = ("camera_link", "camera_optical_frame", (0.0, 0.015, 0.0), OPTICAL)
+OTHER = ("base", "lidar", (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+BACK = ("camera_optical_frame", "camera_link", *OTHER[2:])
+Frames = tuple[str, str, Sequence[float], Sequence[float]]
+
+
+def matrix(frames: Frames) -> Array:
+    return pose(quaternion_to_matrix(frames[3]), frames[2])
+
+
+X_HC = matrix(IN_HAND) @ matrix(IN_CAMERA)
+"""Of the optical frame in the wrist."""
+
+
+def stamped(frames: Frames) -> dict[str, Any]:
+    parent, child, position, quaternion = frames
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": parent},
+        "child_frame_id": child,
+        "transform": {
+            "translation": dict(zip("xyz", map(float, position), strict=True)),
+            "rotation": dict(zip("xyzw", map(float, quaternion), strict=True)),
+        },
+    }
+
+
+def options(frames: Frames) -> list[str]:
+    numbers = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*frames[2], *frames[3]), strict=True))
+    named = {"frame-id": frames[0], "child-frame-id": frames[1], **numbers}
+    return [word for name, value in named.items() for word in (f"--{name}", str(value))]
+
+
+def positional(frames: Frames) -> str:
+    return " ".join(map(str, (*frames[2], *frames[3], frames[0], frames[1])))
+
+
+def launch_py(*all_frames: Frames) -> str:
+    """As MoveIt's hand-eye calibration writes `camera_pose.launch.py`."""
+    nodes = ",\n".join(
+        f'Node(package="tf2_ros", executable="static_transform_publisher", output="log", arguments={options(frames)})'
+        for frames in all_frames
+    )
+    return (
+        '""" Static transform publisher acquired via MoveIt 2 hand-eye calibration """\n'
+        '""" EYE-IN-HAND: wrist -> camera """\n'
+        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n\n\n"
+        f"def generate_launch_description() -> LaunchDescription:\n    nodes = [{nodes}]\n"
+        "    return LaunchDescription(nodes)\n"
+    )
+
+
+def launch_xml(kind: str, frames: Frames) -> str:
+    arguments = f'args="{positional(frames)}"'
+    return f'<launch>\n  <node pkg="tf2_ros" {kind}="static_transform_publisher" name="c" {arguments}/>\n</launch>\n'
+
+
+TEXTS = {
+    "message.yaml": yaml.safe_dump({"transforms": [stamped(IN_HAND), stamped(IN_CAMERA), stamped(OTHER)]}),
+    "messages.yaml": "---\n".join(yaml.safe_dump({"transforms": [stamped(one)]}) for one in (IN_CAMERA, IN_HAND))
+    + "---\n",
+    "camera_pose.launch.py": launch_py(IN_HAND, IN_CAMERA),
+    "start.sh": "#!/bin/sh\n"
+    f"ros2 run tf2_ros static_transform_publisher {positional(IN_HAND)} &\n"
+    "# ros2 run tf2_ros static_transform_publisher 1 1 1 0 0 0 base lidar\n"
+    f"ros2 run tf2_ros static_transform_publisher \\\n   {' '.join(options(IN_CAMERA))}\n",
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(TEXTS[name], encoding="utf-8")
+    found = read_hand_eye(path, carriers=LINKS)
+    assert (found.frame, found.camera_frame) == ("wrist", "camera_optical_frame")
+    np.testing.assert_allclose(found.X_FC, X_HC, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["type", "exec"])
+def test_launch_files_in_xml_are_read(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "camera_pose.launch"
+    path.write_text(launch_xml(kind, IN_HAND), encoding="utf-8")
+    np.testing.assert_allclose(read_hand_eye(path).X_FC, matrix(IN_HAND), atol=1e-9)
+
+
+def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "start.sh"
+    expected = pose(rpy_to_matrix((0.1, 0.2, 0.3)), (1, 2, 3))
+    older, named = "1 2 3 0.3 0.2 0.1 /wrist /cam 100", "--yaw 0.3 --x 1 --y=2 --z 3 --frame-id wrist"
+    for words in (older, f"{named} --pitch 0.2 --roll 0.1 --child-frame-id cam"):
+        path.write_text(f"rosrun tf static_transform_publisher {words}\n", encoding="utf-8")
+        found = read_hand_eye(path)
+        assert (found.frame, found.camera_frame) == ("wrist", "cam")
+        np.testing.assert_allclose(found.X_FC, expected, atol=1e-12)
+
+
+def test_a_launch_file_is_not_executed(tmp_path: Path) -> None:
+    path, trap = tmp_path / "camera_pose.launch.py", tmp_path / "trap"
+    path.write_text(f"open({str(trap)!r}, 'w')\n" + launch_py(IN_HAND), encoding="utf-8")
+    assert read_hand_eye(path).frame == "wrist"
+    assert not trap.exists()
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_recordings_are_read_as_rosbags_writes_them(tmp_path: Path, kind: str, whole: bool) -> None:
+    path = bag(tmp_path, kind, [IN_HAND, IN_CAMERA, OTHER])
+    if path.is_dir():
+        path = path / "metadata.yaml" if whole else next(file for file in path.iterdir() if file.suffix != ".yaml")
+    found = read_hand_eye(path, carriers=LINKS)
+    assert (found.frame, found.camera_frame, found.pose_file) == (
+        "wrist",
+        "camera_optical_frame",
+        "/tf_static of a recording",
+    )
+    np.testing.assert_allclose(found.X_FC, X_HC, atol=1e-9)
+
+
+def bag(folder: Path, kind: str, all_frames: Sequence[Frames]) -> Path:
+    rosbag1, rosbag2 = pytest.importorskip("rosbags.rosbag1"), pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    name = "tf2_msgs/msg/TFMessage"
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    types = store.types
+    path = folder / ("recording.bag" if kind == "ros1" else "recording")
+    plugin = getattr(rosbag2.StoragePlugin, kind.upper(), None)
+    writer = rosbag1.Writer(path) if kind == "ros1" else rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    with writer:
+        connection = writer.add_connection("/tf_static", name, typestore=store)
+        for number, (parent, child, position, quaternion) in enumerate(all_frames):
+            seq = {"seq": 0} if kind == "ros1" else {}
+            stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=0)
+            transform = types["geometry_msgs/msg/Transform"](
+                translation=types["geometry_msgs/msg/Vector3"](*position),
+                rotation=types["geometry_msgs/msg/Quaternion"](*quaternion),
+            )
+            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent, **seq)
+            one = types["geometry_msgs/msg/TransformStamped"](header, child, transform)
+            message = types[name](transforms=[one])
+            raw = store.serialize_ros1(message, name) if kind == "ros1" else store.serialize_cdr(message, name)
+            writer.write(connection, number, raw)
+    return path
+
+
+def test_without_the_library_a_recording_names_the_command_that_installs_it(tmp_path, monkeypatch):
+    path = tmp_path / "recording.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n")
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(InputError) as caught:
+        read_hand_eye(path)
+    assert caught.value.problems[0].mend == "pip install 'sqrp[bags]'"
+
+
+NODE = 'from launch_ros.actions import Node\nNode(executable="static_transform_publisher", arguments={})\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        (NODE.format("[Configured('x')]"), 2, "`Configured('x')` is not known without running the file"),
+        (NODE.format("names"), 2, "no list that can be read without running the file"),
+        (NODE.format("['1', '2', '3', 'base', 'cam']"), 2, "found 5 arguments, expected x y z yaw pitch roll"),
+        (NODE.format("['--frame-id', 'base', '--x', '1']"), 2, "lacks `--child-frame-id`"),
+        (NODE.format("['--frame-id', 'a', '--child-frame-id', 'b', '--x', 'far']"), 2, "`x` is `far`, expected"),
+        (NODE.format("['--frame-id', 'a', '--child-frame-id', 'b', '--qx', '3']"), 2, "not of length 1"),
+        (NODE.replace("Node(", "Node(("), 2, "no Python that can be parsed"),
+        ('<launch><node type="static_transform_publisher" args="$(arg x)"/></launch>', 1, "found 2 arguments"),
+        (TEXTS["message.yaml"].replace("0.8", "0.7", 1), None, "the quaternion is not of length 1"),
+        (TEXTS["message.yaml"].replace("frame_id: wrist", "frame: wrist"), None, "lacks the key `frame_id`"),
+        (TEXTS["message.yaml"].replace("0.015", "near"), None, "found `near`, expected a length"),
+        (yaml.safe_dump({"transforms": [stamped(IN_CAMERA), stamped(BACK)]}), None, "which frame is the camera's?"),
+        (yaml.safe_dump({"transforms": [stamped(OTHER), stamped(IN_HAND)]}), None, "has `lidar`, `camera_link`"),
+        ("secret: hunter2\n", None, "found no camera pose"),
+    ],
+)  # fmt: skip
+def test_damage_gives_one_message(tmp_path, text, line, says):
+    path = tmp_path / "file"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_hand_eye(path, carriers=LINKS)
+    (problem,) = caught.value.problems
+    assert says in problem.message
+    assert "hunter2" not in problem.message
+    assert problem.place is not None
+    assert problem.place.file == path
+    assert line in (None, problem.place.line)
+
+
+def test_frames_that_lead_back_to_themselves_are_refused(tmp_path):
+    path = tmp_path / "tf.yaml"
+    path.write_text(yaml.safe_dump({"transforms": [stamped(IN_CAMERA), stamped(BACK)]}), encoding="utf-8")
+    with pytest.raises(InputError, match="lead back"):
+        read_hand_eye(path, "camera_link", LINKS)
+    with pytest.raises(InputError, match="did you mean `camera_link`"):
+        read_hand_eye(path, "camera_lnk", LINKS)
+
+
+def test_a_damaged_recording_is_refused(tmp_path):
+    path = bag(tmp_path, "ros1", [IN_HAND])
+    path.write_bytes(path.read_bytes()[:400])
+    with pytest.raises(InputError, match="this recording cannot be read"):
+        read_hand_eye(path)
+
+
+@pytest.mark.parametrize(("frame", "expected"), [("", X_HC), ("    frame: wrist\n", X_HC)])
+def test_a_workspace_takes_the_pose_from_a_recording_in_a_folder(cell: Path, frame: str, expected: Array) -> None:
+    bag(cell, "mcap", [IN_HAND, IN_CAMERA, OTHER])
+    workspace = cell / "workspace.yaml"
+    text = workspace.read_text(encoding="utf-8")
+    stated = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
+    assert stated in text
+    named = f"    hand_eye: {{file: recording, camera: camera_optical_frame}}\n{frame}"
+    workspace.write_text(text.replace(stated, named), encoding="utf-8")
+    camera = load_workspace(cell).cameras["hand"]
+    assert (camera.frame, camera.pose_file) == ("wrist", "/tf_static of a recording")
+    np.testing.assert_allclose(camera.X_FC, expected, atol=1e-9)
+    np.testing.assert_allclose(inverse(camera.X_FC) @ expected, np.eye(4), atol=1e-9)
+
+
+CONDITIONAL = {
+    "xml": """<launch><arg name="sim" default="false"/>
+<node pkg="tf2_ros" exec="static_transform_publisher" args="{sim}" if="$(var sim)"/>
+<group unless="$(var sim)"><node pkg="tf2_ros" exec="static_transform_publisher" args="{real}"/></group></launch>""",
+    "py": """from launch import LaunchDescription
+def generate_launch_description():
+    sim = LaunchConfiguration("sim")
+    return LaunchDescription([DeclareLaunchArgument("sim", default_value="false"),
+        Node(package="tf2_ros", executable="static_transform_publisher", arguments={sim_words},
+             condition=conditions.IfCondition(sim)),
+        GroupAction(condition=UnlessCondition(LaunchConfiguration("sim")), actions=[
+            Node(package="tf2_ros", executable="static_transform_publisher", arguments={real_words})])])
+""",
+}
+
+
+@pytest.mark.parametrize("kind", CONDITIONAL)
+def test_a_transform_whose_condition_is_false_by_default_is_not_that_of_the_real_cell(
+    kind: str, tmp_path: Path
+) -> None:
+    sim, real = (("wrist", "camera", position, (0.0, 0.0, 0.0, 1.0)) for position in ((9.0, 9.0, 9.0), (0.1, 0.2, 0.3)))
+    text = CONDITIONAL[kind].format(
+        sim=positional(sim), real=positional(real), sim_words=options(sim), real_words=options(real)
+    )
+    path = tmp_path / f"camera.launch.{kind}"
+    path.write_text(text, encoding="utf-8")
+    assert read_hand_eye(path, carriers=LINKS).X_FC[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
+    path.write_text(path.read_text().replace('default="false"', "").replace('default_value="false"', ""))
+    with pytest.raises(InputError, match=r"depends on .*sim.*, which is not known before a launch"):
+        read_hand_eye(path, carriers=LINKS)

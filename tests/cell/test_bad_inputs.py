@@ -1,0 +1,72 @@
+"""What users are told about bad input: one case after the other from tests/cases/bad_inputs.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from tests.cells import read_cases
+
+CELL = Path(__file__).parents[1] / "cases" / "cell"
+CASES = read_cases("bad_inputs.yaml")
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
+def test_bad_input_is_refused_with_place_reason_and_remedy(
+    case: dict[str, Any], damaged: Callable[[dict[str, Any]], Path], position_of: Callable[[str, Path], tuple[int, int]]
+) -> None:
+    cell = damaged(case)
+    with pytest.raises(InputError) as caught:
+        load_workspace(cell)
+    problem, *others = caught.value.problems
+    assert len(others) == case.get("others", 0), "one mistake, one problem"
+    assert problem.code == case["code"], str(problem)
+    assert problem.place is not None
+    assert problem.place.file == cell / case.get("in", case["file"])
+    if "at" in case:
+        assert (problem.place.line, problem.place.column) == position_of(case["at"], problem.place.file), str(problem)
+    if "line" in case:
+        assert problem.place.line == case["line"], str(problem)
+    for piece in case.get("says", []):
+        assert str(piece) in problem.message
+    assert case.get("mend", "") in (problem.mend or "")
+    if case.get("caret"):
+        assert problem.excerpt is not None
+        line, caret = problem.excerpt.split("\n")
+        assert caret.strip() == "^"
+        assert line.replace("\t", " ").rstrip() in problem.place.file.read_text(encoding="utf-8").replace("\t", " ")
+
+
+@pytest.mark.parametrize("file", sorted(str(path.relative_to(CELL)) for path in CELL.rglob("*.*") if path.is_file()))
+def test_random_damage_loads_or_names_a_place(file: str, cell: Path) -> None:
+    """Characters removed, doubled, swapped for others, lines dropped: never an exception other than InputError."""
+    path = cell / file
+    original = path.read_text(encoding="utf-8")
+    random = Random(file)  # noqa: S311
+    for _ in range(40):
+        start = random.randrange(len(original))
+        end = min(len(original), start + random.choice([1, 1, 2, 8, 40]))
+        patch = random.choice(
+            ["", original[start:end] * 2, random.choice("{}[]()<>:,'\"-&*#\t\n$é0"), "-1", "nan", "1e999"]
+        )
+        path.write_text(original[:start] + patch + original[end:], encoding="utf-8")
+        try:
+            load_workspace(cell)
+        except InputError as error:
+            places = [problem.place for problem in error.problems]
+        else:
+            continue
+        assert all(place is not None and cell in place.file.parents for place in places)
+
+
+def test_every_problem_of_a_file_is_reported_at_once(damaged: Callable[[dict[str, Any]], Path]) -> None:
+    edits = {"urdf: arm.urdf": "urfd: arm.urdf", "padding: 5 mm": "padding: 5 s", "rate: 30": "rate: -1"}
+    with pytest.raises(InputError) as caught:
+        load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))
+    assert [problem.code for problem in caught.value.problems] == ["unknown-key", "wrong-value", "wrong-unit"]

@@ -1,0 +1,254 @@
+"""Loading a workspace as a whole."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.checks.lint import lint
+from sqrp_cli.errors import InputError
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.run.record.bag_recorder import robot_description
+from sqrp_cli.shapes import Box
+from sqrp_cli.skill.settings import Reference
+from sqrp_cli.skill.skill import JointMove, RetryEntry, StraightMove
+from tests.cells import ROOT
+
+Damage = Callable[[dict[str, Any]], Path]
+SHIPPED = sorted((Path(__file__).parents[2] / "workspaces").glob("*/workspace.yaml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=[path.parent.name for path in SHIPPED])
+def test_shipped_workspaces_load_without_errors(path: Path) -> None:
+    workspace = load_workspace(path.parent)
+    assert workspace.name == path.parent.name
+    assert [finding for finding in lint(workspace) if finding.severity == "error"] == []
+
+
+def test_a_folder_and_its_file_are_the_same_workspace(cell: Path) -> None:
+    assert load_workspace(cell).digest == load_workspace(cell / "workspace.yaml").digest
+
+
+def test_a_workspace_has_one_path_however_it_is_reached(cell: Path) -> None:
+    around = cell / ".." / cell.name
+    assert load_workspace(around).path == load_workspace(cell.resolve()).path
+
+
+@pytest.mark.parametrize("given", ["mycell", "mycell/workspace.yaml", "../here/mycell"])
+def test_mistakes_are_placed_at_the_path_as_it_was_given(
+    given: str, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = cell.parent / "here"
+    shutil.copytree(cell, here / "mycell")
+    monkeypatch.chdir(here)
+    file = here / "mycell" / "workspace.yaml"
+    file.write_text(file.read_text() + "\ncamera: {}\n")
+    with pytest.raises(InputError) as caught:
+        load_workspace(Path(given))
+    assert str(caught.value).startswith(f"{given.removesuffix('/workspace.yaml')}/workspace.yaml:")
+
+
+def test_a_workspace_that_is_given_from_here_keeps_absolute_paths_of_its_files(
+    cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = load_workspace(cell)
+    monkeypatch.chdir(cell)
+    here = load_workspace(Path())
+    assert (here.path, here.name, here.digest) == (there.path, there.name, there.digest)
+    assert {file.path for file in here.files.values()} == {file.path for file in there.files.values()}
+    assert {place.file for place in here.places.values()} == {Path("workspace.yaml")}
+    assert str(here.whole_file) == "workspace.yaml"
+
+
+def test_a_whole_path_can_be_read_from_a_working_folder_that_was_deleted(
+    cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert load_workspace(cell.resolve()).name == cell.name
+
+
+def test_a_program_where_a_workspace_is_expected_is_one_message_that_names_its_workspace(tmp_path: Path) -> None:
+    program = tmp_path / "visit.yaml"
+    program.write_text("sqrp_program: 1\nworkspace: mycell/workspace.yaml\ndigest: d\nmarks: m\nsteps: []\n")
+    with pytest.raises(InputError) as caught:
+        load_workspace(program)
+    (problem,) = caught.value.problems
+    assert str(problem) == f"{program}: this is a program; its workspace is {tmp_path}/mycell/workspace.yaml"
+
+
+@pytest.mark.parametrize("name", ["skill.yaml", "other.yaml"])
+def test_a_skill_where_a_workspace_is_expected_is_one_message(tmp_path: Path, name: str) -> None:
+    skill = tmp_path / name
+    shutil.copy(ROOT / "skills" / "pickup" / "skill.yaml", skill)
+    with pytest.raises(InputError) as caught:
+        load_workspace(skill)
+    (problem,) = caught.value.problems
+    assert str(problem) == f"{skill}: this is a skill; name the workspace that uses it"
+
+
+def test_values_are_in_si_units(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    robot = workspace.robot
+    assert robot.home == pytest.approx({"shoulder": math.radians(10), "elbow": math.radians(-20), "slide": 0.05})
+    assert robot.limits["shoulder"].velocity == pytest.approx(math.pi / 2)
+    assert (robot.limits["slide"].velocity, robot.limits["slide"].acceleration) == (0.5, 3.0)
+    assert workspace.detectors["color"].min_visible == 0.5
+    assert workspace.padding == 0.005
+    assert robot.X_WB[:3, 3].tolist() == [0, 0, 0.1]
+    assert robot.tool is not None
+    assert robot.tool.X_LT[2, 3] == 0.005
+
+
+def test_missing_limits_are_assumed_as_stated(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    assert workspace.robot.limits["elbow"].velocity == 1.0
+    assert workspace.robot.limits["elbow"].jerk == 50.0
+    assert [warning.code for warning in workspace.warnings] == ["assumed-limit"]
+    assert "elbow" in workspace.warnings[0].message
+
+
+def test_a_velocity_of_0_is_said_to_be_assumed_otherwise(damaged: Damage) -> None:
+    workspace = load_workspace(damaged({"file": "arm.urdf", "replace": {'velocity="0.5"': 'velocity="0"'}}))
+    (warning,) = workspace.warnings
+    assert "limits are not stated (or are 0) and assumed, in rad or m and s: velocity (1 for " in warning.message
+
+
+def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
+    boxes = "tool: {boxes: [{size: [6 cm, 6 cm, 4 cm]}], frame: {position: [0, 0, 2 cm]}, link: wrist}"
+    urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {urdf: boxes}})).robot
+    assert robot.tool is not None
+    assert robot.tool.file is None
+    assert robot.tool_frame == "tool_tip"
+    assert robot.tool.urdf.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
+    assert robot.tool.urdf.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
+    assert [(part.parent, part.shape) for part in robot.parts][-1] == ("tool_body", Box((0.06, 0.06, 0.04)))
+
+
+def test_a_tool_whose_root_is_called_like_the_robots_is_refused(damaged: Damage) -> None:
+    renamed = {'<link name="cup">': '<link name="base">', '<parent link="cup"/>': '<parent link="base"/>'}
+    with pytest.raises(InputError, match="robot and tool both have a link `base`"):
+        load_workspace(damaged({"file": "cup.urdf", "replace": renamed}))
+
+
+def _of_one_vendor(cell: Path) -> None:
+    """Give the tool's links the names of the robot's, and a finger that moves by a joint of the name of one of it."""
+    renamed = (cell / "cup.urdf").read_text().replace('"cup"', '"base"').replace('"cup_tip"', '"elbow"')
+    finger = (
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="wrist"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="0.01" velocity="0.1" effort="1"/></joint><link name="wrist"/></robot>'
+    )
+    (cell / "cup.urdf").write_text(renamed.replace("</robot>", finger))
+
+
+def test_robot_and_tool_with_links_and_joints_of_the_same_names_are_joined_by_a_prefix(cell: Path) -> None:
+    _of_one_vendor(cell)
+    with pytest.raises(InputError, match="both have a link `base`, and 2 more names in common") as caught:
+        load_workspace(cell)
+    assert "`prefix: tool_`" in (caught.value.problems[0].mend or "")
+
+    file = cell / "workspace.yaml"
+    text = file.read_text().replace("link: wrist, pose", "prefix: tool_, link: wrist, pose", 1)
+    file.write_text(text.replace("tool_frame: tip", "tool_frame: tool_tip"))
+    robot = load_workspace(cell).robot
+    assert robot.tool is not None
+    assert robot.tool.urdf.root == "tool_base"
+    assert robot.tool_frame == "tool_tip"
+    assert [part.parent for part in robot.parts] == ["base", "upper", "lower", "tool_base"]
+    assert robot.limits.keys() == {"shoulder", "elbow", "slide", "tool_slide"}
+
+    described = Xml.fromstring(robot_description(robot))  # noqa: S314 - our own
+    links = [link.get("name") for link in described.iter("link")]
+    joints = {joint.get("name"): joint.find("child").get("link") for joint in described.iter("joint")}  # type: ignore[union-attr]
+    assert sorted(links) == sorted(["base", "upper", "lower", "wrist", "tool_base", "tool_tip", "tool_wrist"])
+    assert sorted({"base", *joints.values()}) == sorted(links)
+    assert joints["tool_slide"] == "tool_wrist"
+
+    assert RobotModel.load(robot).tree.mounts.keys() >= {"wrist", "tool_wrist"}
+
+
+def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:
+    home = "home: {shoulder: 10 deg, elbow: -20 deg, slide: 5 cm}"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {home: "home: folded"}})).robot
+    assert robot.home == {"shoulder": 0.0, "elbow": 1.5, "slide": 0.1}
+    assert robot.disabled_pairs == {("base", "upper")}
+
+
+def test_objects_keep_their_parts_types_and_places(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    tray, lost = workspace.objects["tray"], workspace.objects["lost"]
+    assert [part.name for part in tray.parts] == ["tray/floor", "tray/1", "tray/2"]
+    assert tray.types == ("tray", "movable")
+    assert workspace.objects["table"].types == ("table", "fixture")
+    assert lost.X_WO is None
+    assert "lost" not in workspace.stated_world.X_WO
+    assert workspace.objects["blue"].X_WO is not None
+    assert np.allclose(workspace.objects["blue"].X_WO[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2))
+    assert workspace.state == {Atom("hand_empty"), Atom("on_table", ("red",)), Atom("on_table", ("blue",))}
+
+
+def test_a_skill_keeps_parameters_settings_and_responses(cell: Path) -> None:
+    skill = load_workspace(cell).skills["pickup"]
+    values = {parameter.name: parameter.values for parameter in skill.motion_parameters}
+    assert values["yaw"] == (0.0, pytest.approx(math.pi / 2))
+    assert values["lift"] == pytest.approx((0.05, 0.10, 0.15))
+    first, second, *_, last = skill.primitives
+    assert isinstance(first, JointMove)
+    assert first.speed == Reference("speed")
+    assert isinstance(second, StraightMove)
+    assert (second.speed, second.acceleration, second.jerk) == (0.05, 0.5, 5.0)
+    assert isinstance(last, JointMove)
+    assert last.speed == 1.0
+    settle = [requirement.stated.settle for requirement in skill.requirements]
+    assert settle == [0.5, 0.2, 0.5]
+    slip = skill.requirements[-1]
+    assert (slip.name, slip.stated.response) == ("slip", RetryEntry(retry=2, when="on_table"))
+    assert str(slip.retry_when) == "on_table"
+
+
+def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damaged: Damage) -> None:
+    edits = {"  lost: {": "  off: {", "  - hand_empty": "  - hand_empty\n  - on_table(off)"}
+    workspace = load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))
+    assert Atom("on_table", ("off",)) in workspace.state
+
+
+@pytest.mark.parametrize(("asked", "entries", "meant"), [
+        ("nosuch", ["env.sh", "such.txt", "such/readme.md"], None), ("nosuch", ["such/workspace.yaml"], "such"),
+        ("tabeltop", ["tabletop.sh", "tabletop.yaml"], "tabletop.yaml"),
+        ("tabeltop.yaml", ["tray.yaml", "bin.yaml"], None),
+        ("tabletop", ["cells/tabletop/workspace.yaml", "tableto/workspace.yaml"], "cells/tabletop"),
+        ("left.yaml", ["cells/left.yaml"], "cells/left.yaml"),
+        ("cels/left", ["cells/readme.md", "cell/left/workspace.yaml"], "cell"),
+])  # fmt: skip
+def test_only_what_can_be_a_workspace_of_a_near_name_is_suggested(
+    tmp_path: Path, asked: str, entries: list[str], meant: str | None
+) -> None:
+    for entry in entries:
+        (tmp_path / entry).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / entry).touch()
+    with pytest.raises(InputError) as caught:
+        load_workspace(tmp_path / asked)
+    hint = f"; did you mean `{tmp_path / meant}`?" if meant else ""
+    assert caught.value.problems[0].message == f"no such file or folder{hint}"
+
+
+def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) -> None:
+    with pytest.raises(InputError, match="it has the workspaces `cell`"):
+        load_workspace(tmp_path)
+    with pytest.raises(InputError, match=f"did you mean `{cell}`"):
+        load_workspace(tmp_path / "cel")
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(InputError, match="the folder is empty"):
+        load_workspace(tmp_path / "nothing")

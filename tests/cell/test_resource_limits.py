@@ -1,0 +1,224 @@
+"""Files that would take for ever or fill the memory are refused at once, and the message says what the limit is."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.cell.mesh import read_mesh
+from sqrp_cli.errors import InputError
+from sqrp_cli.robot.read_urdf import read_urdf
+from tests.cell.mesh.mesh_bombs import dae
+from tests.cells import refusal
+from tests.damage.bombs import aliases, merges
+
+
+@pytest.fixture(autouse=True)
+def at_once() -> Iterator[None]:
+    """Refusing takes a moment; unfolded, these would take hours, so that the bound need not be tight."""
+    before = time.process_time()
+    yield
+    assert time.process_time() - before < 60.0
+
+
+def prepend(path: Path, text: str) -> None:
+    path.write_text(text + path.read_text(encoding="utf-8"), encoding="utf-8")
+
+
+BOMBS = {
+    "aliases": aliases(),
+    "merges": merges(),
+    "itself": "a: &a\n  b: *a\n",
+    "brackets": "x: " + "[" * 100_000 + "\n",
+    "braces": "x: " + "{a: " * 100_000 + "\n",
+    "dashes": "- " * 100_000 + "x\n",
+    "indents": "".join(" " * i + "a:\n" for i in range(1200)),
+    "digits": "x: " + "9" * 500_000 + "\n",
+    "values": "x: [" + "a," * 400_000 + "a]\n",
+    "bytes": "x: '" + "a" * 2_000_000 + "'\n",
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_a_yaml_file_cannot_unfold_without_end(bomb: str, cell: Path) -> None:
+    prepend(cell / "workspace.yaml", BOMBS[bomb])
+    problem = refusal(cell)
+    assert problem.code in {"too-many-values", "nesting-too-deep", "not-finite", "file-too-large"}
+    assert problem.place is not None
+    assert problem.place.file == cell / "workspace.yaml"
+    assert len(problem.message) < 300
+
+
+def test_an_xml_file_cannot_unfold_or_open_others(cell: Path) -> None:
+    entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(
+        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10)
+    )
+    text = (cell / "arm.urdf").read_text(encoding="utf-8")
+    for declaration in (entities, '<!ENTITY a SYSTEM "file:///etc/passwd">', '<!ENTITY % a SYSTEM "file:///dev/zero">'):
+        (cell / "arm.urdf").write_text(text.replace("<robot", f"<!DOCTYPE r [{declaration}]><robot", 1))
+        assert refusal(cell).code == "xml-entity"
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 100_000))
+    assert refusal(cell).code == "nesting-too-deep"
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 300_000 + "</robot>"))
+    assert refusal(cell).code == "too-many-elements"
+
+
+def test_a_robot_of_thousands_of_joints_is_refused(cell: Path) -> None:
+    chain = "".join(
+        f'<link name="l{i}"/><joint name="k{i}" type="revolute"><limit lower="-1" upper="1"/>'
+        f'<parent link="{f"l{i - 1}" if i else "wrist"}"/><child link="l{i}"/></joint>'
+        for i in range(3000)
+    )
+    path = cell / "arm.urdf"
+    path.write_text(path.read_text(encoding="utf-8").replace("</robot>", chain + "</robot>"), encoding="utf-8")
+    problem = refusal(cell)
+    assert problem.code == "too-many-links"
+    assert "at most 2,000 links and 200 joints" in problem.message
+
+
+def test_joints_that_follow_each_other_in_a_circle_are_refused(cell: Path) -> None:
+    path = cell / "arm.urdf"
+    text = path.read_text(encoding="utf-8")
+    text = text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="elbow"/>', 1)
+    path.write_text(text.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="shoulder"/>', 1))
+    assert refusal(cell).code == "wrong-mimic"
+
+
+def test_a_thousand_cameras_are_refused(cell: Path) -> None:
+    path = cell / "workspace.yaml"
+    entry = "{pose: {position: [1, 0, 1], look_at: [0, 0, 0]}, image: {width: 64, height: 48, fx: 50}, rate: 10 Hz}"
+    cameras = "".join(f"  extra{i}: {entry}\n" for i in range(1000))
+    path.write_text(path.read_text(encoding="utf-8").replace("cameras:\n", "cameras:\n" + cameras), encoding="utf-8")
+    assert "found 1,003 entries, expected at most 200" in refusal(cell).message
+
+
+def binary_stl(path: Path, stated: int, present: int) -> Path:
+    with path.open("wb") as file:
+        file.write(bytes(80) + struct.pack("<I", stated))
+        file.truncate(84 + 50 * present)
+    return path
+
+
+def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Path) -> None:
+    for count, code in ((10_000_000, "file-too-large"), (3_900_000, "mesh-too-large")):
+        with pytest.raises(InputError) as caught:
+            read_mesh(binary_stl(tmp_path / "big.stl", count, count))
+        assert caught.value.problems[0].code == code
+        assert caught.value.problems[0].mend == "simplify the mesh"
+
+
+def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None:
+    (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 600_000, encoding="ascii")
+    geometry, numbers = dae(), re.search(rb"<p>(.*)</p>", dae())
+    assert numbers is not None
+    many = geometry.replace(numbers[1], (numbers[1] + b" ") * 65_536).replace(b'count="12"', b'count="786432"')
+    (tmp_path / "big.dae").write_bytes(many)
+    for name, count in (("big.obj", "600,000"), ("big.dae", "786,432")):
+        with pytest.raises(InputError, match=f"{count} triangles, the limit is 500,000"):
+            read_mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize("file", ["workspace.yaml", "arm.urdf", "arm.srdf", "side.yaml", "cube.stl"])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(file: str, cell: Path) -> None:
+    (cell / file).unlink()
+    os.mkfifo(cell / file)
+    assert "expected a file" in refusal(cell).message
+    (cell / file).unlink()
+    (cell / file).symlink_to(file)
+    assert "expected a file" in refusal(cell).message
+
+
+def test_groups_of_groups_without_end_are_refused(cell: Path) -> None:
+    text = (cell / "arm.srdf").read_text(encoding="utf-8")
+    chain = "".join(f'<group name="g{i}"><group name="g{i + 1}"/></group>' for i in range(3000))
+    chain += '<group name="g3000"/>'
+    (cell / "arm.srdf").write_text(text.replace("<group ", chain + "<group ", 1), encoding="utf-8")
+    assert refusal(cell).code == "nesting-too-deep"
+
+
+@pytest.mark.parametrize(("old", "new"), [
+        ("(and ", "(" * 20_000 + "and "), ("(not (hold ?object))", "(not " * 3000 + "(hold ?object)" + ")" * 3000),
+        ("(hand_empty))", "(hand_empty) " * 20_000 + ")"), ("(:types", "(:types a - b b - a "),
+    ],
+    ids=["brackets", "negations", "declarations", "types"],
+)  # fmt: skip
+def test_pddl_without_end_is_refused(old: str, new: str, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    problem = refusal(cell)
+    assert problem.code.startswith("pddl-")
+    assert problem.place is not None
+    assert problem.place.file == path
+    assert problem.excerpt is None or len(problem.excerpt) < 300
+
+
+def with_links(cell: Path, text: str) -> None:
+    path = cell / "arm.urdf"
+    path.write_text(path.read_text(encoding="utf-8").replace("</robot>", text + "</robot>"), encoding="utf-8")
+
+
+def test_two_thousand_links_in_a_row_are_read_in_a_moment(cell: Path) -> None:
+    """Looking for a circle from each link took time with the cube of their number."""
+    chain = "".join(
+        f'<link name="l{i}"/><joint name="k{i}" type="fixed">'
+        f'<parent link="{f"l{i - 1}" if i else "wrist"}"/><child link="l{i}"/></joint>'
+        for i in range(1950)
+    )
+    with_links(cell, chain)
+    before = time.process_time()
+    assert len(read_urdf(cell / "arm.urdf").links) > 1950
+    assert time.process_time() - before < 5.0
+
+
+def test_a_robot_of_thousands_of_shapes_is_refused_at_the_first_too_many(cell: Path) -> None:
+    before = (cell / "arm.urdf").read_text(encoding="utf-8").count("\n")
+    box = '<collision>\n<geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    with_links(cell, f'<link name="many">{box * 20_000}</link>')
+    problem = refusal(cell)
+    assert problem.code == "too-many-shapes"
+    assert "expected at most 500" in problem.message
+    assert problem.place is not None
+    assert problem.place.file == cell / "arm.urdf"
+    assert problem.place.line is not None
+    assert before + 450 < problem.place.line <= before + 501
+
+
+def test_a_rail_of_a_thousand_kilometres_is_refused(cell: Path) -> None:
+    rail = '<joint name="rail" type="prismatic">{}<parent link="wrist"/><child link="car"/></joint><link name="car"/>'
+    with_links(cell, rail.format('<limit lower="-1e6" upper="1e6"/>'))
+    assert refusal(cell).message == "<limit>: `lower` is `-1e6`, expected at most 100 in size"
+
+
+@pytest.mark.parametrize("count", [12, 100])
+def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    variables = " ".join(f"?v{i} - object" for i in range(count))
+    text = path.read_text(encoding="utf-8").replace(
+        ":negative-preconditions", ":negative-preconditions :universal-preconditions"
+    )
+    path.write_text(text.replace("(and (on", f"(and (forall ({variables}) (hand_empty)) (on"), encoding="utf-8")
+    problem = refusal(cell)
+    assert (problem.code, problem.place.file if problem.place else None) == ("pddl-too-large", path)
+    assert problem.place is not None
+    assert problem.place.line == 5
+    assert "the limit is 50,000" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("section", "entry"), [("waypoints", "w{0}: {{from: home, raise: 1 mm}}"), ("faults", "f{0}: {{formula: hold}}")]
+)
+def test_a_skill_of_thousands_of_entries_is_refused(section: str, entry: str, cell: Path) -> None:
+    path = cell / "pickup" / "skill.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert f"{section}:\n" in text
+    entries = "".join(f"  {entry.format(k)}\n" for k in range(3000))
+    path.write_text(text.replace(f"{section}:\n", f"{section}:\n{entries}", 1), encoding="utf-8")
+    assert "expected at most 200" in refusal(cell).message

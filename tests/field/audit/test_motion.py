@@ -1,0 +1,103 @@
+"""A program's motion is found in joint states, whatever else they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.field.audit.motion import JointTracks, found_steps
+from sqrp_cli.trajectory import Trajectory
+from tests.run.steps import played
+
+ARM = ["shoulder", "elbow"]
+
+
+def moved(start: list[float], end: list[float], time: float) -> Any:
+    """A step that moves the joints with a smooth start and end."""
+    law = [[0.0, 0.0, 3 / time**2, -2 / time**3]]
+    coefficients = [[[(a + b) / 2 for a, b in zip(start, end, strict=True)],
+                     [(b - a) / 2 for a, b in zip(start, end, strict=True)]]]  # fmt: skip
+    numbers = {"path": {"breaks": [0.0, 1.0], "coefficients": coefficients}}
+    motion = Trajectory.from_numbers({**numbers, "law": {"breaks": [0.0, time], "coefficients": law}})
+    return SimpleNamespace(time=time, primitives=[played(motion)], short_task="pickup g1")
+
+
+OUT, BACK = moved([0.0, 0.0], [0.6, -0.4], 3.0), moved([0.6, -0.4], [0.0, 0.3], 2.0)
+PROGRAM: Any = SimpleNamespace(joints=tuple(ARM), steps=[OUT, BACK])
+
+
+def position(runs: list[tuple[float, Any, float]], t: np.ndarray) -> np.ndarray:
+    """Where the joints are: of each run the start [s], the step, and the share after which it stands still."""
+    q = np.zeros((len(t), 2))
+    for start, step, share in runs:
+        tau = np.clip(t - start, 0.0, share * step.time)
+        q = np.where((t >= start)[:, None], step.primitives[0].trajectory.positions(tau), q)
+    return q
+
+
+def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: float = 20.0) -> JointTracks:
+    """Joint states, each joint on a topic of its own and a little later than the other."""
+    tracks, rng = JointTracks(), np.random.default_rng(0)
+    for column, name in enumerate(ARM):
+        t = np.arange(0.0, end, 1.0 / rate) + 0.003 * column
+        q = position(runs, t)[:, column] + rng.normal(0.0, 1e-4, len(t))
+        for time, value in zip(t, q, strict=True):
+            tracks.add(f"/{name}", time, [name, "finger"], [value, float("nan")])
+    return tracks.sorted()
+
+
+def test_each_step_is_found_to_a_millisecond() -> None:
+    found = found_steps(PROGRAM, ARM, recorded([(4.123, OUT, 1.0), (9.456, BACK, 1.0)]), Path("run.mcap"))
+    assert found.starts == pytest.approx([4.123, 9.456], abs=1e-3)
+    assert found.runs == 1
+
+
+@pytest.mark.parametrize(("last", "runs"), [(1.0, 2), (0.2, 1)])
+def test_of_two_runs_the_first_one_counts_and_both_are_told(last: float, runs: int) -> None:
+    moves = [(2.0, OUT, 1.0), (6.0, BACK, 1.0), (10.0, OUT, 1.0), (14.0, BACK, last)]
+    found = found_steps(PROGRAM, ARM, recorded(moves), Path("run.mcap"))
+    assert found.starts == pytest.approx([2.0, 6.0], abs=1e-3)
+    assert found.runs == runs
+
+
+def test_a_step_that_comes_again_within_a_program_is_no_other_run() -> None:
+    home = moved([0.6, -0.4], [0.0, 0.0], 2.0)
+    program: Any = SimpleNamespace(joints=tuple(ARM), steps=[OUT, home, OUT, home])
+    moves = [(t, step, 1.0) for t, step in zip(range(1, 17, 4), program.steps, strict=True)]
+    found = found_steps(program, ARM, recorded(moves), Path("run.mcap"))
+    assert (found.starts, found.runs) == (pytest.approx([1.0, 5.0, 9.0, 13.0], abs=1e-3), 1)
+
+
+def test_a_step_that_was_stopped_on_the_way_is_found_by_its_beginning() -> None:
+    program: Any = SimpleNamespace(joints=tuple(ARM), steps=[OUT])
+    found = found_steps(program, ARM, recorded([(5.0, OUT, 0.6)]), Path("run.mcap"))
+    assert found.starts == pytest.approx([5.0], abs=2e-3)
+
+
+@pytest.mark.parametrize("end", [0.7, 1.0])
+def test_of_a_recording_that_was_interrupted_it_is_said_that_it_ends_too_early(end: float) -> None:
+    says = f"this recording ends at {end - 0.02:.2f} s, too early in the motion of step 1, pickup g1; expected at least"
+    with pytest.raises(InputError, match=f"{says} the first 35% of it"):
+        found_steps(PROGRAM, ARM, recorded([(0.05, OUT, 1.0)], end=end), Path("run.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("runs", "arm", "says"),
+    [
+        ([], ["shoulder", "wrist"], "lack wrist; they have `elbow`, `shoulder`"),
+        ([(5.0, OUT, 1.0)], ARM, "the motion of step 2, pickup g1, is not in the joint states"),
+        (
+            [(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)],
+            ARM,
+            "step 1, .* it fits; expected at least the first 35% of",
+        ),
+    ],
+)
+def test_what_is_not_there_is_said(runs: Any, arm: list[str], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        found_steps(PROGRAM, arm, recorded(runs), Path("run.mcap"))

@@ -1,0 +1,114 @@
+"""Curves fitted to what was drawn from a known curve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sqrp_cli.camera.detector import BoxSights, Curve, Detector
+from sqrp_cli.field.calibrating.fit import FOLDS, DetectorLooks, fit, held_out, judge, tell
+from sqrp_cli.geometry import Array
+
+TRUE = Curve(bias=-18.0, pixels=6.0, incidence=3.0, visible=5.0, blur=8.0, most=0.97)
+DETECTOR = Detector(kind="aruco", distance=(0.1, 3.0), max_incidence=1.0, min_pixels=16.0)
+
+
+def drawn(count: int, seed: int) -> BoxSights:
+    random = np.random.default_rng(seed)
+    return BoxSights(
+        pixels=np.exp(random.uniform(np.log(5.0), np.log(60.0), count)),
+        incidence=random.uniform(0.0, 1.4, count),
+        distance=random.uniform(0.3, 2.0, count),
+        visible=np.where(random.random(count) < 0.3, random.uniform(0.1, 1.0, count), 1.0),
+        blur=np.abs(random.normal(0.0, 3.0, count)),
+    )
+
+
+def looks(count: int, seed: int, told: Array | None = None, poses: int | None = None) -> DetectorLooks:
+    """Looks in which the true curve decides, or other probabilities."""
+    sights = drawn(count, seed)
+    random = np.random.default_rng([seed, 1])
+    probabilities = TRUE.probability(sights) if told is None else told
+    covered = (sights.pixels >= 16.0) & (sights.incidence <= 1.0) & (sights.visible >= 1.0)
+    pose = np.arange(count) if poses is None else np.arange(count) * poses // count
+    return DetectorLooks(sights=sights, seen=random.random(count) < probabilities, covered=covered, pose=pose)
+
+
+def test_the_curve_that_decided_is_found_again() -> None:
+    found, others = fit(looks(3000, 0), DETECTOR), drawn(2000, 1)
+    assert np.abs(found.probability(others) - TRUE.probability(others)).mean() < 0.015
+
+
+def test_it_is_calibrated_and_twice_as_good_as_limits_where_it_did_not_learn() -> None:
+    found, others = fit(looks(3000, 0), DETECTOR), looks(3000, 1)
+    curve, limits = judge(found.probability(others.sights), others.seen), judge(others.covered * 1.0, others.seen)
+    best = judge(TRUE.probability(others.sights), others.seen)
+    assert curve.calibration_error <= 0.03
+    assert curve.brier <= 0.5 * limits.brier
+    assert curve.brier <= 1.05 * best.brier
+
+
+def test_frames_of_chance_promise_nothing_when_they_are_held_out() -> None:
+    """Forty poses of which each is seen or not, ten images of each: what is learned of one tells nothing of another."""
+    random = np.random.default_rng(3)
+    luck = np.repeat(random.random(40) < 0.5, 10) * 1.0
+    found = looks(400, 4, luck, poses=40)
+    assert judge(held_out(found, DETECTOR), found.seen).brier >= 0.23
+
+
+def test_each_fifth_is_judged_by_a_curve_that_did_not_see_it() -> None:
+    known = looks(600, 5, poses=60)
+    told = held_out(known, DETECTOR)
+    for part in range(FOLDS):
+        here = known.pose % FOLDS == part
+        other = fit(known.some(~here), DETECTOR)
+        assert told[here] == pytest.approx(tell(other, known.some(here), DETECTOR))
+
+
+def test_where_hardly_anything_is_missed_the_limits_stay() -> None:
+    known = looks(200, 8, np.full(200, 0.985))
+    found = fit(known, DETECTOR)
+    within = known.seen[known.covered]
+    assert found.terms == {}
+    assert found.probability(known.sights) == pytest.approx((within.sum() + 1) / (len(within) + 2), abs=1e-3)
+    assert (tell(found, known, DETECTOR)[known.sights.pixels < DETECTOR.min_pixels] == 0.0).all()
+
+
+def test_few_boxes_that_were_missed_give_few_terms() -> None:
+    known = looks(3000, 9)
+    few = known.some(known.seen | (np.cumsum(~known.seen) <= 12))
+    assert len([value for value in fit(few, DETECTOR).terms.values() if value > 0]) <= 2
+
+
+def test_a_limit_that_frames_exceed_is_replaced_and_one_that_they_do_not_tell_about_stays() -> None:
+    sights = drawn(500, 6)._replace(distance=np.full(500, 5.0), incidence=np.full(500, 0.3))
+    seen = np.random.default_rng(7).random(500) < TRUE.probability(sights)
+    found = fit(DetectorLooks(sights=sights, seen=seen, covered=seen, pose=np.arange(500)), DETECTOR)
+    assert found.distance == 0.0
+    assert found.incidence is None
+    assert found.pixels
+
+
+def test_figures_are_those_of_the_definition() -> None:
+    told, seen = np.array([0.05, 0.05, 0.85, 0.85]), np.array([False, True, True, True])
+    found = judge(told, seen)
+    assert [(one.looks, one.told, one.seen) for one in found.bins] == [(2, 0.05, 0.5), (2, pytest.approx(0.85), 1.0)]
+    assert found.calibration_error == pytest.approx(0.5 * 0.45 + 0.5 * 0.15)
+    assert found.brier == pytest.approx((0.05**2 + 0.95**2 + 2 * 0.15**2) / 4)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_seeing_a_box_better_never_makes_it_less_likely(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    found, sights = fit(looks(200, seed, random.random(200)), DETECTOR), drawn(50, seed + 1)
+    better = BoxSights(
+        pixels=sights.pixels * 1.3,
+        incidence=sights.incidence * 0.7,
+        distance=sights.distance * 0.8,
+        visible=np.minimum(1.0, sights.visible * 1.2),
+        blur=sights.blur * 0.5,
+    )
+    assert (found.probability(better) >= found.probability(sights) - 1e-12).all()

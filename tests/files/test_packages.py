@@ -1,0 +1,122 @@
+"""Finding files by path and by package."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError, Place
+from sqrp_cli.files.packages import from_folder, package_roots, resolve
+
+PLACE = Place(Path("workspace.yaml"), 3, 9)
+
+
+def make(root: Path, name: str) -> Path:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+    return path
+
+
+def test_roots_are_tried_in_order_stated_ros_ament_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stated, ros, ament, python = (tmp_path / name for name in ("stated", "ros", "ament", "python"))
+    expected = [stated, ros, ament / "share", python / "cmeel.prefix" / "share"]
+    files = [make(root, "arm/arm.urdf") for root in expected]
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{ros}:{tmp_path / 'missing'}")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(ament))
+    monkeypatch.setattr(sys, "path", [str(python)])
+    roots = package_roots([stated])
+    assert list(roots[:4]) == expected
+    for index, file in enumerate(files):
+        assert resolve("package://arm/arm.urdf", tmp_path, roots[index:], PLACE) == file
+
+
+def test_a_root_that_is_the_package_itself_counts(tmp_path: Path) -> None:
+    file = make(tmp_path, "arm/urdf/arm.urdf")
+    assert resolve("package://arm/urdf/arm.urdf", tmp_path, [tmp_path / "arm"], PLACE) == file
+
+
+def test_a_third_slash_before_the_package_means_nothing(tmp_path: Path) -> None:
+    file = make(tmp_path, "arm/arm.urdf")
+    assert resolve("package:///arm/arm.urdf", tmp_path, [tmp_path], PLACE) == file
+
+
+def test_paths_are_relative_to_the_file_that_names_them(tmp_path: Path) -> None:
+    file = make(tmp_path, "robots/my arm.urdf")
+    assert resolve("../robots/my arm.urdf", tmp_path / "cell", [], PLACE) == file
+    assert resolve(f"file://{tmp_path}/robots/my%20arm.urdf", tmp_path, [], PLACE) == file
+    assert resolve(str(file), Path("/"), [], PLACE) == file
+
+
+def test_a_missing_package_lists_the_roots_and_the_command_that_installs_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        resolve("package://example-robot-data/robots/ur5.urdf", tmp_path, [tmp_path], PLACE)
+    (problem,) = caught.value.problems
+    assert problem.code == "missing-package"
+    assert f"roots tried: {tmp_path}" in problem.message
+    assert problem.mend == "pip install example-robot-data"
+    assert problem.place == PLACE
+
+
+def test_a_missing_file_in_a_package_names_what_is_there(tmp_path: Path) -> None:
+    make(tmp_path, "arm/meshes/link_1.stl")
+    with pytest.raises(InputError, match=r"has no `link_2\.stl`; did you mean `link_1\.stl`"):
+        resolve("package://arm/meshes/link_2.stl", tmp_path, [tmp_path], PLACE)
+    with pytest.raises(InputError, match=r"has no `mesh`; did you mean `meshes`"):
+        resolve("package://arm/mesh/link_1.stl", tmp_path, [tmp_path], PLACE)
+    with pytest.raises(InputError, match="is a folder"):
+        resolve("package://arm/meshes", tmp_path, [tmp_path], PLACE)
+
+
+def test_a_misspelt_package_names_the_nearest(tmp_path: Path) -> None:
+    make(tmp_path, "my_robots/arm.urdf")
+    with pytest.raises(InputError, match="did you mean `my_robots`"):
+        resolve("package://my_robot/arm.urdf", tmp_path, [tmp_path], PLACE)
+
+
+@pytest.mark.parametrize(
+    "reference", ["~nobody-of-that-name/arm.urdf", "x" * 5000 + ".urdf", "a/" * 5000, "a\0b.urdf", "\udcff"]
+)
+def test_names_that_no_file_has_are_refused_where_they_stand(reference: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file or folder") as caught:
+        resolve(reference, tmp_path, [], PLACE)
+    assert caught.value.problems[0].place == PLACE
+
+
+def named(folder: Path, name: str) -> Path:
+    make(folder, "package.xml").write_text(f"<package>\n  <name>{name}</name>\n</package>")
+    return folder
+
+
+def test_the_name_in_package_xml_counts_and_not_that_of_the_folder(tmp_path: Path) -> None:
+    clone = named(tmp_path / "Arm_ROS2_Description", "arm_description")
+    file = make(clone, "meshes/link.stl")
+    for root in (tmp_path, clone):
+        assert resolve("package://arm_description/meshes/link.stl", tmp_path, [root], PLACE) == file
+    with pytest.raises(InputError, match="did you mean `arm_description`"):
+        resolve("package://arm_descripton/meshes/link.stl", tmp_path, [tmp_path], PLACE)
+
+
+def test_packages_are_found_within_repositories_of_several(tmp_path: Path) -> None:
+    package = named(tmp_path / "src" / "vendor" / "arm_support", "arm_support")
+    file = make(package, "urdf/arm.urdf")
+    assert resolve("package://arm_support/urdf/arm.urdf", tmp_path, [tmp_path / "src"], PLACE) == file
+
+
+def test_a_folder_of_that_name_that_is_another_package_comes_last(tmp_path: Path) -> None:
+    file = make(named(tmp_path / "a" / "copy", "arm"), "arm.urdf")
+    other = make(named(tmp_path / "a" / "arm", "other"), "arm.urdf")
+    assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == file
+    file.unlink()
+    assert resolve("package://arm/arm.urdf", tmp_path, [tmp_path / "a"], PLACE) == other
+
+
+def test_a_path_through_a_link_is_what_the_file_system_makes_of_it(tmp_path: Path) -> None:
+    (tmp_path / "far" / "cell").mkdir(parents=True)
+    (tmp_path / "far" / "skills").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "far" / "cell")
+    assert from_folder(tmp_path / "link", "../skills") == tmp_path / "far" / "skills"
+    assert from_folder(tmp_path / "far" / "cell", "../skills") == tmp_path / "far" / "skills"
+    assert from_folder(Path("far/cell"), "../skills") == Path("far/skills")

@@ -1,0 +1,265 @@
+"""Collision checks, against pairwise coal at a finer step than the check ever used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.geometry import Array, axis_rotation, pose, transform
+from sqrp_cli.motion.collision import CollisionScene, find_self_contacts
+from sqrp_cli.motion.placed_scene import (
+    CLEARANCE,
+    RESOLUTION,
+    Contact,
+    MotionBound,
+    PlacedScene,
+    pair,
+)
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.sight.solids import load_solid
+from sqrp_cli.trajectory import JointPath
+from tests.coal_geometry import coal_geometry
+from tests.motion.cells import thing
+from tests.task.robots import joint, robot
+
+READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
+
+
+TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))
+CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
+POST = thing("post", (0.03, 0.03, 0.6), pose(axis_rotation(2, 0.4), (0.45, 0.3, 0.3)))
+SHELF = thing("shelf", (0.3, 0.5, 0.01), pose(axis_rotation(0, 0.2), (-0.1, 0.5, 0.5)))
+THINGS = (TABLE, CUBE, POST, SHELF)
+
+
+def world(things: Iterable[SceneObject] = THINGS, held: str | None = None, X_TO: Array | None = None) -> World:
+    return World(frozenset(), {t.name: t.X_WO for t in things if t.X_WO is not None}, held, X_TO, {})
+
+
+@pytest.fixture(scope="module")
+def scene(ur5: RobotModel) -> CollisionScene:
+    return CollisionScene(ur5, THINGS)
+
+
+class BruteForce:
+    """Every pair of parts, one after the other, with the meshes themselves."""
+
+    def __init__(self, model: RobotModel, state: World, margin: float) -> None:
+        self.model = model
+        self.request = coal.CollisionRequest()
+        self.request.security_margin = margin
+        depth = MotionBound(model).depth
+        parts = [(part, coal_geometry(load_solid(part)), None) for part in model.parts]
+        for t in THINGS:
+            frame = state.X_TO if t.name == state.held else state.X_WO[t.name]
+            parts += [(part, coal_geometry(load_solid(part)), frame) for part in t.parts]
+        self.parts, self.held = parts, state.held
+        rigid = {part.parent: depth.get(part.parent, 0) for part, *_ in parts}
+        if state.held is not None:
+            rigid[state.held] = 99
+        ignored = model.adjacent_pairs | {pair(state.held or "", link) for link in model.tool_links}
+        self.pairs = [
+            (i, j)
+            for (i, (a, *_)), (j, (b, *_)) in combinations(enumerate(parts), 2)
+            if rigid[a.parent] != rigid[b.parent] and pair(a.parent, b.parent) not in ignored
+        ]
+
+    def contacts(self, q: Array) -> set[tuple[str, str]]:
+        links, found = self.model.link_poses(q[None]), set()
+        placements = []
+        for part, _, frame in self.parts:
+            if frame is None:
+                X = links[part.parent][0]
+            else:
+                X = links[self.model.tool_frame][0] @ frame if part.parent == self.held else frame
+            X = X @ part.X_PG
+            placements.append(coal.Transform3s(X[:3, :3], X[:3, 3]))
+        for i, j in self.pairs:
+            result = coal.CollisionResult()
+            if coal.collide(self.parts[i][1], placements[i], self.parts[j][1], placements[j], self.request, result):
+                found.add(pair(self.parts[i][0].parent, self.parts[j][0].parent))
+        return found
+
+
+def test_single_configurations_agree_with_every_pair_tried(ur5: RobotModel, scene: CollisionScene) -> None:
+    placed, brute = scene.placed(world()), BruteForce(ur5, world(), CLEARANCE)
+    rng = np.random.default_rng(0)
+    q = READY + rng.uniform(-1, 1, (150, 6)) * [3, 0.8, 0.9, 2, 2, 3]
+    contacts = placed.check_all(q)
+    hits = 0
+    for at, contact in zip(q, contacts, strict=True):
+        truth = brute.contacts(at)
+        assert (contact is None) == (not truth)
+        if contact is not None:
+            assert pair(contact.first, contact.second) in truth
+            hits += 1
+    assert 20 < hits < 130
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_motions_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene, held: bool) -> None:
+    state = world(held="cube", X_TO=pose(position=(0, 0, 0.02))) if held else world()
+    placed = scene.placed(state)
+    touching, near = BruteForce(ur5, state, CLEARANCE), BruteForce(ur5, state, CLEARANCE + 2 * RESOLUTION)
+    rng = np.random.default_rng(1)
+    kinds = {True: 0, False: 0}
+    for _ in range(25):
+        path = JointPath.line(READY, READY + rng.uniform(-1, 1, 6) * [1.5, 0.6, 0.8, 1, 1, 2])
+        contact = placed.check_path(path)
+        s = np.linspace(0, 1, 200)
+        before = s if contact is None else s[s < contact.s - 2e-3]
+        assert not any(touching.contacts(q) for q in path.positions(before))
+        if contact is not None:
+            assert pair(contact.first, contact.second) in near.contacts(path.positions([contact.s])[0])
+        kinds[contact is None] += 1
+    assert min(kinds.values()) >= 3
+
+
+def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene) -> None:
+    placed, brute = scene.placed(world()), BruteForce(ur5, world(), CLEARANCE)
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        breaks, width = np.array([0.0, 0.3, 1.0]), np.array([1.2, 0.5, 0.6, 0.8, 0.8, 1])
+        coefficients = rng.uniform(-0.5, 0.5, (2, 5, 6)) * width / (1 + np.arange(5))[:, None]
+        path = JointPath(breaks, coefficients).shifted(READY)
+        contact = placed.check_path(path)
+        s = np.linspace(0, 1, 300)
+        before = s if contact is None else s[s < contact.s - 2e-3]
+        assert not any(brute.contacts(q) for q in path.positions(before))
+
+
+def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) -> None:
+    """Swing the shoulder through a plate of 0.1 mm in the way of the tool; names and place are worked out by hand."""
+    swing = np.array([1.2, 0, 0, 0, 0, 0])
+    tip = ur5.tool_pose(READY + swing / 2)[:3, 3]
+    across = axis_rotation(2, float(np.arctan2(tip[1], tip[0])))
+    plate = thing("plate", (0.02, 0.0001, 0.02), pose(across, tip))
+    contact = CollisionScene(ur5, [plate]).placed(world([plate])).check_path(JointPath.line(READY, READY + swing))
+    assert contact is not None
+    assert str(contact) == "suction_cup hits plate"
+    radius = np.linalg.norm(tip[:2])
+    assert contact.s == pytest.approx(0.5 - (0.016 + CLEARANCE) / radius / 1.2, abs=0.005)
+
+
+def test_the_clearance_is_kept_and_padding_adds_to_it_for_fixed_objects_only(ur5: RobotModel) -> None:
+    tip = ur5.tool_pose(READY)[:3, 3]
+
+    def hits(gap: float, fixed: bool, padding: float) -> bool:
+        block = thing("block", (0.1, 0.1, 0.1), pose(position=tip - [0, 0, 0.05 + gap]), fixed)
+        X_down = ur5.tool_pose(READY)
+        assert X_down[2, 2] < -0.9
+        flat = CollisionScene(ur5, [block], padding=padding).placed(world([block]))
+        return flat.check(READY) is not None
+
+    lowest = lowest_of_the_tool(ur5) - tip[2]
+    assert not hits(-lowest + 1.2e-3, True, 0.0)
+    assert hits(-lowest + 0.8e-3, True, 0.0)
+    assert hits(-lowest + 5.8e-3, True, 5e-3)
+    assert not hits(-lowest + 6.2e-3, True, 5e-3)
+    assert not hits(-lowest + 1.2e-3, False, 5e-3)
+
+
+def lowest_of_the_tool(model: RobotModel) -> float:
+    """Height of the lowest point of the suction cup's rim at READY [m]."""
+    X = model.tool_pose(READY)
+    angles = np.linspace(0, 2 * np.pi, 2000)
+    rim = np.column_stack([0.016 * np.cos(angles), 0.016 * np.sin(angles), np.zeros(len(angles))])
+    return float(transform(X, rim)[:, 2].min())
+
+
+def test_allowed_pairs_and_unknown_objects_do_not_count(ur5: RobotModel, scene: CollisionScene) -> None:
+    inside = thing("cube", CUBE.size, pose(position=ur5.tool_pose(READY)[:3, 3]), fixed=False)
+    state = world([TABLE, inside])
+    contact = scene.placed(state).check(READY)
+    assert contact is not None
+    assert contact.second == "cube"
+    allowed = frozenset(pair(link, "cube") for link in ur5.tool_links)
+    assert scene.placed(state, allowed).check(READY) is None
+    assert scene.placed(world([TABLE])).check(READY) is None
+
+
+def test_a_held_object_collides_with_what_the_tool_would_miss(ur5: RobotModel) -> None:
+    rod = thing("rod", (0.02, 0.02, 0.6), None, fixed=False)
+    scene = CollisionScene(ur5, [TABLE, rod])
+    state = world([TABLE], held="rod", X_TO=pose(position=(0, 0, 0.3)))
+    contact = scene.placed(state).check(READY)
+    assert contact is not None
+    assert (contact.first, contact.second) == ("rod", "table")
+    assert scene.placed(world([TABLE])).check(READY) is None
+
+
+def test_what_carries_an_object_is_reported_from_what_stands_beside_it(ur5: RobotModel) -> None:
+    beside = thing("beside", CUBE.size, pose(position=(0.49, -0.25, 0.02)), fixed=False)
+    scene = CollisionScene(ur5, [TABLE, CUBE, beside])
+    assert scene.supports("cube", CUBE.X_WO, world([TABLE, CUBE, beside])) == {"table"}
+    assert scene.supports("cube", pose(position=(0, 0, 0.002)) @ CUBE.X_WO, world([TABLE, CUBE, beside])) == frozenset()
+
+
+def test_disabled_pairs_are_not_checked(ur5: RobotModel) -> None:
+    folded = np.array([0.0, -1.6, 3.0, -1.6, -1.6, 0.0])
+    contact = CollisionScene(ur5, []).placed(world([])).check(folded)
+    assert contact is not None
+    skipped = [pair(a, b) for a, b in combinations(ur5.links, 2)]
+    assert CollisionScene(ur5, [], skipped).placed(world([])).check(folded) is None
+
+
+def test_one_check_serves_many_configurations_in_order(scene: CollisionScene) -> None:
+    placed: PlacedScene = scene.placed(world())
+    into_table = READY + np.array([0, 1.0, 0, 0, 0, 0])
+    free, hit, again = placed.check_all(np.stack([READY, into_table, READY]))
+    assert free is None
+    assert again is None
+    assert hit is not None
+
+
+def test_a_contact_says_whether_it_is_one_or_only_too_close() -> None:
+    assert str(Contact("forearm_link", "table")) == "forearm_link hits table"
+    assert str(Contact("cup", "table", 0.5, 0.051)) == "cup comes closer to table than 0.051 m"
+
+
+def arm(folder: Path, home: float) -> RobotModel:
+    """Three joints about z, 0.3 m apart; a long bar on the last link, and a disc around the first joint on the third.
+
+    The bar of `l3` sweeps over the post of `base` only where the arm is folded; the disc of `l2` always covers the
+    block on the base, whichever way it turns.
+    """
+    limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+    joints = [
+        joint("j1", "base", "l1", "revolute", "0 0 0.2", "0 0 1", limit),
+        joint("j2", "l1", "l2", "revolute", "0 0 0.1", "0 0 1", limit),
+        joint("j3", "l2", "l3", "revolute", "0.3 0 0.1", "0 0 1", limit),
+    ]
+
+    def link(name: str, shape: str, xyz: str) -> str:
+        return f'<link name="{name}"><collision><origin xyz="{xyz}"/><geometry>{shape}</geometry></collision></link>'
+
+    links = [
+        link("base", '<box size="0.1 0.1 0.29"/>', "0 0 0.145"),
+        link("l1", '<sphere radius="0.02"/>', "0 0 0.5"),
+        link("l2", '<cylinder radius="0.2" length="0.05"/>', "0 0 0"),
+        link("l3", '<box size="0.3 0.02 0.02"/>', "0.15 0 -0.15"),
+    ]
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="arm">{"".join(links)}{"".join(joints)}</robot>')
+    return RobotModel.load(robot(path, "l3", home={"j1": 0.0, "j2": 0.0, "j3": home}))
+
+
+def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_never_do(tmp_path: Path) -> None:
+    stretched = find_self_contacts(arm(tmp_path, home=0.0), seed=0)
+    assert stretched.always == {("base", "l2")}
+    assert stretched.at_home == {("base", "l2")}
+    assert stretched.never == {("l1", "l3")}
+    assert stretched.unchecked == {("base", "l2")}
+    folded = find_self_contacts(arm(tmp_path, home=3.0), seed=0)
+    assert folded.unchecked == {("base", "l2"), ("base", "l3")}
+
+
+def test_the_seed_alone_decides(tmp_path: Path) -> None:
+    assert find_self_contacts(arm(tmp_path, 0.0), 4) == find_self_contacts(arm(tmp_path, 0.0), 4)

@@ -1,0 +1,362 @@
+"""Whole motions are honest: limits, straightness, continuity, no contact, and the fastest of the feasible branches."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
+from sqrp_cli.motion.placed_scene import CLEARANCE, pair
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.timing import MotionLimits, joint_move, time_path
+from sqrp_cli.motion.tool_curve import ToolLine
+from sqrp_cli.robot.inverse_kinematics import all_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
+from sqrp_cli.trajectory import JointPath
+from tests.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
+from tests.motion.phases import phase_samples
+from tests.motion.straight import straight_line
+
+PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
+"""The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""
+
+
+TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))
+CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
+OTHER = thing("other", (0.04, 0.04, 0.04), pose(position=(0.55, -0.3, 0.02)), fixed=False)
+POST = thing("post", (0.05, 0.05, 0.25), pose(position=(0.62, -0.12, 0.125)))
+
+
+@pytest.fixture(scope="module")
+def pickup(tabletop: Workspace) -> Skill:
+    return tabletop.skills["pickup"]
+
+
+@pytest.fixture(scope="module")
+def pick_and_place(pickup: Skill) -> Skill:
+    """Pick up, carry to `PLACED`, wait, release, retreat, go home."""
+    speed = {"speed": 0.1, "acceleration": 0.5, "jerk": 5.0}
+    added = {"placed": {"pose": PLACED}, "over": {"from": "placed", "raise": 0.05}}
+    waypoints = {**pickup.waypoints, **read_waypoints(added)}
+    carry = (
+        JointMove(name="b1", joint_move="over", speed=0.8),
+        StraightMove(name="b2", straight_move="placed", **speed),
+        Wait(name="b3", wait=0.2),
+        Release(name="b4", release=0.5),
+        StraightMove(name="b5", straight_move="over", **speed),
+        JointMove(name="b6", joint_move=HOME, speed=1.0),
+    )
+    return replace(pickup, waypoints=waypoints, primitives=(*pickup.primitives[:4], *carry))
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
+    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, OTHER, POST))
+
+
+@pytest.fixture(scope="module", params=["pickup", "pick_and_place", "pickup through vias"])
+def motion(request: pytest.FixtureRequest, cell: Cell) -> Motion:
+    skill, *through = request.param.split()
+    planned = cell.plan(request.getfixturevalue(skill), vias=vias_of(cell) if through else None)
+    assert isinstance(planned, Motion)
+    return planned
+
+
+def vias_of(cell: Cell) -> dict[str, Array]:
+    """Detours of the joint moves of a pickup, in its branches: of one corner and of two."""
+    direct = cell.plan()
+    assert isinstance(direct, Motion)
+    a1, a5 = (direct.primitives[k].trajectory.path.positions([0.3, 0.7]) for k in (0, 4))
+    aside, back = np.array([[0.0, -0.3, 0.2, 0.4, 0.0, 0.5], [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]])
+    return {"a1": a1[:1] + aside, "a5": a5 + back}
+
+
+def test_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion: Motion, ur5: RobotModel) -> None:
+    for primitive in motion.primitives:
+        steps = np.arange(0, primitive.end - primitive.start, 1e-3)
+        t = np.concatenate([steps, phase_samples(primitive.trajectory, 7)])
+        for order, limit in ((1, ur5.velocity), (2, ur5.acceleration), (3, ur5.jerk)):
+            assert (np.abs(primitive.trajectory.derivatives(t, order)) <= limit * (1 + 1e-9)).all(), primitive.name
+        q = primitive.trajectory.positions(t)
+        assert ((q >= ur5.lower - 1e-6) & (q <= ur5.upper + 1e-6)).all()
+
+
+def test_straight_moves_keep_the_tools_limits(motion: Motion, ur5: RobotModel, cell: Cell) -> None:
+    primitive = motion.primitives[1]
+    down = cell.skill.primitives[1]
+    assert isinstance(down, StraightMove)
+    dt = 1e-3
+    t = np.arange(0, primitive.end - primitive.start, dt)
+    p = np.array([ur5.tool_pose(q)[:3, 3] for q in primitive.trajectory.positions(t)])
+    for order, limit in ((1, down.speed), (2, down.acceleration)):
+        assert np.linalg.norm(np.diff(p, order, axis=0) / dt**order, axis=1).max() <= float(limit) * 1.001
+
+
+def test_primitives_join_at_rest_without_gaps(motion: Motion, cell: Cell) -> None:
+    np.testing.assert_allclose(motion.positions(0, np.zeros(1))[0], cell.model.home, atol=1e-12)
+    np.testing.assert_allclose(
+        motion.positions(len(motion.primitives) - 1, [motion.time])[0], cell.model.home, atol=1e-9
+    )
+    for before, after in zip(motion.primitives, motion.primitives[1:], strict=False):
+        assert before.end == after.start
+        assert before.end - before.start == pytest.approx(before.trajectory.duration, abs=1e-12)
+        ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
+        np.testing.assert_allclose(*ends, atol=1e-9)
+    for primitive in motion.primitives:
+        edges = [0.0, primitive.trajectory.duration]
+        for order in (1, 2):
+            np.testing.assert_allclose(primitive.trajectory.derivatives(edges, order), 0, atol=1e-7)
+
+
+def test_approach_and_lift_are_straight_within_a_tenth_of_a_millimetre(motion: Motion, ur5: RobotModel) -> None:
+    for primitive in (p for p in motion.primitives if p.name in ("a2", "a4", "b2", "b5")):
+        t = np.linspace(0, primitive.end - primitive.start, 400)
+        X = np.array([ur5.tool_pose(q) for q in primitive.trajectory.positions(t)])
+        start, end = X[0, :3, 3], X[-1, :3, 3]
+        direction = (end - start) / np.linalg.norm(end - start)
+        off = (X[:, :3, 3] - start) - ((X[:, :3, 3] - start) @ direction)[:, None] * direction
+        assert np.linalg.norm(off, axis=1).max() < 1e-4
+        assert np.abs(X[:, :3, :3] - X[0, :3, :3]).max() < 1e-5
+        assert abs(direction[2]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_grasp_takes_hold_at_its_end_and_the_object_does_not_jump(motion: Motion, ur5: RobotModel) -> None:
+    names = [primitive.name for primitive in motion.primitives]
+    grasp, lift = names.index("a3"), names.index("a4")
+    assert [p.held for p in motion.primitives[: grasp + 1]] == [None] * (grasp + 1)
+    held = motion.primitives[lift]
+    assert held.held == "cube"
+    assert "cube" not in held.X_WO
+    X_WT = ur5.tool_pose(held.trajectory.positions([0.0])[0])
+    np.testing.assert_allclose(X_WT @ held.X_TO, motion.primitives[grasp].X_WO["cube"], atol=1e-9)
+    np.testing.assert_allclose(X_WT[:3, 3], [0.45, -0.25, 0.04], atol=1e-9)
+
+
+def test_release_leaves_the_object_where_the_tool_is(cell: Cell, pick_and_place: Skill) -> None:
+    motion = cell.plan(pick_and_place)
+    assert isinstance(motion, Motion)
+    held = {p.name: p.held for p in motion.primitives}
+    assert [held[name] for name in ("a4", "b1", "b4", "b5")] == ["cube", "cube", "cube", None]
+    assert motion.final.held is None
+    np.testing.assert_allclose(motion.final.X_WO["cube"][:3, 3], [0.35, 0.35, 0.021], atol=1e-9)
+    np.testing.assert_array_equal(motion.primitives[-1].X_WO["cube"], motion.final.X_WO["cube"])
+
+
+def test_the_world_afterwards_has_the_object_in_the_tool(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    X_WT = cell.model.tool_pose(np.array([motion.final.joints[joint] for joint in motion.joint_names]))
+    assert motion.final.held == "cube"
+    np.testing.assert_allclose(motion.final.X_WO["cube"], X_WT @ motion.final.X_TO, atol=1e-12)
+    follow_up = cell.plan(world=motion.final)
+    assert follow_up == Infeasible(("the tool still holds `cube`, so `a3` cannot grasp `cube`",))
+
+
+def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motion: Motion, cell: Cell) -> None:
+    independent = PinocchioCell(cell, 0.9 * CLEARANCE)
+    meant = {
+        "a2": {pair("tool", "cube")},
+        "a3": {pair("tool", "cube")},
+        "a4": {pair("cube", "table")},
+        "b2": {pair("cube", "table")},
+        "b3": {pair("cube", "table")},
+        "b4": {pair("cube", "table")},
+        "b5": {pair("tool", "cube")},
+    }
+    for index, primitive in enumerate(motion.primitives):
+        dt = 1e-3 if primitive.name in ("a1", "a5", "b1", "b6") else 4e-3
+        t = np.arange(0, primitive.end - primitive.start, dt)
+        assert independent.contacts(motion, index, meant.get(primitive.name, set()), t) == set(), primitive.name
+
+
+def test_the_independent_check_does_see_contacts(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    seen = PinocchioCell(cell, 0.9 * CLEARANCE).contacts(
+        motion, 3, set(), np.arange(0, motion.primitives[3].trajectory.duration, 4e-3)
+    )
+    assert pair("cube@tool", "table") in seen
+
+
+def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
+    """Total times of every branch of `pickup`, with every turn of every joint, that touches nothing."""
+    model, world = cell.model, cell.world
+    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    down, lift = cell.skill.primitives[1], cell.skill.primitives[3]
+    assert isinstance(down, StraightMove)
+    assert isinstance(lift, StraightMove)
+    X_grasp = pose(axis_rotation(0, np.pi) @ axis_rotation(2, values["approach_yaw"]), (0.45, -0.25, 0.04))
+    X_above, X_lifted = X_grasp.copy(), X_grasp.copy()
+    X_above[2, 3] += 0.02
+    X_lifted[2, 3] += values["lift"]
+    held = replace(world, held="cube", X_TO=inverse(X_grasp) @ world.X_WO["cube"])
+    touched = frozenset({pair("cube", "table"), *(pair("cube", link) for link in model.tool_links)})
+    free, tied = cell.scene.placed(world), cell.scene.placed(world, touched)
+    carried, carried_home = cell.scene.placed(held, touched), cell.scene.placed(held)
+    turns = [np.array(t) * 2 * np.pi for t in product((-1, 0, 1), repeat=6)]
+    times = []
+    for q in all_solutions(model, X_above).solutions:
+        for turn in turns:
+            start = q + turn
+            if (start < model.lower).any() or (start > model.upper).any():
+                continue
+            first = straight_line(model, start, ToolLine(X_above, X_grasp))
+            if not isinstance(first, JointPath):
+                continue
+            second = straight_line(model, first.positions([1.0])[0], ToolLine(X_grasp, X_lifted))
+            if not isinstance(second, JointPath):
+                continue
+            a1 = joint_move(model.home, start, limits)
+            a5 = joint_move(second.positions([1.0])[0], model.home, limits)
+            tool = [np.array([m.speed, m.acceleration, m.jerk], dtype=float) for m in (down, lift)]
+            a2 = time_path(first, limits, MotionLimits(*(tool[0] / 0.02)))
+            a4 = time_path(second, limits, MotionLimits(*(tool[1] / values["lift"])))
+            checks = ((free, a1), (tied, a2), (carried, a4), (carried_home, a5))
+            if all(scene.check_path(trajectory.path) is None for scene, trajectory in checks):
+                times.append(a1.duration + a2.duration + 1.0 + a4.duration + a5.duration)
+    return times
+
+
+def test_it_is_the_fastest_of_all_feasible_branches(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    times = brute_force_times(cell, VALUES)
+    assert len(times) > 4
+    assert motion.time == pytest.approx(min(times), abs=1e-6)
+
+
+def test_it_is_the_same_every_time(cell: Cell, pick_and_place: Skill) -> None:
+    first, second = cell.plan(pick_and_place), cell.plan(pick_and_place)
+    assert isinstance(first, Motion)
+    assert isinstance(second, Motion)
+    assert [p.trajectory.to_numbers() for p in first.primitives] == [
+        p.trajectory.to_numbers() for p in second.primitives
+    ]
+
+
+def moved(cell: Cell, **X_WO: Array) -> World:
+    return replace(cell.world, X_WO={**cell.world.X_WO, **X_WO})
+
+
+def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell: Cell) -> None:
+    fast, slow = cell.plan(speed=1.0), cell.plan(speed=0.3)
+    assert isinstance(fast, Motion)
+    assert isinstance(slow, Motion)
+
+    def duration(motion: Motion, k: int) -> float:
+        return motion.primitives[k].trajectory.duration
+
+    assert duration(slow, 0) > duration(fast, 0)
+    assert duration(slow, 1) == pytest.approx(duration(fast, 1))
+    velocities = slow.primitives[0].trajectory.derivatives(np.linspace(0, duration(slow, 0), 500), 1)
+    assert (np.abs(velocities) / cell.model.velocity).max() == pytest.approx(0.3, abs=1e-6)
+
+
+def test_an_object_out_of_reach_is_infeasible_with_the_reason_of_inverse_kinematics(cell: Cell) -> None:
+    result = cell.plan(world=moved(cell, cube=pose(position=(1.5, 0, 0.02))))
+    assert isinstance(result, Infeasible)
+    assert re.match(r"a1 to `above`: .*\d m\b", result.reasons[0])
+
+
+def test_an_object_of_unknown_pose_is_infeasible_and_says_so(cell: Cell) -> None:
+    known = {name: X for name, X in cell.world.X_WO.items() if name != "cube"}
+    assert cell.plan(world=replace(cell.world, X_WO=known)) == Infeasible(("it is not known where `cube` is",))
+
+
+def test_an_object_under_a_roof_is_infeasible_and_names_what_touches(cell: Cell, tabletop: Workspace) -> None:
+    roof = thing("roof", (0.3, 0.3, 0.01), pose(position=(0.45, -0.25, 0.15)))
+    result = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, roof)).plan()
+    assert isinstance(result, Infeasible)
+    assert "hits roof at the end of a1" in result.reasons[0]
+
+
+def test_a_wall_in_the_way_of_every_direct_path_is_named_with_where(cell: Cell, tabletop: Workspace) -> None:
+    wall = [
+        thing("wall", (0.02, 1.7, 1.2), pose(position=(0.18, 0, 0.6))),
+        thing("side", (1.2, 0.02, 1.2), pose(position=(-0.45, -0.3, 0.6))),
+    ]
+    start = cell.model.home + np.array([np.pi, 0, 0, 0, 0, 0])
+    world = replace(cell.world, joints=dict(zip(cell.model.arm, start.tolist(), strict=True)))
+    walled = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, *wall))
+    result = walled.plan(world=replace(walled.world, joints=world.joints))
+    assert isinstance(result, Infeasible)
+    assert " hits " in result.reasons[0]
+
+
+def test_lifting_into_a_shelf_is_named_with_the_share_of_the_lift(cell: Cell, tabletop: Workspace) -> None:
+    """A slat overhangs the cube's rim by 1 mm, its underside 45 mm above it: just before half of a lift of 100 mm."""
+    slat = thing("slat", (0.01, 0.3, 0.01), pose(position=(0.474, -0.25, 0.09)))
+    result = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, slat)).plan()
+    assert isinstance(result, Infeasible)
+    share = re.fullmatch(r"cube hits slat at (\d+) % of a4", result.reasons[0])
+    assert share is not None
+    assert 40 <= int(share[1]) <= 48
+
+
+def test_standing_beside_its_neighbour_without_a_gap_the_object_cannot_be_lifted(cell: Cell) -> None:
+    result = cell.plan(world=moved(cell, other=pose(position=(0.49, -0.25, 0.02))))
+    assert isinstance(result, Infeasible)
+    assert any("cube hits other" in reason for reason in result.reasons)
+
+
+def test_a_line_that_leaves_the_reach_is_infeasible_and_says_after_how_far(cell: Cell) -> None:
+    result = cell.plan(lift=1.5)
+    assert isinstance(result, Infeasible)
+    assert any("of 1500 mm" in reason for reason in result.reasons)
+
+
+def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> None:
+    tall = thing("cube", (0.05, 0.05, 0.4), pose(position=(0.5, -0.2, 0.2)), fixed=False)
+    waypoints = {
+        "grasp": {"object": "object", "side": "-x", "yaw": 0.0},
+        "above": {"from": "grasp", "retreat": 0.05},
+        "lifted": {"from": "grasp", "raise": 0.1},
+    }
+    skill = replace(cell.skill, waypoints=read_waypoints(waypoints))
+    motion = Cell(tabletop.robot, cell.model, skill, (TABLE, tall)).plan()
+    assert isinstance(motion, Motion)
+    q_grasp = motion.primitives[2].trajectory.positions([0.0])[0]
+    np.testing.assert_allclose(cell.model.tool_pose(q_grasp)[:3, 2], [1, 0, 0], atol=1e-9)
+
+
+def test_a_lift_of_ten_centimetres_goes_at_the_stated_speed_between_ramps_that_joints_allow(cell: Cell) -> None:
+    """At 5 cm/s and with the ramps of the tool alone, 0.2 s to 5 cm/s, it would take 2.2 s."""
+    motion = cell.plan(pickup_at(cell, 0.05))
+    assert isinstance(motion, Motion)
+    lift = motion.primitives[3].trajectory
+    assert 2.2 < lift.duration < 2.36
+    t = np.linspace(0.0, lift.duration, 500)
+    places = cell.model.tool_poses(lift.positions(t))[:, :3, 3]
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(t)
+    assert speeds.max() == pytest.approx(0.05, rel=1e-3)
+    assert (speeds > 0.0499).mean() > 0.6
+    assert motion.remarks == ()
+
+
+def test_a_speed_that_joints_do_not_allow_is_said_with_the_one_they_reach(cell: Cell) -> None:
+    motion = cell.plan(pickup_at(cell, 0.5))
+    assert isinstance(motion, Motion)
+    lift = motion.primitives[3].trajectory
+    t = np.linspace(0.0, lift.duration, 2000)
+    places = cell.model.tool_poses(lift.positions(t))[:, :3, 3]
+    fastest = float((np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(t)).max())
+    said = re.fullmatch(r"a4 reaches ([\d.]+) of 50 cm/s", motion.remarks[-1])
+    assert said
+    assert float(said[1]) == pytest.approx(100 * fastest, rel=0.05)
+
+
+def pickup_at(cell: Cell, speed: float) -> Skill:
+    """The pickup with straight moves at a speed [m/s]."""
+    primitives = (
+        one.model_copy(update={"speed": speed}) if isinstance(one, StraightMove) else one
+        for one in cell.skill.primitives
+    )
+    return replace(cell.skill, primitives=tuple(primitives))

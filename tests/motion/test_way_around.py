@@ -1,0 +1,166 @@
+"""Ways around: found where direct moves are blocked, honest in every respect, and the same each time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, pose
+from sqrp_cli.motion import joint_moves
+from sqrp_cli.motion.placed_scene import CLEARANCE
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.motion.stop_and_return import recovery_over
+from sqrp_cli.motion.timing import MotionLimits, joint_move_duration
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.skill.skill import Skill
+from sqrp_cli.trajectory import Trajectory
+from tests.motion.cells import Cell, PinocchioCell, thing
+from tests.motion.phases import phase_samples
+
+TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
+CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
+WALL = thing("wall", (0.6, 0.02, 0.4), pose(position=(0.62, -0.08, 0.2)))
+BACK = thing("back", (0.02, 1.2, 1.2), pose(position=(-0.3, 0, 0.6)))
+"""The wall stands between home and cube; the other one keeps the arm from going round behind its base."""
+
+FARTHEST = 1.3
+"""No point of arm, tool or held cube is further from any joint's axis than this [m]."""
+
+
+@pytest.fixture(scope="module")
+def pickup(tabletop: Workspace) -> Skill:
+    return tabletop.skills["pickup"]
+
+
+@pytest.fixture(scope="module")
+def walled(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
+    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK))
+
+
+@pytest.fixture(scope="module")
+def motion(walled: Cell) -> Motion:
+    started = time.process_time()
+    planned = walled.plan()
+    assert isinstance(planned, Motion)
+    assert time.process_time() - started < 10.0
+    return planned
+
+
+def millimetre_steps(trajectory: Trajectory) -> Array:
+    """Instants between which no point moves further than 1 mm [s]."""
+    t = np.linspace(0, trajectory.duration, 4000)
+    moved = np.abs(np.diff(trajectory.positions(t), axis=0)).sum(axis=1) * FARTHEST
+    travelled = np.concatenate([[0.0], np.cumsum(moved)])
+    return np.interp(np.linspace(0, travelled[-1], int(np.ceil(1.1 * travelled[-1] / 1e-3))), travelled, t)
+
+
+def test_moves_that_a_wall_blocks_go_around_it_and_say_so(motion: Motion) -> None:
+    assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
+
+
+def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own_model(
+    motion: Motion, walled: Cell
+) -> None:
+    independent = PinocchioCell(walled, 0.9 * CLEARANCE)
+    for index in (0, 4):
+        t = millimetre_steps(motion.primitives[index].trajectory)
+        moved = np.abs(np.diff(motion.primitives[index].trajectory.positions(t), axis=0)).sum(axis=1) * FARTHEST
+        assert moved.max() <= 1e-3
+        assert independent.contacts(motion, index, set(), t) == set()
+
+
+def test_the_direct_move_does_touch_the_wall(motion: Motion, walled: Cell, ur5: RobotModel) -> None:
+    ends = motion.primitives[4].trajectory.path.positions([0.0, 1.0])
+    limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
+    direct = replace(motion.primitives[4], trajectory=joint_moves.joint_move(*ends, limits))
+    blocked = replace(motion, primitives=(*motion.primitives[:4], direct))
+    t = millimetre_steps(direct.trajectory)
+    found = PinocchioCell(walled, 0.0).contacts(blocked, 4, set(), t)
+    assert any("wall" in names for names in found)
+
+
+def test_padding_is_kept_around_walls_on_the_way_too(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> None:
+    cell = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK), padding=0.015)
+    padded = cell.plan()
+    assert isinstance(padded, Motion)
+    independent = PinocchioCell(cell, 0.9 * (CLEARANCE + 0.015))
+    t = millimetre_steps(padded.primitives[0].trajectory)[::4]
+    walls = [names for names in independent.contacts(padded, 0, set(), t) if {"wall", "back"} & set(names)]
+    assert walls == []
+
+
+def test_a_way_around_keeps_velocity_acceleration_and_jerk_and_moves_smoothly(motion: Motion, ur5: RobotModel) -> None:
+    for index in (0, 4):
+        trajectory = motion.primitives[index].trajectory
+        t = np.concatenate([np.arange(0, trajectory.duration, 1e-3), phase_samples(trajectory, 9)])
+        for order, limit in ((1, ur5.velocity), (2, ur5.acceleration), (3, ur5.jerk)):
+            assert (np.abs(trajectory.derivatives(t, order)) <= limit * (1 + 1e-9)).all()
+        q = trajectory.positions(t)
+        assert ((q >= ur5.lower) & (q <= ur5.upper)).all()
+        joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
+        for instant in [*trajectory.law.breaks[1:-1], *joints]:
+            sides = np.array([instant - 1e-7, instant + 1e-7])
+            for order, limit in ((1, ur5.acceleration), (2, ur5.jerk)):
+                jump = np.abs(np.diff(trajectory.derivatives(sides, order), axis=0))
+                assert (jump <= 2.1e-7 * limit + 1e-9).all()
+        np.testing.assert_allclose(trajectory.derivatives([0.0, trajectory.duration], 1), 0, atol=1e-9)
+
+
+def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled: Cell, motion: Motion) -> None:
+    other = walled.plan(seed=7)
+    again = walled.plan()
+    assert isinstance(again, Motion)
+    assert isinstance(other, Motion)
+    for first, second in zip(motion.primitives, again.primitives, strict=True):
+        assert first.trajectory.to_numbers() == second.trajectory.to_numbers()
+    assert other.primitives[0].trajectory.to_numbers() != motion.primitives[0].trajectory.to_numbers()
+
+
+def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(
+    tabletop: Workspace, ur5: RobotModel, pickup: Skill, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
+    motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
+    assert isinstance(motion, Motion)
+    assert motion.remarks == ()
+
+
+def test_where_no_way_is_found_the_pair_that_touches_is_named(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joint_moves, "MOST_TRIES", 2)
+    result = walled.plan()
+    assert isinstance(result, Infeasible)
+    assert " hits wall at " in result.reasons[0]
+    assert result.reasons[0].endswith("no way around was found in 2 tries")
+
+
+def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(
+    tabletop: Workspace, ur5: RobotModel, pickup: Skill
+) -> None:
+    sides = [
+        thing("cage_top", (0.2, 0.2, 0.004), pose(position=(0.45, -0.25, 0.15))),
+        thing("cage_left", (0.2, 0.004, 0.15), pose(position=(0.45, -0.15, 0.075))),
+        thing("cage_right", (0.2, 0.004, 0.15), pose(position=(0.45, -0.35, 0.075))),
+        thing("cage_front", (0.004, 0.2, 0.15), pose(position=(0.35, -0.25, 0.075))),
+        thing("cage_rear", (0.004, 0.2, 0.15), pose(position=(0.55, -0.25, 0.075))),
+    ]
+    started = time.process_time()
+    result = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, *sides)).plan()
+    assert time.process_time() - started < 10.0
+    assert isinstance(result, Infeasible)
+    assert " hits cage_" in result.reasons[0]
+
+
+def test_moving_back_after_a_fault_goes_around_as_well(motion: Motion, ur5: RobotModel) -> None:
+    """At the very end, the arm is at home again; within a4, it goes to where a1 ended and back along a1."""
+    recovery = recovery_over(motion, ur5, 0.0)
+    limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
+    a1, a4 = motion.primitives[0], motion.primitives[3]
+    row = int(np.flatnonzero((recovery.t > a4.start) & (recovery.t < a4.end))[-1])
+    q = motion.positions(3, recovery.t[row : row + 1])[0]
+    least = a1.trajectory.duration + float(joint_move_duration(q, a1.trajectory.path.positions([1.0])[0], limits))
+    assert least - 0.5 <= recovery.duration[row] <= least + 2.0

@@ -1,0 +1,63 @@
+"""Names of branches: by joint angles of arms for which they are known, and refused where they mean nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.geometry import axis_rotation, pose
+from sqrp_cli.robot.branches import BranchChoice, chosen_branches
+from sqrp_cli.robot.inverse_kinematics import all_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from tests.task.robots import real_arm
+
+DOWN = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.2))
+
+
+def test_each_name_halves_the_branches_of_a_ur5(ur5: RobotModel) -> None:
+    q = all_solutions(ur5, DOWN).solutions
+    assert len(q) == 8
+    for name, words in (("elbow", ("up", "down")), ("shoulder", ("left", "right")), ("wrist", ("no_flip", "flip"))):
+        first, second = (chosen_branches(ur5, q, BranchChoice(**{name: word})) for word in words)
+        assert (first != second).all(), name
+        assert first.sum() == 4, name
+
+
+def test_together_they_leave_one_branch(ur5: RobotModel) -> None:
+    q = all_solutions(ur5, DOWN).solutions
+    chosen = [
+        chosen_branches(ur5, q, BranchChoice(elbow, shoulder, wrist))
+        for elbow in ("up", "down")
+        for shoulder in ("left", "right")
+        for wrist in ("no_flip", "flip")
+    ]
+    assert np.array_equal(np.sum(chosen, axis=0), np.ones(8))
+
+
+def test_elbow_and_wrist_of_a_ur5_go_by_the_signs_of_its_joints(ur5: RobotModel) -> None:
+    """Reaching forward, its elbow is up where joint 3 is positive; the wrist as at home where joint 5 is negative."""
+    q = all_solutions(ur5, DOWN).solutions
+    forward = chosen_branches(ur5, q, BranchChoice(shoulder="left"))
+    up = chosen_branches(ur5, q, BranchChoice(elbow="up"))
+    assert (up[forward] == (q[forward, 2] > 0)).all()
+    assert ur5.home[4] < 0
+    assert (chosen_branches(ur5, q, BranchChoice(wrist="no_flip")) == (np.sin(q[:, 4]) < 0)).all()
+
+
+def test_an_elbow_that_is_up_is_higher(ur5: RobotModel) -> None:
+    for shoulder in ("left", "right"):
+        for wrist in ("no_flip", "flip"):
+            q = all_solutions(ur5, DOWN).solutions
+            heights = [
+                ur5.joint_origins(q[chosen_branches(ur5, q, BranchChoice(elbow, shoulder, wrist))][0])[2, 2]
+                for elbow in ("up", "down")
+            ]
+            assert heights[0] > heights[1] + 0.05
+
+
+def test_a_name_without_meaning_is_refused_and_any_has_one_for_every_arm() -> None:
+    panda = real_arm("panda")
+    assert chosen_branches(panda, panda.home[None], BranchChoice()).all()
+    with pytest.raises(InputError, match="`elbow=up` has no meaning for this arm: it takes an arm with six joints"):
+        chosen_branches(panda, panda.home[None], BranchChoice(elbow="up"))

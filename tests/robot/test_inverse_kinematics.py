@@ -1,0 +1,227 @@
+"""Inverse kinematics: every branch, and only true ones, with closed forms and by search alone."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.robot import inverse_kinematics
+from sqrp_cli.robot.inverse_kinematics import all_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.reach import OutOfReach
+from tests.task.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
+
+
+@pytest.fixture
+def no_closed_form(monkeypatch):
+    """Lets the arms be searched, as those that EAIK cannot decompose."""
+    monkeypatch.setattr(inverse_kinematics, "_solver", lambda *_: None)
+
+
+def angles_between(q: Array, other: Array) -> Array:
+    """Largest difference of joint angles, whole turns aside."""
+    return np.abs(np.angle(np.exp(1j * (q - other)))).max(axis=-1)
+
+
+def assert_true(model: RobotModel, X_WT: Array, solutions: Array) -> None:
+    for q in solutions:
+        np.testing.assert_allclose(model.tool_pose(q), X_WT, atol=1e-9)
+        assert (q >= model.lower).all()
+        assert (q <= model.upper).all()
+    rounded = np.round(solutions, 6).tolist()
+    assert rounded == sorted(rounded)
+    for k, q in enumerate(solutions):
+        assert (angles_between(solutions[k + 1 :], q) > 1e-4).all()
+
+
+def reachable_poses(model: RobotModel, count: int, seed: int) -> list[tuple[Array, Array]]:
+    lower, upper = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
+    positions = np.random.default_rng(seed).uniform(lower, upper, (count, len(model.arm)))
+    return [(q, model.tool_pose(q)) for q in positions]
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10", "z1"])
+def test_solutions_are_true_and_hold_the_one_that_made_the_pose(name):
+    model = real_arm(name)
+    for q, X_WT in reachable_poses(model, 25, seed=0):
+        solutions = all_solutions(model, X_WT).solutions
+        assert_true(model, X_WT, solutions)
+        assert angles_between(solutions, q).min() < 1e-6
+
+
+@pytest.mark.parametrize(("name", "count"), [("ur5", 20), ("z1", 20)])
+def test_a_search_finds_the_branches_of_the_closed_form(name, count, request):
+    model = real_arm(name)
+    poses = [X_WT for _, X_WT in reachable_poses(model, count, seed=1)]
+    expected = [all_solutions(model, X_WT).solutions for X_WT in poses]
+    request.getfixturevalue("no_closed_form")
+    for X_WT, solutions in zip(poses, expected, strict=True):
+        np.testing.assert_allclose(all_solutions(model, X_WT).solutions, solutions, atol=1e-6)
+
+
+def test_brute_force_finds_no_further_branch():
+    model = real_arm("ur5")
+    rng = np.random.default_rng(2)
+    for _, X_WT in reachable_poses(model, 3, seed=3):
+        known = all_solutions(model, X_WT).solutions
+        for q in rng.uniform(-np.pi, np.pi, (150, 6)):
+            found = plain_newton(model, q, X_WT)
+            assert found is None or angles_between(known, found).min() < 1e-6
+
+
+def plain_newton(model: RobotModel, q: Array, X_WT: Array) -> Array | None:
+    """One damped step after the other from one start, orientation errors as half the sum of cross products."""
+    for _ in range(60):
+        X = model.tool_pose(q)
+        turn = 0.5 * sum(np.cross(X[:3, k], X_WT[:3, k]) for k in range(3))
+        error = np.concatenate([X_WT[:3, 3] - X[:3, 3], turn])
+        if np.abs(X - X_WT).max() < 1e-11:
+            return q
+        J = model.jacobian(q)
+        q = q + np.clip(J.T @ np.linalg.solve(J @ J.T + 1e-3 * (error @ error) * np.eye(6), error), -0.5, 0.5)
+    return None
+
+
+@pytest.mark.usefixtures("no_closed_form")
+def test_an_arm_with_a_spherical_wrist_has_its_eight_branches(tmp_path):
+    model = RobotModel.load(robot(spherical_wrist_arm(tmp_path, 0.5, 0.4), "tip"))
+    X_WT = model.tool_pose(np.array([0.3, 0.6, 0.9, 0.4, 0.8, -0.5]))
+    solutions = all_solutions(model, X_WT).solutions
+    assert len(solutions) == 8
+    assert_true(model, X_WT, solutions)
+
+
+def test_a_moved_base_changes_no_solution():
+    X_WB = pose(rpy_to_matrix([0.4, 0.2, -1.0]), [0.3, 2.0, 1.0])
+    urdf, frame = REAL_ARMS["ur5"]
+    still, moved = real_arm("ur5"), RobotModel.load(robot(ROBOTS / urdf, frame, X_WB=X_WB))
+    for _, X_BT in reachable_poses(still, 5, seed=4):
+        expected = all_solutions(still, X_BT).solutions
+        np.testing.assert_allclose(all_solutions(moved, X_WB @ X_BT).solutions, expected, atol=1e-9)
+
+
+def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, request):
+    rng = np.random.default_rng(5)
+    tree = ET.parse(ROBOTS / REAL_ARMS["ur5"][0])  # noqa: S314
+    for origin in tree.iterfind("joint/origin"):
+        for key in ("xyz", "rpy"):
+            values = np.array(origin.get(key, "0 0 0").split(), dtype=float) + rng.normal(scale=1e-4, size=3)
+            origin.set(key, " ".join(f"{value:.17g}" for value in values))
+    tree.write(tmp_path / "calibrated.urdf")
+    model = RobotModel.load(robot(tmp_path / "calibrated.urdf", "tool0"))
+    X_WT = model.tool_pose(np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2]))
+    assert len(inverse_kinematics.approximate_solutions(model, X_WT)) == 8
+    expected = all_solutions(model, X_WT).solutions
+    assert_true(model, X_WT, expected)
+    assert len(expected) == 8
+    request.getfixturevalue("no_closed_form")
+    np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
+
+
+def test_a_singular_pose_gives_the_points_nearest_home_and_few():
+    model = real_arm("ur5")
+    X_WT = model.tool_pose(np.array([0.3, -1.0, 1.2, 0.4, 0.0, 0.5]))
+    solutions = all_solutions(model, X_WT).solutions
+    assert_true(model, X_WT, solutions)
+    assert 4 <= len(solutions) <= 12
+    singular = solutions[np.abs(solutions[:, 4]) < 1e-6]
+    assert len(singular) > 0
+    for q in singular:
+        tangent = np.linalg.svd(model.jacobian(q))[2][-1]
+        assert abs(tangent @ np.angle(np.exp(1j * (model.home - q)))) < 1e-4
+
+
+def test_limits_take_branches_away_and_whole_turns_bring_them_back():
+    urdf, frame = REAL_ARMS["ur5"]
+    free = real_arm("ur5")
+    X_WT = free.tool_pose(np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2]))
+    everything = all_solutions(free, X_WT).solutions
+    narrow = RobotModel.load(robot(ROBOTS / urdf, frame, limits={"elbow_joint": (0.0, np.pi)}))
+    expected = everything[everything[:, 2] >= 0.0]
+    np.testing.assert_allclose(all_solutions(narrow, X_WT).solutions, expected, atol=1e-9)
+    turned = RobotModel.load(robot(ROBOTS / urdf, frame, limits={"shoulder_pan_joint": (np.pi, 3 * np.pi)}))
+    solutions = all_solutions(turned, X_WT).solutions
+    assert len(solutions) == len(everything)
+    assert_true(turned, X_WT, solutions)
+
+
+@pytest.mark.usefixtures("no_closed_form")
+def test_nothing_depends_on_the_global_random_state():
+    model = real_arm("panda")
+    X_WT = model.tool_pose(np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.8, 0.4]))
+    results = []
+    for seed in (1, 2):
+        np.random.seed(seed)  # noqa: NPY002
+        results.append(all_solutions(model, X_WT).solutions)
+    np.testing.assert_array_equal(*results)
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_a_seven_axis_arm_is_solved_at_stated_positions_of_one_joint(name):
+    model = real_arm(name)
+    (held,) = inverse_kinematics.held_joints(model)
+    for _, X_WT in reachable_poses(model, 4, seed=6):
+        solutions = all_solutions(model, X_WT).solutions
+        assert len(solutions) > 0
+        assert_true(model, X_WT, solutions)
+        positions = np.unique(np.round(np.mod(solutions[:, held] + np.pi, 2 * np.pi), 6))
+        assert len(positions) <= inverse_kinematics.REDUNDANCY_SAMPLES
+    other = all_solutions(model, X_WT, seed=1).solutions
+    assert_true(model, X_WT, other)
+    assert other.shape != solutions.shape or np.abs(other - solutions).max() > 1e-3
+
+
+def test_arms_with_sliding_joints_are_solved(tmp_path):
+    urdf = written_urdf(
+        tmp_path / "scara.urdf",
+        joint("a", "base", "l1", "revolute", "0 0 1", "0 0 1"),
+        joint("b", "l1", "l2", "revolute", "0.5 0 0", "0 0 1"),
+        joint("c", "l2", "l3", "prismatic", "0.4 0 0", "0 0 -1", '<limit lower="0" upper="0.5" velocity="1"/>'),
+        joint("d", "l3", "tip", "continuous", "0 0 0", "0 0 1"),
+    )
+    model = RobotModel.load(robot(urdf, "tip"))
+    X_WT = model.tool_pose(np.array([0.4, 1.1, 0.3, -0.7]))
+    solutions = all_solutions(model, X_WT).solutions
+    assert_true(model, X_WT, solutions)
+    expected = [
+        [0.4, 1.1, 0.3, -0.7],
+        [0.4 + 2 * np.arctan2(0.4 * np.sin(1.1), 0.5 + 0.4 * np.cos(1.1)), -1.1, 0.3, 0.0],
+    ]
+    expected[1][3] = 0.8 - expected[1][0] + 1.1
+    np.testing.assert_allclose(solutions, expected, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("joints", [6, 7, 8])
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, joints: int, seed: int) -> None:
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0")[:joints]
+    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "continuous", "0.02 0 0.25", axis) for k, axis in enumerate(axes)]
+    model = RobotModel.load(robot(written_urdf(tmp_path / "free.urdf", *chain), f"l{joints}"))
+    q = np.random.default_rng(seed).uniform(-2, 2, joints)
+    X_WT = model.tool_pose(q)
+    found = all_solutions(model, X_WT, seed).solutions
+    assert len(found)
+    for solution in found:
+        np.testing.assert_allclose(model.tool_pose(solution), X_WT, atol=1e-9)
+    too_far = all_solutions(model, pose(position=[9.0, 0, 0]), seed)
+    assert isinstance(too_far.reason, OutOfReach)
+    assert not len(too_far.solutions)
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_same_positions(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = real_arm(name)
+    inverse_kinematics.held_joints(model)
+    poses = [X_WT for _, X_WT in reachable_poses(model, 4, seed=8)]
+    closed = [inverse_kinematics._held_branches(model, X_WT, 0, 4) for X_WT in poses]
+    monkeypatch.setattr(inverse_kinematics, "_solver", lambda *_: None)
+    for X_WT, solutions in zip(poses, closed, strict=True):
+        for q in inverse_kinematics._held_branches(model, X_WT, 0, 4):
+            assert angles_between(solutions, q).min() < 1e-6

@@ -1,0 +1,311 @@
+"""Robot descriptions: what is read, and what is refused with its line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.files.packages import package_roots
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.robot.srdf import read_srdf
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+
+ARM = """<robot name="arm">
+  <link name="base">
+    <visual><geometry><box size="1 2 3"/></geometry></visual>
+  </link>
+  <link name="hand">
+    <collision><origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><geometry><sphere radius="0.1"/></geometry></collision>
+    <collision name="palm"><geometry><cylinder radius="0.1" length="0.2"/></geometry></collision>
+    <collision><geometry><capsule radius="0.1" length="0.2"/></geometry></collision>
+    <visual><geometry><mesh filename="package://it/hand.stl" scale="1 1 2"/></geometry></visual>
+  </link>
+  <link name="tip"/>
+  <joint name="turn" type="revolute">
+    <origin xyz="1 0 0"/>
+    <parent link="base"/>
+    <child link="hand"/>
+    <axis xyz="0 0 2"/>
+    <limit lower="-1" upper="2" velocity="3" effort="1"/>
+  </joint>
+  <joint name="end" type="fixed">
+    <parent link="hand"/>
+    <child link="tip"/>
+  </joint>
+</robot>
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "arm.urdf"
+    path.write_text(text)
+    return path
+
+
+def problem(folder: Path, text: str) -> Problem:
+    with pytest.raises(InputError) as caught:
+        read_urdf(written(folder, text))
+    return caught.value.problems[0]
+
+
+def find(reference: str, urdf: Path) -> Path:
+    return urdf.parent / reference.removeprefix("package://")
+
+
+def test_a_urdf_is_read_with_its_links_joints_and_root(tmp_path):
+    model = read_urdf(written(tmp_path, ARM))
+    assert (model.name, model.root, list(model.links)) == ("arm", "base", ["base", "hand", "tip"])
+    turn = model.joints["turn"]
+    assert (turn.type, turn.parent, turn.child, turn.movable) == ("revolute", "base", "hand", True)
+    assert (turn.lower, turn.upper, turn.velocity) == (-1.0, 2.0, 3.0)
+    np.testing.assert_array_equal(turn.axis, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(turn.X_PJ[:3, 3], [1.0, 0.0, 0.0])
+    assert turn.place.line == 12
+    assert [joint.name for joint in model.movable_joints] == ["turn"]
+
+
+def test_joints_come_parents_first_whatever_their_order_in_the_file(tmp_path):
+    first, second = ARM.index('  <joint name="turn"'), ARM.index('  <joint name="end"')
+    swapped = ARM[:first] + ARM[second : ARM.index("</robot>")] + ARM[first:second] + "</robot>"
+    assert list(read_urdf(written(tmp_path, swapped)).joints) == ["turn", "end"]
+
+
+def test_a_link_without_the_chosen_geometry_uses_the_other_one(tmp_path):
+    model = read_urdf(written(tmp_path, ARM))
+    collision = model.parts("collision", find)
+    assert [(part.name, part.parent, part.shape) for part in collision] == [
+        ("base", "base", Box((1.0, 2.0, 3.0))),
+        ("hand", "hand", Sphere(0.1)),
+        ("palm", "hand", Cylinder(0.1, 0.2)),
+        ("hand_3", "hand", Capsule(0.1, 0.2)),
+    ]
+    np.testing.assert_allclose(collision[1].X_PG @ [1, 0, 0, 1], [0, 1, 1, 1], atol=1e-12)
+    visual = model.parts("visual", find)
+    assert [part.shape for part in visual] == [
+        Box((1.0, 2.0, 3.0)),
+        Mesh(tmp_path / "it" / "hand.stl", (1.0, 1.0, 2.0)),
+    ]
+
+
+def test_names_of_parts_are_unique_where_the_urdf_repeats_them(tmp_path):
+    text = ARM.replace("<collision>", '<collision name="palm">').replace('name="tip"', 'name="hand_2"')
+    text = text.replace('<child link="tip"/>', '<child link="hand_2"/>')
+    names = [part.name for part in read_urdf(written(tmp_path, text)).parts("collision", find)]
+    assert names == ["base", "hand", "hand_3", "hand_4"]
+
+
+def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
+    def refuse(reference: str, _urdf: Path) -> Path:
+        raise InputError(Problem("missing-file", f"`{reference}`: file not found", mend="look elsewhere"))
+
+    with pytest.raises(InputError, match=r"hand\.stl") as caught:
+        read_urdf(written(tmp_path, ARM)).parts("visual", refuse)
+    assert caught.value.problems[0].place.line == 9
+    assert caught.value.problems[0].mend == "look elsewhere"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "line", "says"),
+    [
+        ('<parent link="hand"/>', '<parent link="hnad"/>', "unknown-link", 19, "did you mean `hand`?"),
+        ('<child link="tip"/>', '<child link="tap"/>', "unknown-link", 19, "unknown child link `tap`"),
+        ('name="tip"', 'name="hand"', "duplicate-name", 11, "defined twice, first at line 5"),
+        ('name="end"', 'name="turn"', "duplicate-name", 19, "joint `turn` is defined twice"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>', "zero-axis", 16, "`turn` has length zero"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 nan"/>', "wrong-value", 16, "expected 3 finite numbers"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0"/>', "wrong-value", 16, "expected 3 finite numbers"),
+        ('<limit lower="-1" upper="2" velocity="3" effort="1"/>', "", "missing-limit", 12, "but has no <limit>"),
+        ('lower="-1"', 'lower="4"', "wrong-value", 17, "lower limit of 4, above its upper limit of 2"),
+        ('type="revolute"', 'type="revolut"', "unknown-joint-type", 12, "did you mean `revolute`?"),
+        ('type="revolute"', 'type="floating"', "unsupported-joint", 12, "is floating"),
+        ('<link name="tip"/>', '<link name="tip"/><link name="apart"/>', "two-roots", 11, "`apart` are both roots"),
+        ('<child link="tip"/>', '<child link="base"/>', "cycle", 19, "links form a cycle"),
+        ('<sphere radius="0.1"/>', '<sphere radius="-1"/>', "wrong-value", 6, "expected it above 0"),
+        ('<sphere radius="0.1"/>', '<spheer radius="0.1"/>', "unknown-shape", 6, "did you mean `sphere`?"),
+        ('<box size="1 2 3"/>', "", "wrong-geometry", 3, "0 shapes, expected one"),
+        ('<parent link="base"/>', "", "missing-element", 12, "has no <parent>"),
+        ('<child link="hand"/>', '<child lnk="hand"/>', "missing-attribute", 15, "no `link`, but `lnk`"),
+        ("</robot>", "", "xml-syntax", 24, "not well-formed"),
+        ('<robot name="arm">', "<sdf>", "xml-syntax", 23, "is not closed before"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_reported_with_its_line(tmp_path, old, new, code, line, says):
+    assert old in ARM
+    found = problem(tmp_path, ARM.replace(old, new, 1))
+    assert (found.code, found.place.line) == (code, line)
+    assert says in found.message
+
+
+def test_links_in_a_circle_are_refused(tmp_path):
+    circle = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+    links = "".join(f'<link name="{name}"/>' for name in ("root", "a", "b"))
+    text = (
+        "<robot>\n" + links + "\n" + circle.format("j", "a", "b") + "\n" + circle.format("k", "b", "a") + "\n</robot>"
+    )
+    found = problem(tmp_path, text)
+    assert found.code == "cycle"
+    assert "`a` -> `b` -> `a`" in found.message or "`b` -> `a` -> `b`" in found.message
+
+
+def test_a_link_with_two_parents_is_refused(tmp_path):
+    text = ARM.replace('<child link="tip"/>', '<child link="hand"/>').replace(
+        '<parent link="hand"/>', '<parent link="base"/>'
+    )
+    assert problem(tmp_path, text).code == "two-parents"
+
+
+def test_deep_nesting_and_large_files_are_refused(tmp_path):
+    assert problem(tmp_path, "<robot>" + "<a>" * 1000 + "</a>" * 1000 + "</robot>").code == "nesting-too-deep"
+    assert problem(tmp_path, ARM + " " * 10_000_000).code == "file-too-large"
+
+
+@pytest.mark.parametrize("mimic", ["trun", "end", "follow"])
+def test_a_joint_can_only_follow_another_movable_joint(tmp_path, mimic):
+    follower = (
+        '<link name="finger"/><joint name="follow" type="prismatic"><parent link="hand"/><child link="finger"/>'
+        f'<limit lower="0" upper="1"/><mimic joint="{mimic}"/></joint></robot>'
+    )
+    found = problem(tmp_path, ARM.replace("</robot>", follower))
+    assert found.code == "unknown-joint"
+    assert "`follow` follows" in found.message
+
+
+def test_a_continuous_joint_has_no_limits_and_mimic_has_defaults(tmp_path):
+    text = ARM.replace('type="revolute"', 'type="continuous"').replace("</robot>", (
+        '<link name="finger"/><joint name="follow" type="prismatic"><parent link="hand"/><child link="finger"/>'
+        '<limit lower="0" upper="1" velocity="0"/><mimic joint="turn" multiplier="-0.5"/></joint></robot>'
+    ))  # fmt: skip
+    joints = read_urdf(written(tmp_path, text)).joints
+    assert (joints["turn"].lower, joints["turn"].upper) == (-math.inf, math.inf)
+    mimic = joints["follow"].mimic
+    assert (mimic.joint, mimic.multiplier, mimic.offset, joints["follow"].velocity) == ("turn", -0.5, 0.0, None)
+
+
+SRDF = """<robot name="arm">
+  <group name="arm"><chain base_link="base" tip_link="tip"/></group>
+  <group name="all"><group name="arm"/><joint name="end"/></group>
+  <group_state name="up" group="arm"><joint name="turn" value="1.5"/></group_state>
+  <disable_collisions link1="hand" link2="base" reason="Adjacent"/>
+</robot>
+"""
+
+
+def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
+    urdf = read_urdf(written(tmp_path, ARM))
+    (tmp_path / "arm.srdf").write_text(SRDF)
+    srdf = read_srdf(tmp_path / "arm.srdf", urdf)
+    assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
+    assert srdf.states == {"up": {"turn": 1.5}}
+    assert srdf.disabled_pairs == {("base", "hand")}
+
+
+@pytest.mark.parametrize(("old", "new", "code", "line"), [
+        ('value="1.5"', 'value="up"', "wrong-value", 4),
+        ('<group name="arm"/>', '<group name="all"/>', "group-cycle", 3),
+        ('base_link="base" tip_link="tip"', 'base_link="tip" tip_link="base"', "wrong-chain", 2),
+])  # fmt: skip
+def test_a_fault_in_an_srdf_is_reported_with_its_line(tmp_path, old, new, code, line):
+    urdf = read_urdf(written(tmp_path, ARM))
+    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_srdf(tmp_path / "arm.srdf", urdf)
+    assert (caught.value.problems[0].code, caught.value.problems[0].place.line) == (code, line)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+        ('link1="hand"', 'link1="hnad"', "unknown link `hnad`; did you mean `hand`?"),
+        ('<joint name="turn"', '<joint name="trun"', "unknown joint `trun`; did you mean `turn`?"),
+])  # fmt: skip
+def test_what_an_srdf_says_of_other_robots_is_left_out_with_one_warning(tmp_path, old, new, said):
+    urdf = read_urdf(written(tmp_path, ARM))
+    more = '<disable_collisions link1="camera" link2="base"/></robot>'
+    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new, 1).replace("</robot>", more))
+    srdf = read_srdf(tmp_path / "arm.srdf", urdf)
+    (warning,) = srdf.warnings
+    assert (warning.severity, warning.place.file) == ("warning", tmp_path / "arm.srdf")
+    assert warning.message.startswith(said)
+    assert "1 more such mention" in warning.message
+    assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
+
+
+def with_inertial(inertial: str, limit: str = 'lower="-1" upper="2" velocity="3" effort="1"') -> str:
+    """The arm with an inertial of its hand, which moves and is solid, and other limits of its joint."""
+    text = ARM.replace('<link name="hand">', f'<link name="hand"><inertial>{inertial}</inertial>', 1)
+    return text.replace('lower="-1" upper="2" velocity="3" effort="1"', limit)
+
+
+def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
+    return f'<mass value="1"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="0" iyz="0"/>'
+
+
+@pytest.mark.parametrize(("text", "line", "told"), [
+        (with_inertial('<mass value="-2"/>'), 5, "link `hand` has a mass of -2 kg"),
+        (with_inertial(moments(-0.1, 0.1, 0.1)), 5, "a moment of inertia of -0.1 kg m^2, expected none below 0"),
+        (with_inertial("", 'lower="-1" upper="2" effort="-5"'), 17, "`effort` is -5, expected a positive number"),
+        (with_inertial("", 'lower="-1" upper="2" velocity="-3"'), 17, "`velocity` is -3, expected a positive number"),
+        (with_inertial("", 'lower="-1" upper="2" velocity="1e-300"'), 17, "`velocity` is 1e-300, expected at least"),
+        (with_inertial("", 'lower="2" upper="-1"'), 17, "lower limit of 2, above its upper limit of -1"),
+    ],
+    ids=["mass", "moment", "effort", "velocity", "hardly any velocity", "limits"],
+)  # fmt: skip
+def test_what_no_robot_can_have_is_refused_at_its_line(tmp_path, text, line, told):
+    found = problem(tmp_path, text)
+    assert told in found.message
+    assert (found.place.file, found.place.line) == (tmp_path / "arm.urdf", line)
+
+
+@pytest.mark.parametrize(("text", "code", "told"), [
+        (with_inertial('<mass value="0"/>'), "no-mass", "link `hand` has a mass of 0 kg"),
+        (with_inertial(moments(0.1, 0.1, 0.5)), "doubtful-inertia", "above the sum of the other two"),
+        (with_inertial(moments(0.1, 0.1, 0.1, xy=0.3)), "doubtful-inertia", "moment of inertia below 0"),
+        (with_inertial("", 'velocity="3"'), "no-motion", "joint `turn` has a `lower` that is its `upper` limit"),
+        (with_inertial("", 'lower="-1e6" upper="1e18"'), "no-limit", "taken as 100 turns"),
+    ],
+    ids=["mass", "triangle rule", "products", "no motion", "no limit"],
+)  # fmt: skip
+def test_what_can_hardly_be_meant_is_a_warning_at_its_line(tmp_path, text, code, told):
+    (warning,) = read_urdf(written(tmp_path, text)).warnings
+    assert (warning.code, warning.severity) == (code, "warning")
+    assert told in warning.message
+    assert warning.mend
+    assert warning.place.line in (5, 12)
+
+
+@pytest.mark.parametrize(
+    "inertial",
+    [
+        moments(0.1, 0.1, 0.2),  # a flat plate meets the triangle rule with equality
+        moments(0.010, 0.010, 0.0205),  # rounded
+        moments(0.0, 1.0, 1.0),  # a thin rod
+        moments(-1e-12, 1e-6, 1e-6),  # rounded
+        '<mass value="1"/>',
+    ],
+)
+def test_rounded_inertias_are_taken_as_they_are(tmp_path, inertial):
+    assert read_urdf(written(tmp_path, with_inertial(inertial))).warnings == ()
+
+
+def test_limits_of_endless_turns_are_those_of_a_hundred(tmp_path):
+    limits = 'lower="-1e6" upper="3" velocity="1"'
+    turn = read_urdf(written(tmp_path, with_inertial("", limits))).joints["turn"]
+    assert (turn.lower, turn.upper) == (pytest.approx(-100 * 2 * math.pi), 3.0)
+
+
+def test_every_robot_of_example_robot_data_is_read_with_parts_of_different_names():
+    """Those that cannot be are refused for what they are: one mimics an unknown joint, one is a macro without links."""
+    folder = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
+    files = sorted((folder / "example-robot-data" / "robots").rglob("*.urdf"))
+    refused = {}
+    for file in files:
+        try:
+            names = [part.name for part in read_urdf(file).parts("collision", find)]
+        except InputError as error:
+            refused[file.name] = (error.problems[0].code, error.problems[0].place.line is not None)
+        else:
+            assert len(names) == len(set(names))
+    assert len(files) > 60
+    assert refused == {"alex_psyonic_hands.urdf": ("unknown-joint", True), "ur3.urdf": ("no-links", True)}

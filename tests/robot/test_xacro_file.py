@@ -1,0 +1,343 @@
+"""Xacro files as vendors ship them become the URDF that they stand for, and can do nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.robot import robot_xml
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
+from sqrp_cli.robot.srdf import read_srdf
+from sqrp_cli.robot.urdf import UrdfModel
+
+XMLNS = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+TOP = f"""<?xml version="1.0"?>
+<robot {XMLNS} name="$(arg name)">
+  <xacro:arg name="arm_type" default="short"/>
+  <xacro:arg name="tool" default="false"/>
+  <xacro:include filename="$(find my_arm)/urdf/inc/arm_macro.xacro"/>
+  <link name="world_link"/>
+  <xacro:my_arm prefix="left_" parent="world_link" params="$(find my_arm)/config/$(arg arm_type)/lengths.yaml">
+    <origin xyz="0 0 ${{0.1 + 0.2}}" rpy="0 0 0"/>
+  </xacro:my_arm>
+  <xacro:if value="$(arg tool)"><link name="tool"/>
+    <joint name="mount" type="fixed"><parent link="left_link_2"/><child link="tool"/></joint></xacro:if>
+</robot>
+"""
+
+MACRO = f"""<?xml version="1.0"?>
+<robot {XMLNS}>
+  <xacro:include filename="common.xacro" ns="common"/>
+  <xacro:macro name="my_arm" params="prefix parent params *origin limit:=1.5">
+    <xacro:property name="sizes" value="${{xacro.load_yaml(params)}}"/>
+    <joint name="${{prefix}}base" type="fixed"><xacro:insert_block name="origin"/>
+      <parent link="${{parent}}"/><child link="${{prefix}}link_0"/></joint>
+    <link name="${{prefix}}link_0"/>
+    <xacro:macro name="stage" params="number length">
+      <joint name="${{prefix}}joint_${{number}}" type="revolute">
+        <parent link="${{prefix}}link_${{number - 1}}"/><child link="${{prefix}}link_${{number}}"/>
+        <origin xyz="${{length}} 0 0"/><axis xyz="0 0 1"/>
+        <limit lower="${{-limit}}" upper="${{limit}}" velocity="${{radians(90)}}" effort="1"/>
+      </joint>
+      <link name="${{prefix}}link_${{number}}">
+        <collision><geometry><mesh filename="package://my_arm/meshes/link.stl"/></geometry></collision>
+      </link>
+    </xacro:macro>
+    <xacro:stage number="1" length="${{sizes['lengths'][0]}}"/>
+    <xacro:stage number="2" length="${{sizes.lengths[1] * common.factor}}"/>
+  </xacro:macro>
+</robot>
+"""
+
+FILES = {
+    "package.xml": "<package><name>my_arm</name></package>",
+    "urdf/my_arm.urdf.xacro": TOP,
+    "urdf/inc/arm_macro.xacro": MACRO,
+    "urdf/inc/common.xacro": f'<robot {XMLNS}><xacro:property name="factor" value="2"/></robot>',
+    "config/short/lengths.yaml": "lengths: [!millimeters 250, 0.5]\n",
+    "config/long/lengths.yaml": "lengths: [1, 2]\n",
+}
+
+
+TOP_FILE, MACRO_FILE = "urdf/my_arm.urdf.xacro", "urdf/inc/arm_macro.xacro"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package whose folder has another name than the package, as those of Universal Robots."""
+    folder = tmp_path / "My_ROS2_Description"
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def top(package: Path) -> Path:
+    return package / "urdf" / "my_arm.urdf.xacro"
+
+
+def read(package: Path, **arguments: str) -> UrdfModel:
+    return read_urdf(top(package), RobotSource(arguments=arguments))
+
+
+def problem_of(package: Path, file: str, old: str, new: str, **arguments: str) -> Problem:
+    text = (package / file).read_text(encoding="utf-8")
+    assert old in text
+    (package / file).write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(package, **arguments)
+    return caught.value.problems[0]
+
+
+def test_a_package_of_includes_macros_and_yaml_becomes_its_urdf(package: Path) -> None:
+    model = read(package)
+    assert model.name == "my_arm"
+    assert list(model.joints) == ["left_base", "left_joint_1", "left_joint_2"]
+    assert model.joints["left_base"].X_PJ[2, 3] == pytest.approx(0.3)
+    assert model.joints["left_joint_1"].X_PJ[0, 3] == 0.25
+    assert model.joints["left_joint_2"].X_PJ[0, 3] == 1.0
+    assert model.joints["left_joint_2"].velocity == pytest.approx(1.5707963)
+    assert model.packages == ("my_arm",)
+
+
+def test_arguments_choose_the_robot(package: Path) -> None:
+    model = read(package, arm_type="long", tool="true", name="other")
+    assert (model.name, "tool" in model.links, model.joints["left_joint_1"].X_PJ[0, 3]) == ("other", True, 1.0)
+
+
+def test_what_is_wrong_in_it_is_placed_where_it_is_written(package: Path) -> None:
+    problem = problem_of(package, "urdf/inc/arm_macro.xacro", 'type="revolute"', 'type="revolving"')
+    assert (problem.code, problem.place.file.name, problem.place.line) == ("unknown-joint-type", "arm_macro.xacro", 10)
+
+
+def test_the_library_itself_expands_to_the_same(package: Path) -> None:
+    """The original, unguarded, with the package found by the code below."""
+    code = (
+        "import sys, xacro; from xacro import substitution_args as s;"
+        "s._eval_find = lambda name: sys.argv[2];"
+        "d = xacro.process_file(sys.argv[1], mappings={'name': 'my_arm', 'tool': 'true'}); print(d.toxml())"
+    )
+    done = subprocess.run([sys.executable, "-c", code, top(package), package], capture_output=True, check=True)
+    plain = package / "plain.urdf"
+    plain.write_bytes(done.stdout)
+    expected = read_urdf(plain)
+    found = read(package, tool="true")
+    assert list(found.links) == list(expected.links)
+    for name, joint in expected.joints.items():
+        assert (found.joints[name].X_PJ == joint.X_PJ).all()
+        assert found.joints[name].upper == joint.upper
+
+
+def test_its_content_is_what_it_stands_for(package: Path) -> None:
+    before = read(package).content
+    macro = package / "urdf" / "inc" / "arm_macro.xacro"
+    macro.write_text(macro.read_text().replace("<link", "<!-- a comment --><link", 1))
+    assert read(package).content == before
+    (package / "config" / "short" / "lengths.yaml").write_text("lengths: [0.3, 0.5]\n")
+    assert read(package).content != before
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "code", "said"),
+    [
+        (TOP_FILE, "inc/arm_macro", "inc/arm_marco", "missing-file", "did you mean `arm_macro.xacro`"),
+        (TOP_FILE, "$(find my_arm)/urdf", "$(find my_amr)/urdf", "missing-package", "`my_amr` not found"),
+        (TOP_FILE, "<xacro:my_arm", "<xacro:my_amr", "xml-syntax", "not closed"),
+        (TOP_FILE, '<xacro:arg name="tool" default="false"/>', "", "xacro-argument", "`tool` has no value"),
+        (TOP_FILE, "$(arg name)", "$(arg arm_type)", "xacro-argument", "states it below, in line 3"),
+        (TOP_FILE, 'value="$(arg tool)"', 'value="perhaps"', "xacro", "not a boolean"),
+        (TOP_FILE, "0.1 + 0.2", "0.1 + hieght", "xacro", "`hieght` is not defined"),
+        (TOP_FILE, "0.1 + 0.2", "().__class__", "xacro", "not evaluated here"),
+        (TOP_FILE, "0.1 + 0.2", "1/0", "xacro", "ZeroDivisionError"),
+        (TOP_FILE, 'prefix="left_" ', "", "xacro", "Undefined parameters [prefix]"),
+        (TOP_FILE, 'prefix="left_" ', 'prefx="left_" ', "xacro", 'Invalid parameter "prefx"'),
+        (MACRO_FILE, "<xacro:stage n", "<xacro:none n", "xacro", "<xacro:none> is no known macro"),
+        (MACRO_FILE, "sizes['lengths']", "sizes['lenghts']", "xacro", "has no key 'lenghts'"),
+        ("urdf/inc/common.xacro", "<xacro:prop", "<xacro:include filename='common.xacro'/><xacro:prop", "xacro", ""),
+        ("config/short/lengths.yaml", "]", "", "yaml-syntax", ""),
+        (TOP_FILE, "$(find my_arm)/urdf/inc/arm_macro.xacro", "/etc/passwd", "outside-roots", "/etc/passwd"),
+        (TOP_FILE, "$(find my_arm)/urdf/inc", "../../other", "outside-roots", "outside the folders"),
+        (TOP_FILE, "$(arg name)", "$(env HOME)", "xacro-argument", "`HOME`, which is never read"),
+        (TOP_FILE, "$(arg name)", "$(run ls)", "xacro", "[run ls]"),
+        (TOP_FILE, "$(arg name)", "$(eval __import__('os'))", "xacro", ""),
+    ],
+)  # fmt: skip
+def test_a_damaged_file_has_one_good_message(
+    package: Path, file: str, old: str, new: str, code: str, said: str
+) -> None:
+    problem = problem_of(package, file, old, new)
+    assert problem.code == code
+    assert said in problem.message
+    assert problem.place is not None
+    assert problem.place.line is not None
+
+
+def test_an_argument_that_it_does_not_take_is_named(package: Path) -> None:
+    with pytest.raises(InputError, match="takes no argument `arm_typ`; did you mean `arm_type`"):
+        read(package, arm_typ="long")
+
+
+def test_an_argument_for_which_files_are_missing_is_shown(package: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        read(package, arm_type="medium")
+    (problem,) = caught.value.problems
+    assert problem.code == "missing-file"
+    assert "arm_type (medium)" in (problem.mend or "")
+
+
+def test_environment_variables_are_never_read(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARM_NAME", "secret")
+    text = top(package).read_text().replace("$(arg name)", "$(optenv ARM_NAME usual)")
+    top(package).write_text(text)
+    assert read(package).name == "usual"
+    assert read(package, ARM_NAME="given").name == "given"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
+        '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>',
+        "".join(
+            f'<xacro:macro name="m{n}">{f"<xacro:m{n - 1}/>" * 10 if n else "<link/>"}</xacro:macro>' for n in range(9)
+        )
+        + "<xacro:m8/>",
+        '<xacro:property name="p0" value="aaaaaaaaaa"/>'
+        + "".join(f'<xacro:property name="p{n}" value="${{p{n - 1}}}${{p{n - 1}}}"/>' for n in range(1, 60))
+        + '<link name="${p59}"/>',
+    ],
+    ids=["itself", "circle", "macros", "text"],
+)
+def test_no_file_expands_without_end(tmp_path: Path, body: str) -> None:
+    (tmp_path / "bomb.xacro").write_text(f'<robot name="r" {XMLNS}>{body}</robot>')
+    with pytest.raises(InputError) as caught:
+        read_robot_xml(tmp_path / "bomb.xacro")
+    assert caught.value.problems[0].code in ("xacro", "too-many-elements")
+
+
+def test_a_urdf_with_xacro_in_it_is_never_read_as_it_is(tmp_path: Path) -> None:
+    text = f'<robot name="r" {XMLNS}><xacro:macro name="m"><link name="b"/></xacro:macro><link name="a"/><xacro:m/>'
+    joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
+    (tmp_path / "arm.urdf").write_text(text + joint)
+    assert list(read_urdf(tmp_path / "arm.urdf").links) == ["a", "b"]
+
+
+def test_a_urdf_that_only_declares_the_namespace_is_plain(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(f'<robot name="r" {XMLNS}><link name="a"/></robot>')
+    assert read_urdf(tmp_path / "arm.urdf").expanded is None
+    with pytest.raises(InputError, match="takes no arguments; found `size`"):
+        read_urdf(tmp_path / "arm.urdf", RobotSource(arguments={"size": "1"}))
+
+
+def test_xacro_of_before_2014_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.xacro").write_text(f'<robot name="r" {XMLNS}><include filename="x"/><link name="${{1}}"/></robot>')
+    with pytest.raises(InputError, match="is of xacro before 2014"):
+        read_urdf(tmp_path / "a.xacro")
+
+
+def test_a_property_without_prefix_is_a_property_too(package: Path) -> None:
+    text = TOP.replace("0.1 + 0.2", "side").replace("<link", '<property name="side" value="0.4"/><link', 1)
+    top(package).write_text(text)
+    assert read(package).joints["left_base"].X_PJ[2, 3] == pytest.approx(0.4)
+
+
+def test_an_srdf_may_be_a_xacro_too(package: Path) -> None:
+    (package / "arm.srdf.xacro").write_text(
+        f"""<robot {XMLNS} name="my_arm"><xacro:arg name="prefix" default=""/>
+        <group name="$(arg prefix)arm"><chain base_link="world_link" tip_link="$(arg prefix)link_2"/></group></robot>"""
+    )
+    srdf = read_srdf(package / "arm.srdf.xacro", read(package), RobotSource(arguments={"prefix": "left_"}))
+    assert srdf.groups == {"left_arm": ("left_joint_1", "left_joint_2")}
+    assert srdf.tips == {"left_arm": "left_link_2"}
+
+
+def test_warnings_of_the_file_are_kept(package: Path) -> None:
+    top(package).write_text(TOP.replace("0.1 + 0.2", "xacro.warning('old file')"))
+    with pytest.raises(InputError):  # the warning itself is no number
+        read(package)
+    top(package).write_text(TOP.replace("<link", "${xacro.warning('old file')}<link", 1))
+    (warning,) = read(package).warnings
+    assert (warning.code, warning.severity) == ("xacro-warning", "warning")
+
+
+@pytest.mark.parametrize(
+    "expression",
+    ["9**9**9", "[[[x for x in range(1000)] for y in range(1000)] for z in range(1000)]", "max(range(10**12))"],
+)
+def test_an_expression_that_takes_long_ends_by_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expression: str
+) -> None:
+    monkeypatch.setattr(robot_xml, "MAX_SECONDS", 1)
+    (tmp_path / "long.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
+    with pytest.raises(InputError, match="too much time or memory") as caught:
+        read_robot_xml(tmp_path / "long.xacro")
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    "expression", ["'a' * 10**10", "[0] * 10**10", "'{:>9999999999}'.format(1)", "(" * 300 + "1" + ")" * 300]
+)
+def test_an_expression_that_takes_much_memory_is_refused(tmp_path: Path, expression: str) -> None:
+    (tmp_path / "large.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
+    with pytest.raises(InputError):
+        read_robot_xml(tmp_path / "large.xacro")
+
+
+def test_a_link_inside_a_package_is_not_followed_out_of_it(package: Path, tmp_path: Path) -> None:
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("lengths: [1, 2]\n")
+    sizes = package / "config" / "short" / "lengths.yaml"
+    sizes.unlink()
+    sizes.symlink_to(secret)
+    with pytest.raises(InputError, match=f"outside the folders .* it is a link to `{secret}`"):
+        read(package)
+    model = read_urdf(top(package), RobotSource(roots=(tmp_path,)))
+    assert model.joints["left_joint_1"].X_PJ[0, 3] == 1.0
+
+
+@pytest.mark.parametrize("wrong", ["</robot", "${1/0}", "<xacro:none/>"])
+def test_what_is_wrong_in_an_included_file_names_that_file(package: Path, wrong: str) -> None:
+    common = package / "urdf" / "inc" / "common.xacro"
+    common.write_text(f'<robot {XMLNS}>\n<xacro:if value="true">{wrong}</xacro:if></robot>')
+    with pytest.raises(InputError) as caught:
+        read(package)
+    (problem,) = caught.value.problems
+    assert problem.place is not None
+    assert (problem.place.file, problem.place.line) == (common, 2)
+
+
+HARMS = """
+import json, os, socket, subprocess, sys
+from sqrp_cli.robot import xacro_child
+harms = {
+    "read": lambda: open("/etc/passwd"), "write": lambda: open(sys.argv[1] + "/new", "w"),
+    "command": lambda: os.system("true"), "process": lambda: subprocess.run(["true"]), "network": socket.socket,
+    "removal": lambda: os.remove(sys.argv[1] + "/a.xacro"), "variable": lambda: os.putenv("A", "b"), "fork": os.fork,
+}
+def run(self):
+    done = []
+    for name, harm in harms.items():
+        try:
+            harm()
+            done.append(name)
+        except PermissionError:
+            pass
+    raise ValueError(f"done: {done}")
+xacro_child._Expansion.run = run
+xacro_child.main()
+"""
+
+
+def test_the_process_that_expands_can_do_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "a.xacro").write_text(f"<robot {XMLNS}/>")
+    asked = {"path": str(tmp_path / "a.xacro"), "arguments": {}, "roots": [], "search": []}
+    given, command = json.dumps({**asked, "seconds": 5, "memory": 2**30}), [sys.executable, "-c", HARMS, tmp_path]
+    done = subprocess.run(command, input=given, capture_output=True, text=True)
+    assert json.loads(done.stdout)["problem"]["message"] == "done: []"

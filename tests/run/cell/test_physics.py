@@ -1,0 +1,337 @@
+"""How the simulated arm moves, and how its tools hold."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.mesh import read_mesh
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.robot.inverse_kinematics import all_solutions
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.run.cell.engine import mujoco
+from sqrp_cli.run.cell.simulated_cell import Physics, SimulatedCell
+from sqrp_cli.shapes import Mesh
+from sqrp_cli.sight.solids import load_solid
+from tests.run.cell.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
+from tests.task.robots import REAL_ARMS, ROBOTS, robot
+
+
+def at_pose(base: Workspace, X_WT: Array) -> dict[str, float]:
+    """Joint positions of the arm that bring the tool frame to a pose: those nearest to home."""
+    model = RobotModel.load(base.robot)
+    found = all_solutions(model, X_WT).solutions
+    best = min(found, key=lambda q: float(np.abs(q - model.home).max()))
+    return dict(zip(model.arm, best.tolist(), strict=True))
+
+
+def above(position: Sequence[float]) -> Array:
+    """A pose of the tool frame that points down at a position."""
+    return pose(np.diag([1.0, -1.0, -1.0]), position)
+
+
+CUBE_TOP = (0.4, 0.1, 0.04)
+CUBE = thing("cube", (0.4, 0.1, 0.02))
+
+
+def suction_cell(*things: SceneObject) -> Workspace:
+    """The tabletop's robot with a cube before it."""
+    return cell(workspace("workspaces/tabletop"), [TABLE, CUBE, *things])
+
+
+def started(base: Workspace, X_WT: Array) -> tuple[Physics, dict[str, float]]:
+    """Physics with the tool at a pose, and the joint positions."""
+    q = at_pose(base, X_WT)
+    return Physics(base, world(base, q)), q
+
+
+def test_the_arm_follows_a_fast_motion_within_a_tenth_of_a_millimetre() -> None:
+    base = workspace("workspaces/tabletop")
+    physics = Physics(base, world(base))
+    home = dict(base.robot.home)
+    there = {name: value + 1.2 * (-1) ** k for k, (name, value) in enumerate(home.items())}
+    physics.advance(2.5, Quintic(home, there, 0.2, 2.0))  # up to 1.1 rad/s, 1.7 rad/s^2
+    assert np.sqrt(physics.squared_error / physics.steps) < 1e-4
+    assert physics.joints() == pytest.approx(there, abs=1e-4)
+
+
+def test_the_tool_is_where_the_kinematics_of_the_arm_says() -> None:
+    base = suction_cell()
+    physics, q = started(base, above((0.3, 0.2, 0.25)))
+    model = RobotModel.load(base.robot)
+    expected = model.tool_pose(np.array([q[name] for name in model.arm]))
+    assert physics.tool_pose() == pytest.approx(expected, abs=1e-9)
+
+
+def test_torque_stays_within_the_effort_that_the_urdf_states() -> None:
+    """A jump of the reference by 1 rad asks for thousands of newton metres."""
+    base = workspace("workspaces/tabletop")
+    physics = Physics(base, world(base))
+    away = {name: value + 1.0 for name, value in base.robot.home.items()}
+    effort = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
+    for k in range(1, 30):
+        physics.advance(0.01 * k, Rest(away))
+        assert (np.abs(physics.torques()) <= effort + 1e-9).all()
+    assert (np.abs(physics.torques()) >= 0.9 * effort).any()
+
+
+def test_suction_holds_only_what_it_touches() -> None:
+    physics, _ = started(suction_cell(), above((0.4, 0.1, 0.05)))
+    physics.grasp()
+    assert physics.held() is None
+    touching, _ = started(suction_cell(), above((0.4, 0.1, 0.0405)))
+    touching.miss_next_grasp()
+    touching.grasp()
+    assert touching.held() is None
+    touching.grasp()
+    assert touching.held() == "cube"
+
+
+def test_suction_carries_a_thing_rigidly_and_loses_it_for_good() -> None:
+    base = suction_cell()
+    physics, q = started(base, above(CUBE_TOP))
+    physics.advance(0.2, Rest(q))
+    physics.grasp()
+    X_TO = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    lifted = at_pose(base, above((0.45, 0.05, 0.19)))
+    physics.advance(1.5, Quintic(q, lifted, 0.2, 1.2))
+    now = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    assert now[:3, 3] == pytest.approx(X_TO[:3, 3], abs=3e-4)
+    assert now[:3, :3] == pytest.approx(X_TO[:3, :3], abs=3e-3)
+    before = physics.object_poses()["cube"][2, 3]
+    physics.slip()
+    assert physics.held() is None
+    physics.advance(1.5 + 0.1, Rest(lifted))
+    fallen = before - physics.object_poses()["cube"][2, 3]
+    assert fallen == pytest.approx(9.81 / 2 * 0.1**2, rel=0.05)
+    physics.advance(2.5, Rest(lifted))
+    assert physics.object_poses()["cube"][2, 3] == pytest.approx(0.02, abs=5e-4)
+
+
+def test_the_arm_knows_the_weight_that_it_holds() -> None:
+    """A block of 4 kg at arm's length would else pull the tool down by millimetres."""
+    block = thing("cube", (0.4, 0.1, 0.1), (0.2, 0.2, 0.2))
+    base = cell(workspace("workspaces/tabletop"), [TABLE, block])
+    physics, q = started(base, above((0.4, 0.1, 0.2)))
+    physics.grasp()
+    lifted = at_pose(base, above((0.4, 0.1, 0.3)))
+    physics.advance(2.0, Quintic(q, lifted, 0.0, 1.5))
+    assert physics.tool_pose()[:3, 3] == pytest.approx([0.4, 0.1, 0.3], abs=5e-4)
+
+
+def test_a_cell_may_begin_with_something_in_the_tool() -> None:
+    base = suction_cell()
+    X_WT = above((0.3, 0.2, 0.3))
+    q = at_pose(base, X_WT)
+    X_TO = pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
+    start = world(base, q)
+    elsewhere = {name: X for name, X in start.X_WO.items() if name != "cube"}
+    physics = Physics(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
+    physics.advance(1.0, Rest(q))
+    assert physics.held() == "cube"
+    assert physics.object_poses()["cube"] == pytest.approx(X_WT @ X_TO, abs=5e-4)
+
+
+def test_the_same_calls_give_the_same_bytes() -> None:
+    ends = []
+    for _ in range(2):
+        physics, q = started(suction_cell(thing("ball", (0.4, -0.1, 0.3))), above(CUBE_TOP))
+        physics.grasp()
+        physics.advance(0.5, Rest(q))
+        physics.slip()
+        physics.advance(0.8, Rest(q))
+        ends.append(physics.positions.tobytes())
+    assert ends[0] == ends[1]
+
+
+def test_a_cell_that_is_reset_is_as_new() -> None:
+    base = suction_cell()
+    q = at_pose(base, above(CUBE_TOP))
+    start = world(base, q)
+    frames, positions = [], []
+    with SimulatedCell(cell(base, list(base.objects.values()), [camera()]), start, 3) as simulated:
+        for _ in range(2):
+            simulated.grasp()
+            simulated.advance(0.3, Rest(q))
+            simulated.slip()
+            simulated.advance(0.4, Rest(q))
+            frames.append(simulated.frames(["cam"])["cam"])
+            positions.append(simulated.truth().X_WO["cube"])
+            assert simulated.tracking_error() < 1e-3
+            simulated.reset(start)
+            assert simulated.t == 0.0
+            assert simulated.truth().held is None
+    assert np.array_equal(frames[0].image, frames[1].image)
+    assert frames[0].t == frames[1].t == pytest.approx(0.4)
+    assert np.array_equal(*positions)
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_inside_a_call_of_mujoco_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bindings convert arguments in Python, and make a TypeError of what is raised there."""
+    base = suction_cell()
+    q = at_pose(base, above(CUBE_TOP))
+    real = mujoco.mj_step1
+
+    def step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("incompatible function arguments") from None
+        real(model, data)
+
+    with SimulatedCell(cell(base, list(base.objects.values()), [camera()]), world(base, q), 3) as simulated:
+        monkeypatch.setattr(mujoco, "mj_step1", step)
+        with pytest.raises(KeyboardInterrupt):
+            simulated.advance(0.01, Rest(q))
+        assert simulated.t == pytest.approx(0.01)
+
+
+def gripper_cell(*things: SceneObject) -> Workspace:
+    return cell(workspace("tests/cases/gripper"), [TABLE, CUBE, *things])
+
+
+OPEN, TOUCHING = {"left_finger_joint": 0.04}, {"left_finger_joint": 0.0201}
+
+
+def grasped(base: Workspace) -> tuple[Physics, dict[str, float]]:
+    """The gripper around the cube, closed with a force."""
+    arm = at_pose(base, above((0.4, 0.1, 0.02)))
+    physics = Physics(base, world(base, arm | OPEN))
+    physics.advance(1.0, Quintic(arm | OPEN, arm | TOUCHING, 0.0, 0.8))
+    assert physics.held() is None
+    physics.grasp()
+    physics.advance(1.3, Rest(arm | TOUCHING))
+    return physics, arm | TOUCHING
+
+
+def test_fingers_hold_by_friction_while_the_arm_moves() -> None:
+    base = gripper_cell()
+    physics, q = grasped(base)
+    assert physics.held() == "cube"
+    X_TO = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    lifted = q | at_pose(base, above((0.42, 0.05, 0.2)))
+    physics.advance(4.0, Quintic(q, lifted, 1.3, 1.2))
+    now = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    assert physics.held() == "cube"
+    assert now[:3, 3] == pytest.approx(X_TO[:3, 3], abs=1e-3)
+
+
+def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
+    base = gripper_cell()
+    arm = at_pose(base, above((0.4, 0.1, 0.02)))
+    physics = Physics(base, world(base, arm | OPEN))
+    physics.grasp()
+    for k in range(1, 7):
+        physics.advance(0.05 * k, Rest(arm | OPEN))
+        assert physics.held() is None
+        assert physics.joints()["left_finger_joint"] > 0.04 - 0.05 * 0.05 * k
+    physics.advance(0.6, Rest(arm | OPEN))
+    assert physics.held() == "cube"
+    assert physics.joints()["left_finger_joint"] == pytest.approx(0.02, abs=5e-4)
+
+
+def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
+    base = gripper_cell()
+    physics, q = grasped(base)
+    lifted = q | at_pose(base, above((0.4, 0.1, 0.12)))
+    physics.advance(2.5, Quintic(q, lifted, 1.3, 1.0))
+    physics.slip()
+    assert physics.held() is None
+    physics.advance(3.5, Rest(lifted))
+    assert physics.object_poses()["cube"][2, 3] == pytest.approx(0.02, abs=1e-3)
+    assert physics.joints()["left_finger_joint"] == pytest.approx(0.0, abs=1e-3)
+    assert physics.joints()["right_finger_joint"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_released_fingers_follow_the_reference_and_let_go() -> None:
+    base = gripper_cell()
+    physics, q = grasped(base)
+    physics.release()
+    physics.advance(2.0, Quintic(q, q | OPEN, 1.3, 0.5))
+    assert physics.held() is None
+    assert physics.joints()["left_finger_joint"] == pytest.approx(0.04, abs=5e-4)
+    assert physics.joints()["right_finger_joint"] == pytest.approx(0.04, abs=5e-4)
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_real_arms_stand_where_they_are_told_to(name: str) -> None:
+    path, tool_frame = REAL_ARMS[name]
+    arm = robot(ROBOTS / path, tool_frame)
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=arm)
+    physics = Physics(base, World(frozenset(), {}, None, None, {}))
+    start = physics.joints()
+    physics.advance(0.5, Rest({name: start[name] for name in RobotModel.load(arm).arm}))
+    assert physics.joints() == pytest.approx(start, abs=1e-3)
+
+
+LED_ARM = """<robot name="led">
+  <link name="base"/>
+  <link name="crank"><inertial><mass value="0.2"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.4 0 0"/><mass value="8"/></inertial></link>
+  <joint name="motor" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2"/><mimic joint="motor" multiplier="-0.5" offset="0.1"/></joint>
+</robot>"""
+
+
+def test_a_motor_bears_the_weight_of_the_joints_that_mimic_it(tmp_path: Path) -> None:
+    urdf = tmp_path / "led.urdf"
+    urdf.write_text(LED_ARM)
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
+    physics = Physics(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
+    physics.advance(1.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 1.0))
+    assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
+
+
+def test_an_arm_that_its_motors_could_not_hold_is_balanced(tmp_path: Path) -> None:
+    """Holding the arm takes 31 Nm; what is left beyond its weight is 5 Nm."""
+    urdf = tmp_path / "led.urdf"
+    urdf.write_text(LED_ARM.replace('upper="2"/>', 'upper="2" effort="5"/>'))
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
+    physics = Physics(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
+    physics.advance(2.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 2.0))
+    assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
+    assert np.abs(physics.torques()).max() < 31.4 / 2 + 5.0
+
+
+BARE_ARM = """<robot name="bare">
+  <link name="base"/>
+  <link name="upper"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
+  <link name="lower"/>
+  <link name="tip"><inertial><mass value="0.5"/></inertial></link>
+  <joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 0.5"/><limit lower="-2" upper="2"/></joint>
+  <joint name="two" type="prismatic"><parent link="upper"/><child link="lower"/><axis xyz="1 0 0"/>
+    <origin xyz="0.2 0 0"/><limit lower="0" upper="0.5"/></joint>
+  <joint name="end" type="fixed"><parent link="lower"/><child link="tip"/></joint>
+</robot>"""
+
+
+def test_a_robot_without_inertia_or_effort_moves_too(tmp_path: Path) -> None:
+    urdf = tmp_path / "bare.urdf"
+    urdf.write_text(BARE_ARM)
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "tip"))
+    start = {"one": 0.0, "two": 0.1}
+    physics = Physics(base, World(frozenset(), {}, None, None, start))
+    physics.advance(1.5, Quintic(start, {"one": 1.0, "two": 0.4}, 0.0, 1.0))
+    assert physics.joints() == pytest.approx({"one": 1.0, "two": 0.4}, abs=1e-3)
+
+
+def test_meshes_are_as_large_as_the_planner_takes_them() -> None:
+    for part in RobotModel.load(replace(workspace("workspaces/tabletop").robot, geometry="visual")).parts:
+        if isinstance(part.shape, Mesh):
+            scaled = replace(part.shape, scale=(0.5, 1.0, -2.0))
+            for mesh in (part.shape, scaled):
+                solid = load_solid(replace(part, shape=mesh))
+                vertices = transform(part.X_PG, read_mesh(mesh.path, mesh.scale).vertices)
+                assert vertices.min(axis=0) == pytest.approx(solid.vertices.min(axis=0), abs=1e-6)
+                assert vertices.max(axis=0) == pytest.approx(solid.vertices.max(axis=0), abs=1e-6)

@@ -1,0 +1,148 @@
+"""What is said where the simulator cannot run; and that nothing else needs it."""
+
+from __future__ import annotations
+
+import ctypes.util
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.run.cell import requirements
+from sqrp_cli.run.cell.requirements import check_simulator
+from sqrp_cli.run.record.events import VERSION, RunBegan
+from sqrp_cli.run.record.log import LogWriter
+from sqrp_cli.run.record.report import RunReport
+
+ROOT = Path(__file__).parents[3]
+
+
+def problem() -> tuple[str, str, str | None]:
+    """Code, message and mend of what is wrong."""
+    with pytest.raises(InputError) as raised:
+        check_simulator()
+    (found,) = raised.value.problems
+    return found.code, found.message, found.mend
+
+
+def without_libraries(monkeypatch: pytest.MonkeyPatch, *missing: str) -> None:
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None if name in missing else f"lib{name}.so.1")
+
+
+def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.util.find_spec
+    monkeypatch.setattr(requirements, "find_spec", lambda name: None if name in ("mujoco", "cv2") else real(name))
+    code, message, mend = problem()
+    assert code == "missing-extra"
+    assert "`sim`" in message
+    assert mend == "pip install mujoco opencv-contrib-python-headless"
+
+
+def test_without_any_opengl_the_debian_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    without_libraries(monkeypatch, "EGL", "OSMesa")
+    code, message, mend = problem()
+    assert code == "no-opengl"
+    assert "libegl1 libgl1 libgl1-mesa-dri" in message
+    assert "libosmesa6 with MUJOCO_GL=osmesa" in message
+    assert mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
+
+
+def test_a_library_that_was_asked_for_and_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    without_libraries(monkeypatch, "EGL")
+    assert "MUJOCO_GL is `egl`, but libEGL is not installed" in problem()[1]
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    assert "MUJOCO_GL is `off`" in problem()[1]
+
+
+@pytest.mark.parametrize(("missing", "chosen"), [((), "egl"), (("EGL",), "osmesa")])
+def test_the_way_to_draw_is_chosen_by_what_there_is(
+    monkeypatch: pytest.MonkeyPatch, missing: tuple[str, ...], chosen: str
+) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    without_libraries(monkeypatch, *missing)
+    check_simulator()
+    assert os.environ["MUJOCO_GL"] == chosen
+
+
+def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
+    """The library is there, but the device that is asked for is not."""
+    script = (
+        "from sqrp_cli.cell.load import load_workspace\n"
+        "from sqrp_cli.run.cell.simulated_cell import SimulatedCell\n"
+        "from pathlib import Path\n"
+        "from sqrp_cli.errors import InputError\n"
+        "if __name__ == '__main__':\n"
+        "    workspace = load_workspace(Path('workspaces/tabletop'))\n"
+        "    with SimulatedCell(workspace, workspace.stated_world, 0) as cell:\n"
+        "        try:\n"
+        "            cell.frames(['cam1'])\n"
+        "        except InputError as error:\n"
+        "            print(error)\n"
+    )
+    path = ROOT / ".no_device_test.py"
+    path.write_text(script)
+    try:
+        environment = {**os.environ, "MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "99", "PYTHONPATH": str(ROOT)}
+        done = subprocess.run([sys.executable, path], cwd=ROOT, env=environment, capture_output=True, text=True)
+    finally:
+        path.unlink()
+    assert done.stderr == ""
+    assert "need an OpenGL that draws without a screen: it does not start" in done.stdout
+
+
+WITHOUT_EXTRA = """
+import importlib.util
+MISSING, found = ("mujoco", "cv2"), importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name in MISSING else found(name, package)
+import sys
+class Missing:
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] in MISSING:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Missing)
+"""
+
+
+INSTALL = "pip install mujoco opencv-contrib-python-headless"
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "said"),
+    [
+        (("check", "workspaces/tabletop"), 0, ""),
+        (("run", "program.yaml", "--sim"), 2, INSTALL),
+        (("audit", "program.yaml", "frames"), 2, INSTALL),
+        (("run", "--replay", "{log}"), 0, ""),
+    ],
+)
+def test_without_the_extra_only_what_needs_it_says_so(
+    tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
+) -> None:
+    log = tmp_path / "log"
+    writer = LogWriter(log, RunBegan(t=0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
+    writer.finish(RunReport())
+    writer.close()
+    # The program itself is not what this is about.
+    script = (
+        f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import audit, run\n"
+        "audit.program_with_warnings = run.program_with_warnings = lambda *_: None\n"
+        "from sqrp_cli.cli.main import main\nmain()"
+    )
+    command = [sys.executable, "-c", script, *(word.format(log=log) for word in words)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == exit_code, done.stderr
+    assert said in done.stderr
+
+
+def test_what_processes_that_draw_share_loads_no_simulator() -> None:
+    script = (
+        "import sys, sqrp_cli.run.cell.render_pool\nprint([name for name in ('mujoco', 'cv2') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

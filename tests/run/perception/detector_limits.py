@@ -1,0 +1,237 @@
+"""How small, oblique or hidden a thing may be until perception no longer sees it, measured from simulated images.
+
+`python -m tests.run.perception.detector_limits` prints the whole tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.markers import ObjectMarker
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.scene import SceneObject
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.files.frames import FrameName
+from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, transform
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.run.cell.mujoco_model import quaternion
+from sqrp_cli.run.cell.renderer import Renderer
+from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.run.perception.image_detector import ImageDetector
+from sqrp_cli.run.perception.vision import find_markers
+from sqrp_cli.run.robot_body import RobotBody
+from sqrp_cli.skill.target_box import TargetBox
+from tests.run.cell.scenes import camera, cell, empty, thing, world
+
+FOCAL = 600.0
+PLACE = (4.0, 0.0, 0.02)
+"""Of the cube, far from the robot."""
+
+CUBE, SCREEN = thing("cube", PLACE, color="green"), thing("screen", (4.0, 2.0, 0.5), (0.4, 0.4, 0.004), color="black")
+OTHER_SCREEN = thing("other", (4.0, 2.5, 0.5), SCREEN.size, color="black")
+GROUND = thing("ground", (4.0, 0.0, -0.02), (20.0, 20.0, 0.04), color="grey", fixed=True)
+PLATE = thing("plate", PLACE, (0.054, 0.054, 0.002), color="white", marker=37)
+MARKER = ObjectMarker(id=37).on(PLATE.size)
+
+
+class Stage:
+    """A renderer of things that are put where a test wants them."""
+
+    def __init__(self, base: Workspace) -> None:
+        self.knowledge = CellModel.of(base, RobotBody.load(base.robot))
+        self._physics = Physics(base, world(base))
+        self._renderer = Renderer(self._physics.model, tuple(base.cameras.values()), 0)
+        self._positions = self._physics.positions
+
+    def put(self, name: str, X_WO: Array) -> None:
+        start = self._physics.model.joint(name).qposadr[0]
+        self._positions[start : start + 7] = [*X_WO[:3, 3], *quaternion(X_WO)]
+
+    def frame(self, eye: str, t: float) -> CameraImage:
+        self._renderer.move(self._positions)
+        return CameraImage(eye, t, self._renderer.image(eye, t))
+
+    def close(self) -> None:
+        self._renderer.close()
+
+
+@contextmanager
+def staged(things: Sequence[SceneObject], cameras: Sequence[Camera]) -> Iterator[Stage]:
+    stage = Stage(cell(empty(), things, cameras))
+    try:
+        yield stage
+    finally:
+        stage.close()
+
+
+def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> float:
+    """Share of random views in which a marker is found whose image has an area of pixels^2, tilted by `incidence`."""
+    random = np.random.default_rng([seed, round(pixels * 10), round(incidence * 1000)])
+    eye = camera(X_FC=look_at((3.0, 0.0, 2.0), (5.0, 0.0, 1.5)), focal=(FOCAL, FOCAL))
+    depth = FOCAL * MARKER.side * np.sqrt(np.cos(incidence)) / pixels
+    found = 0
+    with staged([PLATE], [eye]) as stage:
+        for trial in range(trials):
+            center = depth * np.array([*random.uniform((-0.3, -0.25), (0.3, 0.25)), 1.0])
+            stage.put("plate", eye.X_FC @ pose(tilted(center, incidence, random), center))
+            found += any(marker.id == MARKER.id for marker in find_markers(stage.frame("cam", trial).image))
+    return found / trials
+
+
+def color_rates(
+    pixels: float, visible: float, trials: int, *, min_visible: float = 0.5, seed: int = 0, slit: bool = False
+) -> tuple[float, float]:
+    """Shares of random views in which perception is right about a cube: that it is there, and that it is gone.
+
+    pixels: square root of the area of its image. visible: share of that area that a screen leaves free; slit: that lies
+    between two screens. min_visible: share that the detector asks for.
+    """
+    random = np.random.default_rng([seed, round(pixels * 10), round(visible * 1000)])
+    eyes = [_view_of_cube(f"eye{trial}", pixels, random) for trial in range(trials)]
+    screens = (SCREEN, OTHER_SCREEN) if slit else (SCREEN,)
+    with staged([GROUND, CUBE, *screens], eyes) as stage:
+        detectors = stage.knowledge.detectors
+        asking = {**detectors, "color": replace(detectors["color"], min_visible=min_visible)}
+        stage.knowledge = replace(stage.knowledge, detectors=asking)
+        sights = [_cube_sights(stage, eye, visible, random, slit=slit) for eye in eyes]
+    there, gone = zip(*sights, strict=True)
+    return there.count(Truth.TRUE) / trials, gone.count(Truth.FALSE) / trials
+
+
+def outline(eye: Camera, X_WO: Array) -> Array:
+    """The image of the cube at a pose, a convex polygon (n, 2) [pixels]."""
+    X_CO = np.linalg.inv(eye.X_FC) @ X_WO
+    pixels, _ = Projection.of(eye).pixels(transform(X_CO, box_corners(CUBE.size)))
+    hull: Array = cv2.convexHull(pixels.astype(np.float32))[:, 0].astype(float)
+    return hull
+
+
+def _cube_sights(
+    stage: Stage, eye: Camera, visible: float, random: np.random.Generator, *, slit: bool
+) -> tuple[Truth, Truth]:
+    """What perception says with the cube in its place, and without, both behind a screen or between two."""
+    X_WO = pose(position=PLACE)
+    detector = _detector_of_place(stage, eye)
+    aside = {"screen": pose(position=(4.0, 3.0, 0.5)), **({"other": pose(position=(4.0, 4.0, 0.5))} if slit else {})}
+    screens = dict(zip(aside, _screens(eye, X_WO, visible, random, slit=slit), strict=True))
+    before, behind = {"cube": X_WO, **aside}, {"cube": X_WO, **screens}
+    for name, X_W in before.items():
+        stage.put(name, X_W)
+    detector.look(stage.frame(eye.name, 0.0), BelievedState({}, False, before))
+    for name, X_W in screens.items():
+        stage.put(name, X_W)
+    there = detector.look(stage.frame(eye.name, 0.1), BelievedState({}, False, behind))
+    stage.put("cube", pose(position=(4.0, -6.0, 0.02)))
+    gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, behind))
+    return there.boxes["placed(cube)"][0].evidence, gone.boxes["placed(cube)"][0].evidence
+
+
+def beside(share: float, trials: int, seed: int = 0) -> list[Truth]:
+    """What perception says of the place of a cube, in random views, that lies beside it by a share of its side."""
+    random = np.random.default_rng([seed, round(share * 1000)])
+    eyes, found = [_view_of_cube(f"eye{trial}", 30.0, random) for trial in range(trials)], []
+    with staged([GROUND, CUBE], eyes) as stage:
+        for eye in eyes:
+            detector = _detector_of_place(stage, eye)
+            believed = BelievedState({}, False, {"cube": pose(position=PLACE)})
+            for t, right in enumerate((0.0, share)):
+                stage.put("cube", pose(position=np.add(PLACE, (right * CUBE.size[0], 0.0, 0.0))))
+                sights = detector.look(stage.frame(eye.name, 0.1 * t), believed)
+            found.append(sights.boxes["placed(cube)"][0].evidence)
+    return found
+
+
+def _detector_of_place(stage: Stage, eye: Camera) -> ImageDetector:
+    """One that looks for the cube where it stands at the start."""
+    detector = ImageDetector(eye, stage.knowledge)
+    box = TargetBox(
+        name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
+        encloses=("cube",),
+    )  # fmt: skip
+    target = ProgramTarget(cameras=1, boxes=(box,), seen={})
+    detector.watch(DetectionTargets({"placed(cube)": target}, {"cube": pose(position=PLACE)}, {}))
+    return detector
+
+
+def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Camera:
+    """A camera somewhere above the ground in whose image the cube has an area of pixels^2."""
+    height, heading = random.uniform(0.35, 1.2), random.uniform(-np.pi, np.pi)
+    way = np.array([np.cos(heading) * np.cos(height), np.sin(heading) * np.cos(height), np.sin(height)])
+    target = np.array(PLACE) + random.uniform(-0.1, 0.1, 3)
+    distance = FOCAL * 0.05 / pixels
+    for _ in range(5):
+        eye = camera(name, eye=(target + distance * way).tolist(), target=target.tolist(), focal=(FOCAL, FOCAL))
+        area = cv2.contourArea(outline(eye, pose(position=PLACE)).astype(np.float32))
+        distance *= np.sqrt(area) / pixels
+    return eye
+
+
+def _screens(eye: Camera, X_WO: Array, visible: float, random: np.random.Generator, *, slit: bool) -> Iterator[Array]:
+    """Poses of the screens, across the view, whose edges leave that share of the cube's image free."""
+    hull = outline(eye, X_WO)
+    turn = random.uniform(-np.pi, np.pi)
+    across = np.array([np.cos(turn), np.sin(turn)])
+    canvas = np.zeros((eye.height, eye.width), dtype=np.uint8)
+    cv2.fillConvexPoly(canvas, np.round(hull * 16).astype(np.int32), 1, shift=4)
+    rows, columns = np.nonzero(canvas)
+    places = np.column_stack([columns, rows]) @ across
+    hidden = (1.0 - visible) / (2.0 if slit else 1.0)
+    depth = 0.8 * float((np.linalg.inv(eye.X_FC) @ X_WO)[2, 3])
+    edge = float(np.quantile(places, 1.0 - hidden)) + (5.0 if visible >= 1.0 else 0.0)
+    yield _screen_from(eye, across, edge, hull.mean(axis=0), depth)
+    if slit:
+        yield _screen_from(eye, -across, -float(np.quantile(places, hidden)), hull.mean(axis=0), depth)
+
+
+def _screen_from(eye: Camera, across: Array, edge: float, middle: Array, depth: float) -> Array:
+    """The pose of a screen at a depth [m] that reaches from an edge in a direction `across` of the image (2,)."""
+    along = np.array([-across[1], across[0]])
+    pixel = across * edge + along * float(middle @ along)
+    on_edge = np.append((pixel - eye.matrix[:2, 2]) / FOCAL, 1.0) * depth
+    R = np.column_stack([np.append(across, 0.0), np.append(along, 0.0), (0.0, 0.0, 1.0)])
+    return eye.X_FC @ pose(R, on_edge + SCREEN.size[0] / 2 * R[:, 0])
+
+
+def tilted(center: Array, incidence: float, random: np.random.Generator) -> Array:
+    """A random rotation whose z axis is tilted by an angle against the direction from `center` to the camera."""
+    towards = -center / np.linalg.norm(center)
+    side = _perpendicular(towards, random)
+    normal = np.cos(incidence) * towards + np.sin(incidence) * side
+    x = _perpendicular(normal, random)
+    return read_only(np.column_stack([x, np.cross(normal, x), normal]))
+
+
+def _perpendicular(axis: Array, random: np.random.Generator) -> Array:
+    vector = random.normal(size=3)
+    vector -= vector @ axis * axis
+    result: Array = vector / np.linalg.norm(vector)
+    return result
+
+
+def main() -> None:
+    """Print both tables."""
+    sizes = (8, 10, 12, 14, 16, 18, 20, 24, 30, 40)
+    print("markers found [%], by incidence [deg] and square root of the area [pixels]")
+    print("     " + "".join(f"{size:>6}" for size in sizes))
+    for degrees in (0, 30, 50, 60, 65, 70, 75, 80):
+        rates = [marker_rate(size, np.radians(degrees), 40) for size in sizes]
+        print(f"{degrees:>5}" + "".join(f"{100 * rate:>6.0f}" for rate in rates))
+    sizes = (4, 5, 6, 8, 10, 12, 16, 24, 40)
+    print("\ncoloured cubes seen / seen to be gone [%], by visible share and square root of the area [pixels]")
+    print("     " + "".join(f"{size:>10}" for size in sizes))
+    for visible in (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2):
+        pairs = [color_rates(size, visible, 40) for size in sizes]
+        print(f"{visible:>5}" + "".join(f"{100 * a:>6.0f}/{100 * b:<3.0f}" for a, b in pairs))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""Detectors of installed packages: found by their entry points, asked about boxes, blamed for what they do wrong."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.camera.detector import Detector, installed_detectors
+from sqrp_cli.camera.markers import ObjectMarker
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from sqrp_cli.files.frames import FrameName
+from sqrp_cli.geometry import Array, look_at, pose
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.run.perception.detections import BelievedState, DetectionTargets
+from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, PerceptionError
+from sqrp_cli.skill.target_box import TargetBox
+from tests.run.cell.scenes import ROOT, camera, cell, empty, thing
+from tests.run.perception.detector_limits import Stage
+
+PACKAGES = Path(__file__).parent / "packages"
+TAG = ObjectMarker(id=11, dictionary="apriltag_36h11")
+THINGS = (
+    thing("ground", (4.0, 0.0, -0.02), (20.0, 20.0, 0.04), color="grey", fixed=True),
+    thing("plate", (4.0, 0.0, 0.01), (0.1, 0.1, 0.02), color="white", marker=TAG),
+)
+EYE = camera(X_FC=look_at((4.6, 0.0, 0.8), (4.0, 0.0, 0.0)))
+PLACE = pose(position=(4.0, 0.0, 0.01))
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The sample package, as pip would leave it."""
+    monkeypatch.syspath_prepend(str(PACKAGES))
+    installed_detectors.cache_clear()
+    yield
+    installed_detectors.cache_clear()
+
+
+def stage_with(kind: str) -> Stage:
+    detector = Detector(kind=kind, distance=(0.1, 5.0), max_incidence=1.5, min_pixels=5.0)
+    return Stage(replace(cell(empty(), THINGS, [EYE]), detectors={"mine": detector}))
+
+
+def sought() -> DetectionTargets:
+    box = TargetBox(
+        name="place", detector="mine", frame=FrameName("plate@start"), size=(0.1, 0.1, 0.02), X_FB=pose(), normal=None,
+        encloses=("plate",),
+    )  # fmt: skip
+    return DetectionTargets({"placed(plate)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"plate": PLACE}, {})
+
+
+def seen_with(kind: str, *places: Array) -> list[Truth]:
+    """What a detector says, image by image, while the plate is at these places."""
+    stage = stage_with(kind)
+    detector, found = ImageDetector(EYE, stage.knowledge), []
+    detector.watch(sought())
+    for number, X_WO in enumerate(places):
+        stage.put("plate", X_WO)
+        shown = detector.look(stage.frame("cam", 0.1 * number), BelievedState({}, False, {"plate": PLACE}))
+        found.append(shown.boxes["placed(plate)"][0].evidence)
+    stage.close()
+    return found
+
+
+BESIDE, OUTSIDE = pose(position=(4.0, 0.2, 0.01)), pose(position=(4.0, 8.0, 0.01))
+
+
+def test_april_tags_are_found_by_a_package() -> None:
+    assert seen_with("apriltag", PLACE, BESIDE, OUTSIDE) == [Truth.TRUE, Truth.FALSE, Truth.UNKNOWN]
+
+
+def test_a_package_that_knows_no_objects_sees_that_one_has_gone() -> None:
+    assert seen_with("as_at_first", PLACE, PLACE, BESIDE, OUTSIDE) == [Truth.TRUE, Truth.TRUE, Truth.FALSE, Truth.FALSE]
+
+
+def test_our_own_detector_agrees_about_the_tag() -> None:
+    assert seen_with("aruco", PLACE, BESIDE) == [Truth.TRUE, Truth.FALSE]
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("fails", "the detector `fails` of the package sample-detectors failed: RuntimeError: no network loaded"),
+        ("babbles", "answered 1 questions with ['yes', 'yes', 'yes']; expected one True, False or None for each"),
+    ],
+)
+def test_what_a_package_does_wrong_is_said(kind: str, says: str) -> None:
+    stage = stage_with(kind)
+    with DetectorPool(stage.knowledge, processes=1) as pool:
+        pool.watch(sought())
+        pool.submit(stage.frame("cam", 0.0), BelievedState({}, False, {"plate": PLACE}))
+        with pytest.raises(PerceptionError) as caught:
+            pool.collect("cam")
+    stage.close()
+    assert says in str(caught.value)
+
+
+def test_a_package_that_cannot_be_loaded_is_named_before_anything_runs() -> None:
+    with pytest.raises(InputError, match="package sample-detectors cannot be loaded: AttributeError"):
+        stage_with("missing")
+
+
+def test_an_unknown_kind_is_told_the_nearest_name_installed_ones_too() -> None:
+    folder = ROOT / "tests/cases/cell"
+    content = (folder / "workspace.yaml").read_text().replace("kind: color", "kind: apriltags")
+    with pytest.raises(InputError) as caught:
+        load_workspace(folder, content.encode())
+    assert "did you mean `apriltag`?" in str(caught.value)
+    assert "entry points `sqrp.detectors`" in str(caught.value)
+
+
+def test_a_workspace_may_name_an_installed_kind() -> None:
+    folder = ROOT / "tests/cases/cell"
+    content = (folder / "workspace.yaml").read_text().replace("kind: color", "kind: apriltag")
+    assert load_workspace(folder, content.encode()).detectors["color"].kind == "apriltag"
+
+
+def test_reading_a_workspace_runs_nothing_of_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "sample_detectors", raising=False)
+    test_a_workspace_may_name_an_installed_kind()
+    assert "sample_detectors" not in sys.modules
+
+
+def test_a_question_says_what_the_robot_does_not_cover() -> None:
+    from sqrp_cli.camera.projection import Projection
+    from sqrp_cli.run.perception.image_detector import question_about
+    from sqrp_cli.run.perception.projected import ExpectedView
+
+    stage = stage_with("as_at_first")
+    image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
+    view = ExpectedView(stage.knowledge, Projection.of(EYE), sought(), image, believed)
+    stage.close()
+    found = question_about(view, "placed(plate)", sought().targets["placed(plate)"].boxes[0])
+    assert found is not None
+    assert (found.object, found.marker) == ("plate", TAG.on((0.1, 0.1, 0.02)))
+    assert np.allclose(found.X_CB, np.linalg.inv(EYE.X_FC) @ PLACE)
+    assert found.clear.sum() == pytest.approx(_area(found.outline), rel=0.1)
+
+
+def _area(polygon: Array) -> float:
+    x, y = polygon.T
+    return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))

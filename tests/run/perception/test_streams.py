@@ -1,0 +1,272 @@
+"""When a stream of images counts as failed, and what is made of those that come by themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.motion.timing import MotionLimits, joint_move
+from sqrp_cli.run.arm_motion import ArmMotion
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.perception.image_detector import PerceptionError
+from sqrp_cli.run.perception.streams import MOST_WAITING, ImageStreams, ReceivedStreams
+from sqrp_cli.run.record.report import MonitoringLost
+from tests.run.steps import played
+
+WORKSPACES = Path(__file__).parents[3] / "workspaces"
+RATE, LATENCY = 10.0, 0.05
+STANDING = 0.5
+"""Asked of a robot whose cameras fail [s]."""
+
+
+class Looker:
+    """Stands for the processes that look at images: sees nothing in any of them."""
+
+    def submit(self, frame: CameraImage, believed: object) -> None:
+        assert believed is None
+        self.last = frame
+
+    def collect(self, camera: str) -> SimpleNamespace:
+        return SimpleNamespace(camera=camera, t=self.last.t, frozen=False, seconds=0.0)
+
+
+def eyes(*names: str) -> ImageStreams:
+    return ImageStreams(
+        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names or ("cam",)},
+        Looker(),
+    )
+
+
+def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
+    """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
+    t = 0.0
+    while t <= until:
+        if at <= t:
+            fail(found)
+            at = np.inf
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(
+                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
+            )
+        if (how := found.failure(t)) is not None:
+            assert how.cameras == ["cam"]
+            return t, f"{how.fault}: {how}"
+        t = min(found.next_exposure, found.next_arrival, found.next_check, at)
+    return None
+
+
+def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next() -> None:
+    class Crashed(Looker):
+        def watch(self, _sought: object) -> None:
+            raise PerceptionError(["cam"], "has ended")
+
+    streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY, lag=LATENCY)}, Crashed())
+    with pytest.raises(MonitoringLost) as caught:
+        streams.watch(None)
+    assert (caught.value.fault, list(caught.value.cameras)) == ("perception-crash", ["cam"])
+
+
+def test_a_stream_that_keeps_its_rate_never_fails() -> None:
+    assert failure(eyes(), 20.0) is None
+
+
+@pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
+def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing(at: float) -> None:
+    told, how = failure(eyes(), 20.0, at, lambda found: found.fail("camera-loss", "cam"))
+    assert how.startswith("camera-loss: cam is lost")
+    missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
+    assert missing < told <= missing + 0.021
+
+
+def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
+    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.fail("latency", "cam", 0.4))
+    assert how.startswith("latency: the images of cam come too late")
+    assert told < 3.2
+
+
+def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_late_ones() -> None:
+    found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
+    while (how := found.failure(t)) is None:
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(
+                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
+            )
+        if t > 1.0:
+            found.fail("camera-loss", "cam1")
+            found.fail("latency", "cam2", 0.4)
+            found.fail("camera-loss", "cam4")
+        t = min(found.next_exposure, found.next_arrival, found.next_check)
+    assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
+    assert how.cameras == ["cam1", "cam4"]
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws"])
+def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) -> None:
+    robot = load_workspace(WORKSPACES / name).robot
+    joints = list(robot.home)
+    limits, stops = ([of[joint] for joint in joints] for of in (robot.limits, robot.stop_limits))
+    fastest = MotionLimits(*(np.array([getattr(one, kind) for one in limits]) for kind in MotionLimits.__annotations__))
+    move = joint_move(np.zeros(len(joints)), np.linspace(1.5, 2.0, len(joints)), fastest)
+    told = 1.2 / RATE + LATENCY
+    for t in np.arange(0.0, move.duration, 0.1):
+        arm = ArmMotion(joints, limits, stops, np.zeros(len(joints)))
+        arm.play([played(move)], 0.0)
+        assert told + arm.stop(float(t), protective=True) - t <= STANDING
+
+
+TOLD = LATENCY + 1.2 / RATE + 0.1
+"""From the last image to the alarm at most [s]."""
+
+
+class Lookers:
+    """Processes that look at images; each image takes them some time [s]."""
+
+    def __init__(self, takes: float = 0.01) -> None:
+        self.takes, self.now, self.busy = takes, 0.0, {}
+
+    def watch(self, _sought: object) -> None:
+        pass
+
+    def submit(self, image: CameraImage, _believed: object) -> None:
+        assert self.is_free(image.camera)
+        self.busy[image.camera] = (self.now + self.takes, image.t)
+
+    def is_free(self, camera: str) -> bool:
+        return camera not in self.busy
+
+    def is_ready(self, camera: str) -> bool:
+        return camera in self.busy and self.busy[camera][0] <= self.now
+
+    def collect(self, camera: str) -> SimpleNamespace:
+        return SimpleNamespace(camera=camera, t=self.busy.pop(camera)[1], frozen=False, seconds=0.0)
+
+
+class Cameras:
+    """Two cameras out of step that send images for a while; they are looked for in steps of 5 ms [s]."""
+
+    def __init__(
+        self,
+        takes: float = 0.01,
+        late: dict[str, float] | None = None,
+        lost=lambda _name, _t: False,
+        step=0.005,
+        mend: str = "",
+    ) -> None:
+        self.step = step
+        self.lookers = Lookers(takes)
+        known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in ("cam1", "cam2")}
+        self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now, mend)
+        self.late, self.lost, self.seen, self.settled = late or {}, lost, [], []
+        self.due = sorted(
+            (k / RATE + phase + LATENCY, k / RATE + phase, name)
+            for name, phase in (("cam1", 0.0), ("cam2", 0.033))
+            for k in range(100)
+        )
+
+    def until(self, end: float):
+        """What fails, and when."""
+        if not self.lookers.now:
+            self.streams.resume(0.0)
+        while self.lookers.now < end:
+            self.lookers.now = round(self.lookers.now + self.step, 6)
+            now = self.lookers.now
+            self.seen += [found.t for found in self.streams.collect(now)]
+            self.streams.expose(now, self.arrived, lambda _: None)
+            self.settled.append(self.streams.settled)
+            if (how := self.streams.failure(now)) is not None:
+                return now, how
+        return None
+
+    def arrived(self, names: list[str]) -> dict[str, CameraImage]:
+        found = {}
+        for one in tuple(self.due):
+            came, t, name = one
+            if came + self.late.get(name, 0.0) <= self.lookers.now and name not in found:
+                self.due.remove(one)
+                if not self.lost(name, t):
+                    found[name] = CameraImage(name, t, np.zeros(1))
+        assert set(found) <= set(names)
+        return found
+
+
+def test_cameras_that_keep_their_rates_never_fail_and_all_images_are_looked_at() -> None:
+    cameras = Cameras()
+    assert cameras.until(5.0) is None
+    assert len(cameras.seen) >= 2 * 48
+    assert cameras.settled == sorted(cameras.settled)
+
+
+@pytest.mark.parametrize("at", np.linspace(2.0, 2.1, 5))
+def test_a_lost_camera_is_told_soon_after_its_first_image_is_missing(at: float) -> None:
+    told, how = Cameras(lost=lambda name, t: name == "cam2" and t >= at).until(5.0)
+    assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
+    last = max(t for t in np.arange(50) / RATE + 0.033 if t < at)
+    assert told <= last + TOLD
+
+
+def test_received_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
+    found = Cameras(late={"cam1": 0.3}).until(9.0)
+    assert found is not None
+    assert (found[1].fault, list(found[1].cameras)) == ("latency", ["cam1"])
+
+
+@pytest.mark.parametrize(
+    "failing",
+    [{"late": {"cam1": 0.3}}, {"takes": 0.45}, {"lost": lambda _name, t: t >= 2.0}],
+    ids=["late", "slow", "lost"],
+)
+def test_what_may_help_on_a_busy_computer_is_said_with_the_reason(failing: dict) -> None:
+    found = Cameras(**failing, mend="slower").until(9.0)
+    assert found is not None
+    assert str(found[1]).endswith(" (slower)")
+
+
+def test_a_computer_that_looks_too_slowly_says_so_and_keeps_few_images() -> None:
+    cameras = Cameras(takes=0.45)
+    found = cameras.until(9.0)
+    assert found is not None
+    assert found[1].fault == "perception-late"
+    assert all(len(stream.waiting) <= MOST_WAITING for stream in cameras.streams._streams.values())
+
+
+def test_time_in_which_nobody_looked_is_no_failure() -> None:
+    cameras = Cameras()
+    assert cameras.until(2.0) is None
+    cameras.lookers.now += 30.0  # such as for planning
+    assert cameras.streams.resume(2.0) == cameras.lookers.now
+    assert cameras.streams.failure(cameras.lookers.now + 0.2) is None
+
+
+def paused(seconds: float) -> Cameras:
+    """Cameras after a pause of our own, when what was sent meanwhile has not been received yet."""
+    cameras = Cameras()
+    assert cameras.until(2.0) is None
+    cameras.lookers.now += seconds
+    cameras.streams.expose(cameras.lookers.now, lambda _: {}, lambda _: None)
+    assert cameras.streams.failure(cameras.lookers.now) is None
+    return cameras
+
+
+def test_a_pause_of_our_own_is_not_taken_for_a_lost_camera() -> None:
+    assert paused(0.3).until(5.0) is None
+
+
+def test_a_camera_that_is_lost_in_a_pause_of_our_own_is_still_told() -> None:
+    cameras = paused(0.2)
+    cameras.due.clear()
+    told, how = cameras.until(5.0)
+    assert how.fault == "camera-loss"
+    assert told < 2.2 + TOLD
+
+
+def test_who_pauses_again_and_again_still_notices_a_lost_camera() -> None:
+    cameras = Cameras(lost=lambda name, t: name == "cam2" and t >= 2.0, step=0.05)
+    told, how = cameras.until(5.0)
+    assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
+    assert told <= 2.0 + 2 * TOLD

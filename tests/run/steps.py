@@ -1,0 +1,88 @@
+"""Small steps of programs for tests of the runtime."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import World
+from sqrp_cli.files.frames import FrameName
+from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
+from sqrp_cli.skill.target_box import TargetBox
+from sqrp_cli.trajectory import Trajectory
+
+
+class FixedNominalStep:
+    """An expectation with stated values: atoms that hold from a time on, and stretches in which they are covered."""
+
+    def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:
+        self.step, self._changes = step, changes
+        self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
+
+    def holds(self, atom: str, t: float) -> bool:
+        return [value for start, value in self._changes[atom] if start <= t + 1e-9][-1]
+
+    def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
+        return all(self.holds(atom, max(t, 0.0)) == positive for t in np.linspace(start, end, 51))
+
+    def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
+        seen = self.step.targets[atom].seen
+        return [name for name, spans in seen.items() if any(a <= t - margin and t + margin <= b for a, b in spans)]
+
+    def is_covered(self, atom: str, t: float, margin: float = 0.0) -> bool:
+        return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
+
+
+def box() -> TargetBox:
+    return TargetBox(
+        name="place",
+        detector="color",
+        frame=FrameName("world"),
+        size=(0.04, 0.04, 0.04),
+        X_FB=np.eye(4),
+        normal=None,
+        encloses=(),
+    )
+
+
+def formula(text: str, action: str = "stop", fault: str | None = None, settle: float = 0.5) -> ProgramFormula:
+    response = ProgramResponse(action=action, retries=2, when=None)
+    return ProgramFormula(formula=text, fault=fault, settle=settle, response=response)
+
+
+def played(move: Trajectory) -> ProgramPrimitive:
+    """A primitive that is nothing but a motion."""
+    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move)
+
+
+def step(
+    formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
+) -> Step:
+    still = Trajectory.standstill(np.zeros(1), time)
+    world = World(frozenset(), {}, None, None, {"a": 0.0})
+    return Step(
+        task="do",
+        skill="do",
+        parameters={},
+        time=time,
+        q_avg=None,
+        q_eoi=None,
+        faults={},
+        verdict="",
+        primitives=(
+            ProgramPrimitive(
+                name="a1",
+                action="Wait",
+                start=0.0,
+                end=time,
+                held=None,
+                trajectory=still,
+            ),
+        ),
+        formulas=tuple(formulas),
+        targets={
+            atom: ProgramTarget(cameras=1, boxes=(box(),), seen={name: tuple(spans) for name, spans in cameras.items()})
+            for atom, cameras in seen.items()
+        },
+        before=world,
+        after=world,
+    )

@@ -1,0 +1,274 @@
+"""Faults as the command line writes them, and what a run keeps account of where cameras and their processes fail."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+from sqrp_cli.run.faults import FaultKind, FaultTracker, InjectedFault, parse_fault, parse_sweep
+from sqrp_cli.run.perception.streams import ImageStreams
+from sqrp_cli.run.record.report import MonitoringLost
+
+STEP = SimpleNamespace(
+    primitives=[
+        SimpleNamespace(name="a1", action="JointMove", held=None, start=0.0, end=0.5),
+        SimpleNamespace(name="a2", action="StraightMove", held=None, start=0.5, end=1.0),
+        SimpleNamespace(name="a3", action="Grasp", held=None, start=1.0, end=2.0),
+        SimpleNamespace(name="a4", action="StraightMove", held="g", start=2.0, end=5.0),
+    ],
+    formulas=[SimpleNamespace(fault=None), SimpleNamespace(fault="dropped")],
+    short_task="pickup g",
+)
+PLACE = SimpleNamespace(
+    primitives=[
+        SimpleNamespace(name="a1", action="JointMove", held="r", start=0.0, end=2.0),
+        SimpleNamespace(name="a2", action="Release", held="r", start=2.0, end=2.5),
+        SimpleNamespace(name="a4", action="StraightMove", held=None, start=2.5, end=3.0),
+        SimpleNamespace(name="back", action="JointMove", held=None, start=3.0, end=4.0),
+    ],
+    formulas=[],
+    short_task="place r table",
+)
+CAMERAS = ("cam1", "cam2")
+
+
+def parse(text: str, seed: int = 0):
+    return parse_fault(text, [STEP], CAMERAS, np.random.default_rng(seed))
+
+
+def test_a_slip_happens_at_an_offset_from_the_start_of_a_primitive() -> None:
+    assert parse("slip@a4+0.4").t == 2.4
+    assert parse("slip@a4").t == 2.0
+    assert parse("slip@3.5").t == 3.5
+
+
+def test_a_random_slip_lies_within_its_primitive_and_repeats_with_its_seed() -> None:
+    times = [parse("slip@a4:random", seed).t for seed in range(20)]
+    assert all(2.0 <= t <= 5.0 for t in times)
+    assert times == [parse("slip@a4:random", seed).t for seed in range(20)]
+    assert len(set(times)) == 20
+
+
+def test_faults_of_cameras_name_a_camera() -> None:
+    loss, frozen, late = parse("camera-loss:cam2@5.0"), parse("frozen:cam1@3"), parse("latency:cam1=0.5")
+    assert (loss.kind, loss.camera, loss.t) == ("camera-loss", "cam2", 5.0)
+    assert (frozen.kind, frozen.camera, frozen.t) == ("frozen", "cam1", 3.0)
+    assert (late.kind, late.camera, late.delay) == ("latency", "cam1", 0.5)
+
+
+def test_times_of_faults_may_have_units() -> None:
+    assert parse("slip@3500 ms").t == parse("slip@3.5").t == parse("slip@3.5s").t == 3.5
+    assert parse("slip@a4+400ms").t == pytest.approx(2.4)
+    assert parse("camera-loss:cam2@5s").t == parse("perception-crash:cam2@5000 ms").t == 5.0
+    assert parse("frozen:cam1@0.05 min").t == pytest.approx(3.0)
+    assert parse("latency:cam1=50ms").delay == pytest.approx(0.05)
+
+
+def test_a_camera_may_fail_after_the_step_as_a_run_may_last_longer() -> None:
+    assert parse("camera-loss:cam2@99").t == 99.0
+
+
+@pytest.mark.parametrize("text", ["slip@a1", "slip@a1+0.2", "slip@a1:random", "slip@0.3"])
+def test_nothing_slips_where_nothing_is_held(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse(text)
+    (problem,) = caught.value.problems
+    assert problem.message == f"--fault {text}: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`"
+    assert problem.mend == "write slip@a3"
+    assert parse("slip@1.0").t == 1.0, "where one primitive ends, the next one begins"
+
+
+def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
+    with pytest.raises(InputError, match="nothing in `a1`, nor in any other") as caught:
+        parse_fault("slip@0.1", [SimpleNamespace(primitives=STEP.primitives[:2])], CAMERAS, np.random.default_rng(0))
+    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+
+
+@pytest.mark.parametrize("text", ["slip@a1", "moved@a1", "camera-loss:cam1@1"])
+def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_sweep(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_sweep(text, [SimpleNamespace(primitives=STEP.primitives[:2])])
+    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("slpi@a4", "did you mean `slip`"),
+        ("slip", "slip@a4+0.4"),
+        ("slip@a9", "no primitive `a9`"),
+        ("slip@a4+9", "lasts only 3.00 s"),
+        ("slip@5.1", "the step lasts only 5.00 s; write slip@a3"),
+        ("slip@6000 ms", "the step lasts only 5.00 s"),
+        ("slip@3 mm", "expected a time such as `50 ms` (units s, ms, us, min), 0 or more, found `3 mm`"),
+        ("slip@a4+-1", "found `-1`"),
+        ("latency:cam1=50xs", "found `50xs`"),
+        ("slip@a4-1", "slip@a4+0.4"),
+        ("slip@a4:often", "slip@a4+0.4"),
+        ("camera-loss:cam7@1", "no camera `cam7`"),
+        ("camera-loss:cam1", "camera-loss:cam2@5.0"),
+        ("camera-loss@cam1", "camera-loss:cam2@5.0"),
+        ("frozen:cam1@soon", "frozen:cam1@3"),
+        ("latency:cam1", "latency:cam3=0.5"),
+        ("latency:cam1=-1", "latency:cam3=0.5"),
+        ("miss-pick@2", "just `miss-pick`"),
+        ("", "there is no fault"),
+        ("nan", "there is no fault"),
+        ("dropped@a4", "`dropped` is what monitors look for, and cannot be made to happen"),
+        ("camera-loss:cam7@1", "write camera-loss:cam2@1"),
+        ("latency:can2=0.5", "write latency:cam2=0.5"),
+    ],
+)
+def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> None:
+    with pytest.raises(InputError, match="--fault") as caught:
+        parse(text)
+    (problem,) = caught.value.problems
+    kind = text.split("@")[0].split(":")[0]
+    assert said in f"{problem.message}; {problem.mend}"
+    assert problem.mend is not None
+    assert kind in problem.mend or "give one of: slip@a4+0.4" in problem.mend
+
+
+def parse_in(text: str, *steps: SimpleNamespace) -> tuple[int, float | None]:
+    """The number of the step in which a fault happens, and when in it [s]."""
+    fault = parse_fault(text, steps, CAMERAS, np.random.default_rng(0))
+    assert fault.text == text
+    return fault.step, fault.t
+
+
+@pytest.mark.parametrize(
+    ("text", "step", "t"),
+    [
+        ("2:slip@a4+0.5", 2, 2.5),
+        ("2:slip@3.1", 2, 3.1),
+        ("2:miss-pick", 2, None),
+        ("2:camera-loss:cam1@7", 2, 7.0),
+        ("2:latency:cam1=0.5", 2, 0.0),
+        ("1:slip@a1", 1, 0.0),
+        ("slip@1.5", 1, 1.5),
+        ("camera-loss:cam1@7", 1, 7.0),
+        ("slip@a3", 2, 1.0),  # only there
+        ("slip@a4", 2, 2.0),  # the first step has it, too, and holds nothing in it
+        ("slip@a1+1", 1, 1.0),
+        ("slip@a2:random", 1, pytest.approx(2.25, abs=0.25)),
+        ("miss-pick", 2, None),
+    ],
+)
+def test_a_fault_happens_in_the_step_that_is_told_or_the_first_in_which_it_can(text: str, step: int, t: float) -> None:
+    assert parse_in(text, PLACE, STEP) == (step, t)
+
+
+def test_of_steps_that_are_alike_the_first_is_meant_unless_it_is_too_short() -> None:
+    assert parse_in("slip@a4", STEP, STEP) == (1, 2.0)
+    assert parse_in("miss-pick", STEP, STEP) == (1, None)
+    brief = SimpleNamespace(primitives=[SimpleNamespace(name="a4", action="", held="g", start=0.0, end=1.0)])
+    assert parse_in("slip@a4+2", brief, STEP) == (2, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "mend"),
+    [
+        ("slip@bakc", "the program has no primitive `bakc`; did you mean `back`?", "write slip@a4+0.4"),
+        ("slip@back", "the tool grasps or holds nothing in `back` of step 1 (`place r table`)", "write 1:slip@a2"),
+        ("2:slip@back", "step 2 (`pickup g`) has no primitive `back`; expected one of `a1`, ", "write 1:slip@back"),
+        ("2:slip@0.3", "holds nothing in `a1` of step 2 (`pickup g`), expected one of `a3`, `a4`", "write 2:slip@a3"),
+        ("slip@4.5", "step 1 (`place r table`) lasts only 4.00 s", "write N:slip@T for T seconds"),
+        ("slip@a4+9", "`a4` of step 2 (`pickup g`) lasts only 3.00 s", "write slip@a4+0.4"),
+        ("1:miss-pick", "no primitive of step 1 (`place r table`) grasps", "write 2:miss-pick"),
+        ("2:miss-pick@3", "expected just `miss-pick`", "write `2:` and then miss-pick"),
+        (
+            "3:miss-pick",
+            "there is no step 3; expected one of step 1 (`place r table`), step 2 (`pickup g`)",
+            "write 2:miss-pick",
+        ),
+        ("0:slip@a1", "there is no step 0; expected one of step 1", "write 1:slip@a1"),
+        ("2:slpi@a4", "there is no fault `slpi`; did you mean `slip`?", "give one of: slip@a4+0.4"),
+    ],
+)
+def test_messages_name_the_step_that_they_are_about(text: str, said: str, mend: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_in(text, PLACE, STEP)
+    (problem,) = caught.value.problems
+    assert problem.message.startswith(f"--fault {text}: ")
+    assert said in problem.message
+    assert (problem.mend or "").startswith(mend)
+
+
+def test_where_nothing_grasps_something_else_can_happen() -> None:
+    with pytest.raises(InputError, match="no primitive of this program grasps") as caught:
+        parse_in("miss-pick", PLACE)
+    assert caught.value.problems[0].mend == "write slip@a1"
+
+
+@pytest.mark.parametrize(("text", "step", "name"), [("slip@a1", 1, "a1"), ("slip@a4", 2, "a4"), ("2:slip@a3", 2, "a3")])
+def test_a_sweep_finds_its_step_as_a_fault_does(text: str, step: int, name: str) -> None:
+    place, primitive = parse_sweep(text, [PLACE, STEP])
+    assert (place.number, primitive.name) == (step, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "mend"),
+    [
+        ("miss-pick", "expected `slip@` and a primitive of the program", "write 1:slip@a1"),
+        ("slip@bakc", "did you mean `back`?", "write 1:slip@a1"),
+        ("2:slip@back", "a primitive of step 2 (`pickup g`); expected one of `a1`", "write 1:slip@back"),
+        ("2:slip@a1", "holds nothing in `a1` of step 2 (`pickup g`)", "write 2:slip@a3"),
+        ("9:slip@a1", "there is no step 9; ", "write 2:slip@a1"),
+    ],
+)
+def test_a_bad_sweep_is_refused_with_what_was_expected(text: str, said: str, mend: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_sweep(text, [PLACE, STEP])
+    (problem,) = caught.value.problems
+    assert problem.message.startswith(f"--sweep {text}: ")
+    assert said in problem.message
+    assert problem.mend == mend
+
+
+ATTEMPT = SimpleNamespace(step=SimpleNamespace(formulas=()), undisturbed=True)
+
+
+def detected(failure: MonitoringLost | None, *faults: tuple[FaultKind, str]) -> list[tuple[str, float | None]]:
+    """When each of some injected faults was noticed and acted on [s], by what people read; the robot stops at 2 s."""
+    ledger = FaultTracker(MagicMock(spec=SimulatedCell), MagicMock(spec=ImageStreams), MagicMock())
+    for kind, camera in faults:
+        ledger.inject(InjectedFault(kind, f"{kind}:{camera}@1", 1.0, camera), 1.0, ATTEMPT)
+    ledger.stopped(2.0, failure)
+    assert all(record.acted == record.detected and record.injected == 1.0 for record in ledger.records)
+    assert [(record.name, record.camera) for record in ledger.records] == list(faults)
+    return [(record.label, record.detected) for record in ledger.records]
+
+
+def test_a_fault_of_a_camera_is_noticed_by_what_is_said_of_this_camera() -> None:
+    failure = MonitoringLost("cam2 is lost", "camera-loss", ["cam2"])
+    found = detected(failure, ("camera-loss", "cam3"), ("camera-loss", "cam2"))
+    assert found == [("camera-loss cam3", None), ("camera-loss cam2", 2.0)]
+
+
+def test_a_fault_of_a_camera_is_not_noticed_by_another_one_of_the_same_camera() -> None:
+    failure = MonitoringLost("cam2 is frozen", "frozen", ["cam2"])
+    assert detected(failure, ("latency", "cam2"), ("frozen", "cam2")) == [("latency cam2", None), ("frozen cam2", 2.0)]
+
+
+def test_a_process_that_ends_is_noticed_for_all_its_cameras() -> None:
+    failure = MonitoringLost("the process has ended", "perception-crash", ("cam1", "cam3"))
+    found = detected(failure, *(("perception-crash", camera) for camera in ("cam1", "cam2", "cam3")))
+    assert [t for _, t in found] == [2.0, None, 2.0]
+
+
+@pytest.mark.parametrize("kind", ["camera-loss", "frozen", "latency", "perception-crash"])
+def test_no_fault_of_a_camera_is_noticed_where_the_robot_stops_for_another_reason(kind: FaultKind) -> None:
+    assert detected(None, (kind, "cam1")) == [(f"{kind} cam1", None)]
+
+
+def test_a_fault_keeps_what_was_injected_beside_the_name_that_the_skill_has_for_it() -> None:
+    ledger = FaultTracker(MagicMock(spec=SimulatedCell), MagicMock(spec=ImageStreams), MagicMock())
+    named = SimpleNamespace(step=SimpleNamespace(formulas=(SimpleNamespace(fault="slip"),)), undisturbed=True)
+    ledger.inject(InjectedFault("miss-pick", "miss-pick"), 0.05, named)
+    (record,) = ledger.records
+    assert (record.name, record.kind, record.label) == ("slip", "miss-pick", "miss-pick (slip)")

@@ -1,0 +1,192 @@
+"""Cameras that are late by different times: what is known of a moment, and when a fault counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from random import Random
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.lockstep import EvidenceCollector, Moment
+from sqrp_cli.run.monitor.attempt import Attempt, PredictionCheck, predicted_delay
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
+from sqrp_cli.run.perception.detections import BoxDetection, Detection
+from sqrp_cli.run.perception.streams import ImageStreams
+from sqrp_cli.run.record.events import EventPublisher, EvidenceSeen
+from tests.run.steps import FixedNominalStep, formula, step
+
+TOTAL, START = 2.0, 0.5
+T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
+SHOWN = {T: Truth.TRUE, F: Truth.FALSE, U: Truth.UNKNOWN}
+SLIP = formula(f"eventually[{START}, {TOTAL}] (not held)", "retry", "slip")
+
+Vote = Callable[[str, float], Truth]
+"""What the image of a camera, taken at a time [s], shows of `held`."""
+
+
+class Looker:
+    """Stands for the cell and for the processes that look at images: each shows `held` as it is told to."""
+
+    def __init__(self, vote: Vote) -> None:
+        self._vote = vote
+        self._waiting: dict[str, list[float]] = {}
+        self.t = 0.0
+
+    def measured_joints(self, _t: float) -> Mapping[str, float]:
+        return {}
+
+    def frames(self, names: list[str]) -> Mapping[str, CameraImage]:
+        return {name: CameraImage(name, self.t, np.zeros(1)) for name in names}
+
+    def watch(self, sought: object) -> None:
+        pass
+
+    def submit(self, frame: CameraImage, believed: object) -> None:
+        assert believed is not None
+        self._waiting.setdefault(frame.camera, []).append(frame.t)
+
+    def collect(self, camera: str) -> Detection:
+        t = self._waiting[camera].pop(0)
+        shown = BoxDetection("box", SHOWN[self._vote(camera, t)], 1.0, np.zeros((0, 2)))
+        return Detection(camera, t, False, {"held": (shown,)})
+
+
+class Still(FixedNominalStep):
+    def object_poses(self, t: float) -> Mapping[str, object]:
+        assert t >= 0.0
+        return {}
+
+
+def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, events=None) -> Iterator[tuple]:
+    """The alarms of a step, each with its time [s]; cameras: rate [Hz] and latency [s] of each."""
+    known = {name: SimpleNamespace(name=name, rate=rate, lag=late) for name, (rate, late) in cameras.items()}
+    entry = step(list(formulas), {"held": seen or {}}, TOTAL)
+    target = entry.targets["held"].model_copy(update={"cameras": needed})
+    nominal = Still(entry.model_copy(update={"targets": {"held": target}}), {"held": [(0, True)]})
+    monitor = StepMonitor(nominal, max(1.0 / camera.rate for camera in known.values()))
+    attempt = Attempt(nominal.step, nominal, monitor, PredictionCheck(0, nominal, known), False, 0.0)
+    looker = Looker(vote)
+    eyes = ImageStreams(known, looker)
+    listeners = [] if events is None else [events.append]
+    collector = EvidenceCollector(looker, eyes, EventPublisher(listeners))
+    collector.watch(attempt, 1, 0.0)
+    while (now := min(eyes.next_exposure, eyes.next_arrival)) < TOTAL + 0.5:
+        arrived = collector.collect(now)
+        if eyes.next_exposure <= now + 1e-9:
+            looker.t = now
+            collector.expose(now, lambda t: Moment(min(t, TOTAL), {"held": True}, holding=True))
+        for alarm in attempt.alarms(collector.take_notice(arrived, now)):
+            yield now, alarm
+
+
+def first(alarms: Iterator[tuple[float, Alarm]]) -> tuple[float, str] | None:
+    return next(((round(t, 6), alarm.kind) for t, alarm in alarms), None)
+
+
+def brute_force(cameras, vote: Vote, needed: int) -> float | None:
+    """When a slip is first seen [s]: for each arrival, all that is there by then is looked at from the beginning."""
+    taken = {name: [k / rate for k in range(int(rate * (TOTAL + 1)))] for name, (rate, _) in cameras.items()}
+    arrivals = sorted({t + cameras[name][1] for name, times in taken.items() for t in times})
+    for now in arrivals:
+        moments = sorted({t for times in taken.values() for t in times if START <= t <= TOTAL and t <= now})
+        there = {name: [t for t in times if t + cameras[name][1] <= now + 1e-9] for name, times in taken.items()}
+        last = max(t for times in there.values() for t in [-1.0, *times])
+        for moment in (t for t in moments if t <= last):
+            votes = []
+            for name, (rate, _) in cameras.items():
+                newest = max(t for t in taken[name] if t <= moment)
+                if newest in there[name] and moment - newest < 1.5 / rate:
+                    votes.append(vote(name, newest))
+            if votes.count(F) >= needed and votes.count(F) > votes.count(T):
+                return round(now, 6)
+    return None
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> tuple[dict[str, tuple[float, float]], Vote]:
+    names = ["cam1", "cam2", "cam3"][: draw(st.integers(1, 3))]
+    late = st.integers(0, 35).map(lambda hundredths: hundredths / 100)
+    cameras = {name: (draw(st.sampled_from([10.0, 5.0, 8.0])), draw(late)) for name in names}
+    seeds = st.integers(0, 2**32 - 1)
+    shown = {name: Random(draw(seeds)).choices([T, U, F], weights=[3, 2, 1], k=30) for name in names}  # noqa: S311
+    return cameras, lambda name, t: shown[name][round(t * cameras[name][0]) % 30]
+
+
+@settings(max_examples=100, deadline=None)
+@given(streams(), st.integers(1, 2))
+def test_a_fault_is_seen_when_a_brute_force_look_at_all_that_has_arrived_sees_it(found, needed: int) -> None:
+    cameras, vote = found
+    seen = next((t for t, alarm in watched(cameras, vote, needed) if alarm.kind == "fault"), None)
+    assert (None if seen is None else round(seen, 6)) == brute_force(cameras, vote, needed)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.integers(1, 35), min_size=1, max_size=4),
+    st.integers(1, 4),
+    st.integers(50, 140).map(lambda hundredths: hundredths / 100 + 0.005),
+)
+def test_a_slip_that_all_cameras_see_counts_within_the_predicted_delay(late: list[int], needed: int, x: float) -> None:
+    cameras = {f"cam{i}": (10.0, hundredths / 100) for i, hundredths in enumerate(late)}
+    needed = min(needed, len(cameras))
+    seen = {name: [(0.0, TOTAL)] for name in cameras}
+    found = first(watched(cameras, lambda _, t: T if t < x else F, needed, seen=seen))
+    taken = np.ceil(x * 10.0) / 10.0
+    kth = sorted(latency for _, latency in cameras.values())[needed - 1]
+    assert found == (pytest.approx(taken + kth), "fault")
+    entry = step([SLIP], {"held": seen}, TOTAL)
+    target = entry.targets["held"].model_copy(update={"cameras": needed})
+    responses = {name: 1.0 / rate + latency for name, (rate, latency) in cameras.items()}
+    predicted = predicted_delay(entry.model_copy(update={"targets": {"held": target}}), ["held"], responses, x)
+    assert found[0] - x <= predicted + 1e-6
+
+
+def test_an_image_that_arrives_late_counts_from_when_it_was_taken() -> None:
+    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}
+    once = lambda name, t: U if name == "quick" else F if abs(t - 1.0) < 0.01 else T  # noqa: E731
+    assert first(watched(cameras, once)) == (1.35, "fault")
+
+
+def test_what_is_under_way_is_not_missing() -> None:
+    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.45)}
+    formulas = [formula(f"always[0, {TOTAL}] held")]
+    seen = {"slow": [(0.0, 3.0)]}
+    only = lambda name, t: T if name == "slow" else U  # noqa: E731, ARG005
+    assert first(watched(cameras, only, formulas=formulas, seen=seen)) is None
+    until = lambda name, t: T if name == "slow" and t < 0.95 else U  # noqa: E731
+    t, kind = first(watched(cameras, until, formulas=formulas, seen=seen))
+    assert kind == "blindness"
+    assert t == pytest.approx(1.0 + PATIENCE + 0.45)
+
+
+def test_a_violation_counts_after_the_time_to_settle_by_the_camera_that_sees_it_first() -> None:
+    formulas = [formula(f"always[0, {TOTAL}] held", settle=0.5)]
+    slipped = lambda _, t: T if t < 0.95 else F  # noqa: E731
+    for cameras in ({"quick": (10.0, 0.05)}, {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}):
+        assert first(watched(cameras, slipped, formulas=formulas)) == (1.55, "violation")
+
+
+def test_a_fault_is_told_once_whether_the_other_cameras_confirm_it_or_not() -> None:
+    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}
+    for late in (T, F, U):
+        votes = lambda name, t, late=late: T if t < 0.95 else F if name == "quick" else late  # noqa: E731
+        alarms = [(round(t, 6), alarm.kind) for t, alarm in watched(cameras, votes)]
+        assert alarms == [(1.05, "fault")]
+
+
+def test_the_log_tells_what_is_known_of_a_time_again_where_a_late_image_changes_it() -> None:
+    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.12)}
+    events: list[EvidenceSeen] = []
+    list(watched(cameras, lambda name, t: U if name == "quick" else T if t < 1.95 else F, events=events))
+    told = [(event.t, event.literals["held"].value) for event in events if event.exposed == 1.0]
+    assert told == [(1.05, U), (1.12, T)]
+    events.clear()
+    list(watched({"a": (10.0, 0.05), "b": (10.0, 0.05)}, lambda *_: T, events=events))
+    exposed = [event.exposed for event in events]
+    assert exposed == sorted(set(exposed))

@@ -1,0 +1,190 @@
+"""Where the robot stops to look after a fault, and what it does when it does not see enough."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.motion.timing import MotionLimits, joint_move
+from sqrp_cli.program.record import ProgramResponse
+from sqrp_cli.robot.robot import JointLimits, StopLimits
+from sqrp_cli.run.arm_motion import ArmMotion
+from sqrp_cli.run.monitor.attempt import Attempt
+from sqrp_cli.run.monitor.step_monitor import Alarm
+from sqrp_cli.run.record.events import MovingOn
+from sqrp_cli.run.record.report import Stopped
+from sqrp_cli.run.run import LOOK_AGAIN, RetryPlanner
+from tests.run.steps import FixedNominalStep, played, step
+
+PERIOD = 0.1
+WHEN = "there and open"
+ALARM = Alarm("fault", "slip", "a slip was seen", ProgramResponse(action="retry", retries=1, when=WHEN))
+
+
+class Trial:
+    """A robot in motion from 0 s on for 10 s, that sees what `seen` says of a time and of whether the tool is open.
+
+    Everything that it does is noted in `done`.
+    """
+
+    def __init__(self, seen, predicted: dict[str, dict[str, list[tuple[float, float]]]]) -> None:
+        limits = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
+        move = joint_move(np.zeros(1), np.array([1.8]), limits)
+        entry = step([], predicted, move.duration).model_copy(update={"primitives": (played(move),)})
+        nominal = FixedNominalStep(entry, {})
+        self.motion = ArmMotion(("a",), [JointLimits(-9, 9, 0.2, 1.0, 10.0)], [StopLimits(1.0, 10.0)], np.zeros(1))
+        self.motion.play(entry.primitives, 0.0)
+        self.attempt = Attempt(entry, nominal, None, None, undisturbed=True, start=0.0)
+        self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
+        self.planned = SimpleNamespace()
+
+        self.slowest = 0.0
+
+    # What the recovery asks of its collaborators, all of which this is
+
+    @property
+    def cell(self) -> Trial:
+        return self
+
+    robot = collector = streams = faults = publisher = cell
+
+    def pass_time(self, end: float) -> None:
+        self.now = min(end, round((np.floor(self.now / PERIOD + 1e-6) + 1) * PERIOD, 9))
+
+    def stop(self, _reason: str) -> None:
+        self.done.append(("stop", self.now))
+        self.now = self.motion.stop(self.now)
+
+    def cancel(self, *kinds: str) -> None:
+        self.done.append(("cancel", *kinds))
+
+    @property
+    def period(self) -> float:
+        return PERIOD
+
+    @property
+    def values(self) -> dict[str, Truth]:
+        fresh = self.now > self.since
+        return self.seen(self.motion.step_time(self.now), self.is_open) if fresh else {}
+
+    @property
+    def caught_up(self) -> bool:
+        return self.now > self.since + self.slowest
+
+    @property
+    def places(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def forget(self, t: float) -> None:
+        self.since = t
+
+    def let_go(self) -> None:
+        self.is_open = True
+
+    def keep_fingers(self, t: float) -> None:
+        self.done.append(("keep", t))
+
+    def moved_on(self, seconds: float) -> None:
+        self.done.append(("moved on", round(seconds, 3)))
+
+    def publish(self, event: MovingOn) -> None:
+        self.done.append((event.event, tuple(event.cameras)))
+
+    def measured_joints(self) -> dict[str, float]:
+        return {"a": float(self.motion.state(self.now)[0][0])}
+
+    def replan(self, _entry, world):
+        self.done.append(("replan", world.joints["a"]))
+        return self.planned
+
+    def run(self, t: float = 2.0) -> None:
+        """A fault is seen at a time of the motion."""
+        self.now = t
+        assert RetryPlanner(self, self).prepare(self.attempt, ALARM) is self.planned
+
+    def when(self, what: str) -> float:
+        return next(entry[1] for entry in self.done if entry[0] == what)
+
+
+ALWAYS = {"cam": [(0.0, 99.0)]}
+T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
+
+
+def sees_between(start: float, end: float):
+    return lambda tau, is_open: {"there": T, "open": (T if is_open else F) if start <= tau <= end else U}
+
+
+def test_it_stops_at_once_where_the_condition_is_predicted_to_be_seen() -> None:
+    trial = Trial(sees_between(0, 99), {"there": ALWAYS, "open": ALWAYS})
+    trial.run()
+    assert trial.when("stop") == 2.0
+    assert not any(entry[0] == "moved on" for entry in trial.done)
+
+
+def test_it_waits_for_the_images_of_the_slowest_camera_before_it_plans_again() -> None:
+    ends = []
+    for slowest in (0.0, 0.45):
+        trial = Trial(sees_between(0, 99), {"there": ALWAYS, "open": ALWAYS})
+        trial.slowest = slowest
+        trial.run()
+        ends.append(trial.now - trial.since)
+    assert 0.0 < ends[0] <= PERIOD + 1e-6
+    assert 0.45 < ends[1] <= 0.45 + PERIOD + 1e-6
+
+
+def test_it_moves_on_to_where_all_of_the_condition_is_predicted_to_be_seen() -> None:
+    trial = Trial(sees_between(6, 7), {"there": {"cam": [(4.0, 9.0)]}, "open": {"eye": [(6.0, 7.0)]}})
+    trial.run()
+    stands = trial.motion.step_time(99.0)
+    assert 6.0 + PERIOD <= stands <= 6.0 + PERIOD + 0.1
+    assert trial.when("replan") == pytest.approx(trial.motion.state(99.0)[0][0])
+    assert ("moving on", ("cam", "eye")) in trial.done
+    assert trial.when("moved on") == pytest.approx(trial.when("stop") - 2.0, abs=1e-3)
+
+
+def test_no_command_to_the_tool_is_given_on_the_way_and_the_fingers_stay() -> None:
+    trial = Trial(sees_between(6, 7), {"there": ALWAYS, "open": {"cam": [(6.0, 7.0)]}})
+    trial.run()
+    assert trial.done[0] == ("cancel", "tool")
+    assert trial.when("keep") == 2.0
+
+
+def test_it_stops_as_soon_as_it_sees_the_condition_on_the_way() -> None:
+    seen = lambda tau, _: {"there": T, "open": T if tau > 4.05 else U}  # noqa: E731
+    trial = Trial(seen, {"there": ALWAYS, "open": {"cam": [(7.0, 8.0)]}})
+    trial.run()
+    assert trial.when("stop") == pytest.approx(4.1)
+
+
+def test_it_moves_on_to_the_end_where_nothing_better_is_predicted() -> None:
+    trial = Trial(sees_between(8.5, 99), {"there": ALWAYS, "open": {"cam": [(0.0, 1.0)]}})
+    trial.run()
+    assert trial.motion.step_time(99.0) == pytest.approx(trial.attempt.step.time)
+    assert ("moving on", ()) in trial.done
+
+
+def test_it_gives_up_where_the_condition_is_never_seen_and_says_where_it_looked() -> None:
+    trial = Trial(lambda *_: {"there": U, "open": U}, {"there": ALWAYS, "open": {"cam": [(6.0, 7.0)]}})
+    with pytest.raises(Stopped, match=r"not seen within 2 s of standing where cam should see it, so there is no retry"):
+        trial.run()
+    assert trial.now == pytest.approx(trial.motion.stop(0.0) + LOOK_AGAIN, abs=PERIOD)
+    trial = Trial(lambda *_: {}, {"there": ALWAYS, "open": {"cam": []}})
+    with pytest.raises(Stopped, match="at the end of the motion"):
+        trial.run()
+
+
+def test_what_was_seen_while_it_moved_does_not_count_for_the_retry() -> None:
+    seen = lambda tau, _: {"there": T, "open": T if 4.05 < tau < 4.25 else U}  # noqa: E731
+    trial = Trial(seen, {"there": ALWAYS, "open": {"cam": [(7.0, 8.0)]}})
+    with pytest.raises(Stopped):
+        trial.run()
+
+
+def test_an_attempt_that_failed_counts_no_more_and_believes_in_the_first_places() -> None:
+    trial = Trial(sees_between(0, 99), {"there": ALWAYS, "open": ALWAYS})
+    trial.run()
+    assert trial.attempt.failed
+    assert not trial.attempt.undisturbed

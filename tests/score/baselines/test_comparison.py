@@ -1,0 +1,91 @@
+"""A candidate that is done in another way than in the baseline: its times correspond to no earlier ones."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from sqrp_cli.score.baselines.baseline import WayRecord
+from sqrp_cli.score.changes import LostView, Shift, WayChange
+from sqrp_cli.score.score import ScoredCell, read_cell
+from sqrp_cli.score.scorecard import difference
+from sqrp_cli.score.work.compute import Means, open_computer
+from sqrp_cli.show.terminal.score_table import print_difference
+from sqrp_cli.study.sampling import Adaptive
+
+TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop" / "workspace.yaml"
+SLOWER = Shift("delay", 0.69, 0.71, worse=True)
+SEES_MORE = Shift("q_avg", 0.881, 0.888, worse=False)
+
+
+def test_another_way_is_said_and_what_got_better_is_not_hidden():
+    change = WayChange("g4", "g4", "g4", (SEES_MORE, SLOWER), choice_before="left, 90 deg", choice="left, -90 deg")
+    assert str(change) == (
+        "g4: the worst delay of a fault rose from 0.69 s to 0.71 s, but Q_avg rose from 88.1 % to 88.8 %; "
+        "g4 now goes another way: left, -90 deg instead of left, 90 deg"
+    )
+    named = WayChange("g4", "g4 a", "g4 b", (SLOWER,), choice_before="as usual", choice="left")
+    assert str(named).endswith("g4 now goes another way: g4 b, left instead of g4 a")
+
+
+@pytest.mark.parametrize(
+    ("shifts", "mark"), [((SEES_MORE, SLOWER), "mixed"), ((SLOWER,), "worse"), ((SEES_MORE,), "better")]
+)
+def test_a_difference_is_called_worse_only_where_nothing_got_better(capsys, shifts, mark):
+    comparison = SimpleNamespace(ways=[WayChange("g4", "g4", "g4", shifts)], verdict="regressed", gone=())
+    result = SimpleNamespace(baseline=comparison, task="pickup g4")
+    print_difference(SimpleNamespace(interrupted=False, changes={}, results=[result], vanished=()))
+    assert f"\n  {mark:6}  pickup g4 for g4: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("before", ["left", None])
+def test_the_same_way_and_one_that_an_old_baseline_does_not_name_are_no_other(before):
+    assert not WayChange("g4", "g4", "g4", (SLOWER,), choice_before=before, choice="left").another_way
+
+
+def test_a_way_of_an_old_baseline_is_read():
+    assert WayRecord.model_validate({"candidate": "g4", "feasible": True}).choice is None
+
+
+@pytest.mark.parametrize(("start", "end", "said"), [(5.002, 5.016, "5.002 s to 5.016 s"), (1.0, 2.5, "1.0 s to 2.5 s")])
+def test_a_short_loss_has_two_ends(start, end, said):
+    assert f"from {said}:" in str(LostView("hold(g4)", "cam6", start, end, "hidden by suction_cup"))
+
+
+def with_camera_at(height: str) -> ScoredCell:
+    """The cell of `tabletop` with its second camera at a height [m], and one object to pick up."""
+    text = TABLETOP.read_text(encoding="utf-8").split("\ntasks:")[0]
+    changed = text.replace(" 1.404]", f" {height}]", 1)
+    assert changed.count(f" {height}]") == 1
+    return read_cell(TABLETOP, "tabletop", f"{changed}\ntasks:\n  - {{task: pickup g4}}\n".encode())
+
+
+def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
+    with open_computer(Means(Adaptive())) as computer:
+        found = difference(
+            with_camera_at("1.404"), with_camera_at("1.504"), computer, 0.5, lambda *_: nullcontext(lambda _: None)
+        )
+    (result,) = found.results
+    assert result.baseline is not None
+    (change,) = result.baseline.ways
+    assert result.ways["g4"].way.values["approach_yaw"] == pytest.approx(-math.pi / 2)
+    assert (change.worse, change.another_way, change.lost) == (True, True, ())
+    (reason,) = result.reasons
+    assert "g4 now goes another way: left, flipped, -90 deg instead of left, flipped, 90 deg" in reason
+    assert "no longer sees" not in reason
+
+
+@pytest.mark.parametrize(
+    ("shift", "said"),
+    [
+        (Shift("delay", 0.4132, 0.4099, worse=False), "the worst delay of a fault fell from 0.4132 s to 0.4099 s"),
+        (Shift("q_eoi", 0.88012, 0.88041, worse=False), "Q_eoi rose from 88.012 % to 88.041 %"),
+        (Shift("time", 9.9, 10.1, worse=True), "its time rose from 9.90 s to 10.10 s"),
+    ],
+)
+def test_figures_that_differ_never_look_alike(shift, said):
+    assert str(shift) == said

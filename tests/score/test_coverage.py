@@ -1,0 +1,75 @@
+"""The record of who sees what when, against the qualities that are computed from the same samples."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.logic.formula_time import union_length
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.score.work.results import CoverageRecord, Outcome
+from sqrp_cli.study.assessment import study
+from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.sampling import Adaptive, FixedCount
+from sqrp_cli.task.task import read_task
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return Cell.load(load_workspace(ROOT / "workspaces" / "tabletop"))
+
+
+@pytest.fixture(scope="module", params=["g1", "g4"])
+def found(cell, request):
+    (candidate,) = read_task(f"pickup {request.param}", cell.workspace).candidates
+    return study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+
+
+def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
+    targets = coverage_of(cell, found).targets.values()
+    monitored = [stretch for target in targets for stretch in target.required]
+    lost = [stretch for target in targets for stretch in difference(target.required, target.covered)]
+    length = union_length(monitored)
+    quality = qualities_over(found.timeline).q_avg
+    assert 1 - union_length(lost) / length == pytest.approx(quality, abs=2 * found.timeline.transition_error + 1e-6)
+
+
+def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found):
+    for target in coverage_of(cell, found).targets.values():
+        for camera, spans in target.blind.items():
+            blind = [span.stretch for span in spans]
+            assert all(a.end <= b.start + 1e-9 for a, b in pairwise(blind))
+            assert not intersection(target.seen_by(camera), blind)
+
+
+def test_a_record_survives_being_written_and_read(cell, found):
+    record = CoverageRecord.of(coverage_of(cell, found))
+    assert CoverageRecord.of(record.coverage()) == record
+    outcome = Outcome(found.assessment("a verdict"), record.coverage())
+    again = Outcome.from_text(outcome.to_text(), found.candidate)
+    assert (again.assessment.q_avg, again.assessment.faults) == (outcome.assessment.q_avg, outcome.assessment.faults)
+    assert again.to_text() == outcome.to_text()
+
+
+def test_a_damaged_record_is_refused(found):
+    text = Outcome(found.assessment(""), None).to_text()
+    for damaged in (text[:40], "{}", "[]", text.replace('"slip"', '"slip": 3, "x"')):
+        with pytest.raises(ValueError):  # noqa: PT011 - of several readers
+            Outcome.from_text(damaged, found.candidate)
+
+
+def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
+    (candidate,) = read_task("pickup g1", cell.workspace).candidates
+    fine, coarse = (
+        coverage_of(cell, study(cell, candidate, cell.initial_world, sampling, full=True))
+        for sampling in (Adaptive(), FixedCount(5))
+    )
+    for atom, target in coarse.targets.items():
+        assert union_length(target.required) == pytest.approx(union_length(fine.targets[atom].required))
+        assert union_length(target.covered) <= union_length(fine.targets[atom].covered) + 0.05

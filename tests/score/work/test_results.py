@@ -1,0 +1,53 @@
+"""Where outcomes are kept, whatever is in the place of one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.score.work.results import Outcome, Results
+from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.sampling import FixedCount
+from sqrp_cli.task.task import read_task
+
+KEY = "ab" * 32
+
+IN_THE_WAY: dict[str, Callable[[Path], object]] = {
+    "a link to itself": lambda path: path.symlink_to(path.name),
+    "a link to nowhere": lambda path: path.symlink_to("nowhere"),
+    "a link to a device": lambda path: path.symlink_to("/dev/zero"),
+    "a pipe": os.mkfifo,
+    "an empty folder": Path.mkdir,
+    "noise": lambda path: path.write_bytes(b"\xff\0"),
+}
+
+
+@pytest.mark.parametrize("what", IN_THE_WAY)
+def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path) -> None:
+    (tmp_path / KEY[:2]).mkdir()
+    IN_THE_WAY[what](tmp_path / KEY[:2] / f"{KEY}.json")
+    with closing(Results(tmp_path)) as results:
+        assert results.get(KEY) is None
+        results.keep(KEY, "text")
+    with closing(Results(tmp_path)) as results:
+        assert results.get(KEY) == "text"
+
+
+def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> None:
+    cell = Cell.load(tabletop)
+    candidate = read_task("pickup g4 path=seen", tabletop).candidates[0]
+    assessment = Assignment(FixedCount(3), cell=cell, world=cell.initial_world).assess(candidate)
+    text = Outcome(assessment, None).to_text()
+    again = Outcome.from_text(text, candidate).assessment
+    assert again.ways == assessment.ways
+    assert again.way.parameters == assessment.way.parameters
+    assert {name: via.tolist() for name, via in again.way.vias.items()} == {
+        name: via.tolist() for name, via in assessment.way.vias.items()
+    }
+    assert Outcome(again, None).to_text() == text

@@ -1,0 +1,126 @@
+"""Advice on tasks of several steps: the least change of the cell with which the whole meets a wish."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.geometry import displacement
+from sqrp_cli.search.advice_result import AdviceDocument, NearestChange
+from sqrp_cli.search.look import CameraLook, WishedSamples
+from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import seen_by
+from sqrp_cli.search.wish import read_wish
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.task.task import read_task
+
+CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
+TASK = "pickup peg2 then insert peg2 socket yaw=0"
+
+
+def with_one_camera(degrees: float) -> OpenCell:
+    """The cell of pegs with a camera that looks past the middle."""
+    before, after = CELL.read_text(encoding="utf-8").split("\n  front:")
+    left = after.split("\n  left:")[1].replace("0.4, 0, 0.1]}", "0.3, 0.1, 0.1]}")
+    text = f"{before}\n  left:{left}".replace("36 deg", f"{degrees} deg")
+    return OpenCell(CELL, load_workspace(CELL, text.encode()), content=text.encode())
+
+
+@pytest.fixture(scope="module")
+def cell() -> OpenCell:
+    return with_one_camera(28)
+
+
+@pytest.fixture(scope="module")
+def advice(cell: OpenCell) -> AdviceDocument:
+    return cell.advise(TASK, want="q_eoi 100 %, q_avg 95 %", kinds=["way", "lens"])
+
+
+def whole(cell: OpenCell, found: AdviceDocument) -> WholeStudy:
+    """The way that an advice is about, in a cell."""
+    studied = whole_study(cell.cell, found.advice[0].found.way, cell.cell.initial_world, Adaptive(), full=True)
+    assert isinstance(studied, WholeStudy)
+    return studied
+
+
+def test_the_advised_lens_meets_the_wish_and_one_a_little_narrower_does_not(advice: AdviceDocument) -> None:
+    (lens,) = [one for one in advice.advice if one.kind == "lens"]
+    view = 28 + np.degrees(lens.change[0])
+    assert view > 28
+    found = whole(with_one_camera(round(view, 2)), advice).assessment
+    assert advice.want.met(found)
+    assert (lens.q_eoi, lens.q_avg, lens.time) == pytest.approx((found.q_eoi, found.q_avg, found.time), abs=2e-3)
+    assert not advice.want.met(whole(with_one_camera(round(view - 0.1, 2)), advice).assessment)
+
+
+def test_figures_before_are_those_of_rank(cell: OpenCell, advice: AdviceDocument) -> None:
+    ranked = cell.rank(TASK, ways="fastest").best
+    assert ranked is not None
+    before = advice.before
+    assert (before.q_eoi, before.q_avg, before.time) == (ranked.q_eoi, ranked.q_avg, ranked.time)
+
+
+def test_listed_tasks_of_several_steps_and_those_that_need_others_first_are_among_those_it_may_cost(
+    advice: AdviceDocument,
+) -> None:
+    (lens,) = [one for one in advice.advice if one.kind == "lens"]
+    names = {effect.task: [one.candidate for one in effect.candidates] for effect in lens.tasks}
+    assert names == {
+        "pickup peg then insert peg socket yaw=0": [
+            f"pickup {one} then insert {one} socket" for one in ("peg1", "peg2")
+        ],
+        "insert peg2 socket yaw=0": ["pickup peg2 then insert peg2 socket"],
+        TASK: ["pickup peg2 then insert peg2 socket"],
+    }
+
+
+def test_a_kept_answer_is_read_as_it_was_found(cell: OpenCell, advice: AdviceDocument, tmp_path: Path) -> None:
+    asked = {"want": "q_eoi 100 %, q_avg 95 %", "kinds": ["lens"], "out": tmp_path}
+    first, again = cell.advise(TASK, **asked), cell.advise(TASK, **asked)
+    assert len(list(tmp_path.glob("*/*.json"))) == 1
+    assert first.to_json() == again.to_json()
+    assert [one.change for one in again.advice] == [one.change for one in advice.advice]
+
+
+def nearest_way(advice: AdviceDocument) -> NearestChange:
+    (nearest,) = [one.nearest for one in advice.kinds if one.kind == "way"]
+    assert nearest is not None
+    return nearest
+
+
+def test_the_task_that_says_a_way_has_that_way_alone(advice: AdviceDocument) -> None:
+    change = nearest_way(advice).proposed
+    content = advice.session.changed(change)
+    changed = load_workspace(CELL, content)
+    assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
+    (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
+    assert change.parameters is not None
+    assert {**candidate.all_parameters, **change.parameters} == candidate.all_parameters
+
+
+def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_short(advice: AdviceDocument) -> None:
+    nearest = nearest_way(advice)
+    assert "step 1 " in nearest.words
+    assert ", step 2 " in nearest.words
+    assert nearest.limit.startswith("step ")
+
+
+@pytest.mark.parametrize("wish", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
+def test_what_meets_a_wish_about_all_steps_passes_the_look(cell: OpenCell, advice: AdviceDocument, wish: str) -> None:
+    studied, wanted, rng = whole(cell, advice), read_wish(wish), np.random.default_rng(len(wish))
+    camera = cell.workspace.cameras["left"]
+    look = CameraLook(WishedSamples.of(cell.cell, studied, wanted), camera, 0)
+    poses = np.array([camera.X_FC @ displacement(*(0.08 * rng.normal(size=(2, 3)))) for _ in range(12)])
+    passes = look.passes(poses)
+    assert 0 < passes.sum() < len(poses)
+    for X_FC, passed in zip(poses, passes, strict=True):
+        moved = replace(camera, X_FC=X_FC)
+        change = ProposedChange(kind="position", target="left", size=0.0, unit="m", camera=moved)
+        met = wanted.met(seen_by(change.in_cell(cell.cell), studied, Adaptive()).assessment)
+        assert passed or not met

@@ -1,0 +1,99 @@
+"""Looks rule out nothing that the exact timeline accepts, and see what the observer sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import displacement
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.search.look import CameraLook, WishedSamples
+from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import seen_by
+from sqrp_cli.search.wish import read_wish
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.stage import Samples
+from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.task.task import read_task
+
+SAMPLING = Adaptive()
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def studied(cell) -> WholeStudy:
+    found = whole_study(
+        cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True
+    )
+    assert isinstance(found, WholeStudy)
+    return found
+
+
+def moved(camera, rng, count: int) -> np.ndarray:
+    """Poses near that of a camera, and some farther away."""
+    sizes = rng.choice([0.01, 0.05, 0.2], count)
+    return np.array([camera.X_FC @ displacement(s * rng.normal(size=3), 0.5 * s * rng.normal(size=3)) for s in sizes])
+
+
+@pytest.fixture(scope="module", params=["cam2", "cam6", pytest.param("cam5", marks=pytest.mark.trial)])
+def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateResult]]:
+    """A camera, other poses of it, and the exact figures of the candidate with each."""
+    entry = cell.workspace.cameras[request.param]
+    poses = moved(entry, np.random.default_rng(0), 30)
+    changes = [
+        ProposedChange(kind="position", target=entry.name, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
+        for X_FC in poses
+    ]
+    return entry.name, poses, [seen_by(one.in_cell(cell), studied, SAMPLING).assessment for one in changes]
+
+
+@pytest.mark.parametrize(
+    "wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s", "q_eoi 100 %", "q_eoi 60 %, q_avg 80 %, delay 2 s"]
+)
+def test_what_meets_a_wish_passes_the_look(cell, studied, elsewhere, wish):
+    camera, poses, found = elsewhere
+    wanted, index = read_wish(wish), list(cell.workspace.cameras).index(camera)
+    look = CameraLook(WishedSamples.of(cell, studied, wanted), cell.workspace.cameras[camera], index)
+    for figures, passes in zip(found, look.passes(poses), strict=True):
+        assert passes or not wanted.met(figures)
+
+
+@pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
+def test_some_poses_pass_and_some_do_not(cell, studied, wish):
+    entry = cell.workspace.cameras["cam2"]
+    look = CameraLook(WishedSamples.of(cell, studied, read_wish(wish)), entry, 1)
+    passes = look.passes(moved(entry, np.random.default_rng(0), 100))
+    assert 0 < passes.sum() < 100
+
+
+def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
+    wish = read_wish("q_eoi 100 %")
+    scene = WishedSamples.of(cell, studied, wish)
+    (samples,) = scene.samples
+    few = replace(scene, samples=(Samples(samples.piece[:1], samples.t[:1]),))
+    sharper = few.with_failures([step.timeline for step in studied.steps])
+    assert sharper.count > 1
+    assert np.all(np.diff(sharper.samples[0].piece) >= 0)
+    seeing = sharper.sees.sum(axis=2)
+    assert (sharper.required & (seeing < [target.cameras for target in sharper.targets])).any()
+
+
+@pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
+def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
+    entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
+    scene = WishedSamples.of(cell, studied, read_wish("q_avg 100 %"))
+    target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), scene.count)))
+    poses = moved(entry, rng, 6)
+    sees = cell.observer.seen_from([entry], poses, scene.targets, scene.states, state, target)[0]
+    observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
+    matrix = observer.verdicts(scene.targets, scene.states)
+    expected = np.concatenate([sees_all(boxes) for boxes in matrix])
+    np.testing.assert_array_equal(sees, expected.T)

@@ -1,0 +1,309 @@
+"""The choice of cameras, checked with brute force over the verdicts of an observer that has all of them at once."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli import open_cell
+from sqrp_cli.ask.values import silent
+from sqrp_cli.cell.mounts import read_mounts
+from sqrp_cli.search import place
+from sqrp_cli.search.place import CameraPlacer
+from sqrp_cli.search.placing_problem import Requirements
+from sqrp_cli.search.placing_program import PlacementProgram
+from sqrp_cli.search.placing_result import PlaceDocument
+from sqrp_cli.search.visibility_table import PlaceQuestion
+from sqrp_cli.search.wish import Wish
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.study.assessment import observed
+from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
+from sqrp_cli.task.task import read_task
+
+TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
+
+FORTY = """
+mounts:
+  ceiling: {grid: {from: [-0.9, -1, 1.4], to: [0.6, 1, 1.4], step: 50 cm}, price: 20}
+  rail: {rail: {from: [-0.9, 1.1, 0.5], to: [1.0, 1.1, 0.5], step: 10 cm}}
+lenses:
+  tele: {image: {width: 640, height: 480, horizontal_fov: 6 deg}, near: 20 cm, far: 4 m, rate: 10 Hz, price: 100}
+"""
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return open_cell(TABLETOP)
+
+
+def placer(cell, folder: Path, text: str, demand: Requirements, *, fastest: bool = True) -> CameraPlacer:
+    file = folder / "place.yaml"
+    file.write_text(text)
+    mounts = read_mounts(file, cell.workspace, tuple(cell.cell.model.links))
+    question = PlaceQuestion(
+        cell=cell.cell,
+        world=cell.cell.initial_world,
+        tasks=(read_task("pickup g3", cell.workspace),),
+        mounts=mounts,
+        requirements=demand,
+        sampling=Adaptive(),
+        fastest=fastest,
+    )
+    return CameraPlacer(question, silent)
+
+
+class BruteForce:
+    """All choices of so many cameras, with the quality that the definition gives at instants 4 ms apart."""
+
+    def __init__(self, placed: CameraPlacer):
+        (self.way,) = placed.table.ways
+        scene = self.way.scene
+        cameras = [placed.table.camera_at(option) for option in range(len(placed.table.options))]
+        observer = Observer(tuple(cameras), placed.question.cell.observer.solids)
+        self.samples = first_samples(FixedStep(0.004), scene.stage, observer, scene.targets)
+        matrix = observer.verdicts(scene.targets, scene.stage.states(self.samples), shares=False)
+        self.sees = np.stack([sees_all(boxes) for boxes in matrix])  # targets, samples, cameras
+        self.needed = [target.cameras for target in scene.targets]
+
+    def qualities(self, chosen, spare: int = 0) -> tuple[float, float]:
+        scene, samples = self.way.scene, self.samples
+        required = scene.stage.requires(scene.targets, samples)
+        enough = [self.sees[n][:, list(chosen)].sum(axis=1) >= k + spare for n, k in enumerate(self.needed)]
+        covered = required.any(axis=1) & np.all([e | ~required[:, n] for n, e in enumerate(enough)], axis=0)
+        both = covered[1:] & covered[:-1] & (np.diff(samples.piece) == 0)
+        steps = np.diff(samples.t) * both
+        interesting = np.array([scene.stage.pieces[p].of_interest for p in samples.piece[:-1]])
+        return float(steps[interesting].sum() / scene.T_eoi), float(steps.sum() / scene.T)
+
+    def least(self, count: int, spare: int = 0) -> float:
+        cameras = range(self.sees.shape[2])
+        return max(min(self.qualities(chosen, spare)) for chosen in combinations(cameras, count))
+
+
+@pytest.fixture(scope="module")
+def pair(cell, tmp_path_factory) -> tuple[CameraPlacer, PlaceDocument, BruteForce]:
+    asked = placer(cell, tmp_path_factory.mktemp("forty"), FORTY, Requirements(most=2))
+    found = asked.place()
+    return asked, found, BruteForce(asked)
+
+
+def test_two_of_forty_mounts_are_as_good_as_the_best_of_all_pairs(pair):
+    asked, found, brute = pair
+    assert len(asked.table.spots) == 40
+    assert found.proven
+    assert found.gap == 0.0
+    best = brute.least(2)
+    assert 0.0 < best < 1.0, "else every pair would be as good, or none would help"
+    assert found.objective == pytest.approx(best, abs=1e-3)
+    assert found.bound == pytest.approx(best, abs=1e-3)
+
+
+def test_one_camera_less_is_as_good_as_the_best_of_all_mounts(pair):
+    _, found, brute = pair
+    assert found.fewer is not None
+    assert found.fewer.bound == pytest.approx(brute.least(1), abs=1e-3)
+
+
+def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts(pair):
+    asked, found, _ = pair
+    cameras = [option.camera(f"c{n}") for n, option in enumerate(asked.table.options)]
+    names = [option.view.spot.name for option in asked.table.options]
+    chosen = [cameras[names.index(placed.place.view.spot.name.removesuffix(", moved"))] for placed in found.cameras]
+    (way,) = asked.table.ways
+    seen = observed(asked.table.cell_with(chosen), way.scene, Adaptive(), full=False).assessment("")
+    assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
+    (candidate,) = found.candidates
+    assert min(candidate.found.q_eoi, candidate.found.q_avg) >= found.objective
+
+
+def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_path):
+    narrow = FORTY.replace("6 deg", "4.5 deg").replace("step: 10 cm", "step: 20 cm")
+    asked = placer(cell, tmp_path, narrow, Requirements(wish=Wish(q_eoi=1.0, q_avg=1.0), most=2))
+    found = asked.place()
+    brute = BruteForce(asked)
+    everything = brute.qualities(range(30))
+    assert min(everything) < 1.0
+    assert not found.met
+    assert found.objective == pytest.approx(brute.least(2), abs=1e-3)
+    assert found.unseen
+    for unseen in found.unseen:
+        target = [str(t.atom) for t in brute.way.scene.targets].index(unseen.literal)
+        sample = int(np.argmin(np.abs(brute.samples.t - unseen.time)))
+        assert brute.sees[target][sample - 1 : sample + 2].sum(axis=1).min() < unseen.needed
+
+
+def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path):
+    wide = FORTY.replace("6 deg", "60 deg")
+    asked = placer(cell, tmp_path, wide, Requirements(wish=Wish(q_eoi=1.0), failure_tolerance=1))
+    found = asked.place()
+    assert found.met
+    brute = BruteForce(asked)
+    places = [camera.place.view.spot.name for camera in found.cameras]
+    names = [option.view.spot.name for option in asked.table.options]
+    chosen = [names.index(place) for place in places]
+    for lost in chosen:
+        assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0, abs=1e-3)
+    assert len(chosen) == 2
+    assert found.without_spare is not None
+    assert (found.without_spare.cameras, found.without_spare.price) == (1, 100.0)
+
+
+def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
+    found = placer(cell, tmp_path, FORTY, Requirements(most=2), fastest=False).place()
+    assert found.compared.ways > 1
+    assert found.objective >= pair[1].objective - 1e-6
+    assert found.gap == 0.0
+
+
+def test_what_cameras_aim_at_does_not_depend_on_a_choice_of_ways(cell, tmp_path, pair):
+    free = placer(cell, tmp_path, FORTY, Requirements(most=2), fastest=False)
+    free.table.plan()
+    assert [view.at.tolist() for view in free.table.views] == [view.at.tolist() for view in pair[0].table.views]
+
+
+def test_ctrl_c_after_the_choice_does_not_lose_it(cell, tmp_path, pair, monkeypatch):
+    def pressed(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(CameraPlacer, "_refined", pressed)
+    found = placer(cell, tmp_path, FORTY, Requirements(most=2)).place()
+    assert found.interrupted
+    assert found.proven
+    assert found.objective == pytest.approx(pair[1].objective)
+    assert found.cameras
+
+
+def test_cameras_are_not_moved_to_where_the_mean_that_was_asked_for_is_less(cell, tmp_path, monkeypatch):
+    """What has the best least, as if the cameras had been moved there."""
+    narrow = FORTY.replace("6 deg", "5 deg")
+    least = placer(cell, tmp_path, narrow, Requirements(most=1)).place()
+    there = tuple(one.place for one in least.cameras)
+    monkeypatch.setattr(place, "refined", lambda *_arguments: there)
+    mean = placer(cell, tmp_path, narrow, Requirements(most=1, objective="mean")).place()
+    (of_least,), (of_mean,) = least.candidates, mean.candidates
+    assert min(of_least.found.q_eoi, of_least.found.q_avg) > min(of_mean.found.q_eoi, of_mean.found.q_avg) + 0.01
+    assert of_mean.found.q_eoi + of_mean.found.q_avg > of_least.found.q_eoi + of_least.found.q_avg + 0.01
+
+
+def test_a_camera_in_the_sight_of_another_one_is_not_chosen(cell, tmp_path):
+    """The nearer of two places hides the farther one's view; with both, one would see nothing that counts."""
+    text = """
+mounts:
+  near: {points: [[0.6, 0.6, 0.75]], body: 30 cm}
+  far: {points: [[0.9, 1.0, 1.1]]}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz}
+"""
+    asked = placer(cell, tmp_path, text, Requirements(wish=Wish(q_eoi=0.1), failure_tolerance=1))
+    assert not asked.place().met
+    alone = placer(
+        cell, tmp_path, text.replace("30 cm", "2 mm"), Requirements(wish=Wish(q_eoi=0.1), failure_tolerance=1)
+    )
+    assert alone.place().met
+
+
+def test_nothing_stands_where_the_robot_moves(cell, tmp_path):
+    text = FORTY.replace(
+        "lenses:", "  swept: {points: [[0.51, -0.06, 0.3]]}\n  table: {points: [[0.5, 0.5, 0.01]]}\nlenses:"
+    )
+    found = placer(cell, tmp_path, text, Requirements(most=2)).place()
+    shut = [spot.name for spot, gone in zip(found.question.mounts.spots, found.shut, strict=True) if gone]
+    assert shut == ["swept", "table"]
+
+
+@pytest.mark.parametrize(
+    ("most", "says"), [(1, "the cheapest camera costs 120"), (2, "the cheapest 2 cameras cost 240")]
+)
+def test_a_budget_for_mounts_in_the_way_only_is_said_to_be_too_small(cell, tmp_path, most, says):
+    """One on the table is cheap enough, but the robot would touch it; `at_least` two cameras with a spare one."""
+    text = FORTY.replace("10 cm}}", "10 cm}, price: 20}\n  table: {points: [[0.5, 0.5, 0.01]]}").replace(
+        "6 deg", "60 deg"
+    )
+    found = placer(
+        cell, tmp_path, text, Requirements(most=most, failure_tolerance=most - 1, budget=120.0 * most - 10)
+    ).place()
+    assert (found.met, found.cameras) == (False, ())
+    assert found.reason == f"{says}, the budget is {120 * most - 10}"
+
+
+def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
+    _, best, brute = pair
+    wish = Wish(q_eoi=best.objective - 0.01, q_avg=best.objective - 0.01)  # samples are not those of that search
+    assert brute.least(1) < best.objective - 0.02
+    found = placer(cell, tmp_path, FORTY, Requirements(wish=wish, most=1)).place()
+    assert not found.met
+    assert found.fewest == len(found.cameras) == 2
+
+
+def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
+    found = placer(cell, tmp_path, FORTY, Requirements(wish=Wish(time=5.0))).place()
+    assert not found.met
+    (slow,) = found.infeasible
+    assert "more than allowed" in slow.reason
+
+
+TWELVE = """
+mounts:
+  ceiling: {grid: {from: [-0.9, -1, 1.4], to: [0.6, 1, 1.4], step: 100 cm}, price: 20}
+  rail: {rail: {from: [-0.9, 1.1, 0.5], to: [1.0, 1.1, 0.5], step: 40 cm}}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz, latency: 50 ms}
+"""
+
+
+@pytest.fixture(scope="module")
+def delays(cell, tmp_path_factory) -> tuple[CameraPlacer, dict[tuple[int, ...], float]]:
+    """The exact longest delay of every pair of a dozen mounts, one after the other."""
+    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Requirements(most=2, wish=Wish(delay=1.0)))
+    asked.table.plan()
+    asked.table.judge()
+    pairs = list(combinations(range(len(asked.table.options)), 2))
+    exact = {}
+    for pair in pairs:
+        cell = asked.table.cell_with(map(asked.table.camera_at, pair))
+        exact[pair] = observed(cell, asked.table.ways[0].scene, Adaptive(), full=False).assessment("").latest
+    return asked, exact
+
+
+def test_no_pair_with_a_camera_is_quicker_than_that_camera_may_be(delays):
+    asked, exact = delays
+    least = asked.table.problem(0).least_delays[0]
+    assert len(np.unique(least.round(3))) > 3
+    assert all(delay >= max(least[list(pair)]) - 1e-9 for pair, delay in exact.items())
+    assert min(delay - max(least[list(pair)]) for pair, delay in exact.items()) < 1e-3
+
+
+def test_a_wished_delay_is_met_if_any_pair_meets_it(cell, tmp_path, delays):
+    _, exact = delays
+    shortest = min(exact.values())
+    met = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Wish(delay=shortest + 0.005))).place()
+    assert met.met
+    assert max(one.found.latest for one in met.candidates) <= shortest + 0.005
+    missed = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Wish(delay=shortest - 0.005))).place()
+    assert not missed.met
+
+
+def test_what_a_frame_and_latency_rule_out_is_not_searched_for(cell, tmp_path, monkeypatch):
+    asked = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Wish(delay=0.14)))
+    searched = []
+    monkeypatch.setattr(PlacementProgram, "_demand_wish", searched.append)
+    found = asked.place()
+    assert not searched
+    assert not found.met
+    assert found.quickest == pytest.approx(0.15)
+    assert found.cameras
+
+
+def test_a_search_that_ends_early_says_that_nothing_is_proven(cell, tmp_path, pair):
+    asked = placer(cell, tmp_path, FORTY, Requirements(most=2))
+    hurried = CameraPlacer(asked.question, silent, seconds=1e-9).place()
+    assert not hurried.proven
+    assert hurried.gap > 0.0 or not hurried.cameras
+    loose = CameraPlacer(asked.question, silent, gap=1.0).place()
+    assert loose.cameras
+    assert loose.bound >= pair[1].objective - 1e-9
+    assert loose.objective >= loose.bound - 1.0
+    assert not loose.proven or loose.gap == 0.0

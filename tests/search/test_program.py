@@ -1,0 +1,201 @@
+"""Integer programs: compared with all combinations, and ended by Ctrl-C; choices of cameras with all of them."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+import pytest
+
+from sqrp_cli.search.placing_problem import (
+    OBJECTIVES,
+    CoveredWay,
+    FaultIntervals,
+    Group,
+    Hiding,
+    Late,
+    Problem,
+    Requirements,
+    Rows,
+    Selection,
+)
+from sqrp_cli.search.placing_program import Limits, LinearProgram, PlacementProgram
+from sqrp_cli.search.wish import Wish
+
+
+def knapsack(count: int, seed: int = 0) -> tuple[LinearProgram, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    worth, weight = rng.integers(10, 60, count).astype(float), rng.integers(5, 50, (3, count)).astype(float)
+    program = LinearProgram()
+    for _ in range(count):
+        program.variable(whole=True)
+    for row in weight:
+        program.row(dict(enumerate(row.tolist())), most=float(row.sum() // 3))
+    return program, worth, weight
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_best_of_all_combinations_is_found_and_proven(seed: int) -> None:
+    program, worth, weight = knapsack(9, seed)
+    found = program.maximized(dict(enumerate(worth.tolist())))
+    allowed = [x for x in product((0, 1), repeat=9) if (weight @ x <= weight.sum(axis=1) // 3).all()]
+    best = max(float(worth @ x) for x in allowed)
+    assert found.proven
+    assert found.values is not None
+    assert float(worth @ found.values) == best == pytest.approx(found.bound)
+
+
+def test_what_is_impossible_is_proven_to_be() -> None:
+    program = LinearProgram()
+    x = program.variable(whole=True)
+    program.row({x: 2.0}, least=1.0, most=1.0)
+    found = program.maximized({x: 1.0})
+    assert found.values is None
+    assert found.proven
+
+
+def test_ctrl_c_leaves_the_best_so_far_and_says_that_nothing_is_proven() -> None:
+    program, worth, _ = knapsack(300)
+    start = np.zeros(300)
+    pressed: list[int] = []
+
+    def press(_best: float | None, _bound: float) -> None:
+        if not pressed:
+            pressed.append(1)
+            signal.raise_signal(signal.SIGINT)
+
+    found = program.maximized(dict(enumerate(worth.tolist())), start, press)
+    assert found.interrupted
+    assert not found.proven
+    assert found.values is not None
+    assert float(worth @ found.values) <= found.bound
+
+
+OPTIONS, SITES, ROWS = 8, 6, 7
+
+
+def random_problem(rng: np.random.Generator) -> Problem:
+    """Two candidates with two ways each, in which some rows must be covered together."""
+    rows = Rows()
+    for _ in range(ROWS):
+        sees = rng.random(OPTIONS) < 0.3
+        sees[rng.integers(OPTIONS, size=2)] = True
+        rows.sees.append(sees)
+        rows.needed.append(1 + int(rng.random() < 0.2))
+
+    def way() -> CoveredWay:
+        groups = tuple(
+            Group(tuple(sorted({*rng.integers(ROWS, size=2).tolist()})), seconds, seconds * float(rng.integers(2)))
+            for seconds in rng.random(5).tolist()
+        )
+        groups = (*groups, Group((int(rng.integers(ROWS)),), 0.5, 0.5))
+        fault = FaultIntervals(
+            first=np.arange(1.0, 4.0),
+            begin=np.arange(1.0, 6.0),
+            end=np.arange(2.0, 7.0),
+            rows=(tuple((int(row),) for row in rng.integers(ROWS, size=5)),),
+        )
+        return CoveredWay(sum(g.seconds for g in groups), sum(g.of_interest for g in groups), groups, (fault,))
+
+    site = rng.integers(SITES, size=OPTIONS)
+    other = int(rng.integers(OPTIONS))
+    late = tuple(sorted(rng.choice(OPTIONS, 2, replace=False).tolist()))
+    return Problem(
+        ways=tuple(way() for _ in range(4)),
+        rows=rows,
+        tiers=(0.1,),
+        candidates=((0, 1), (2, 3)),
+        weights=np.array([1.0, 2.0]),
+        site=site,
+        price=rng.integers(1, 4, size=OPTIONS).astype(float),
+        alone=rng.random(OPTIONS).round(4),
+        kept=frozenset(rng.integers(OPTIONS, size=rng.integers(2)).tolist()),
+        apart=frozenset({(0, 1), (0, SITES)}),  # at the last site there is no option
+        blocked=frozenset({(int(rng.integers(SITES)), int(rng.integers(4)))}),
+        hiding=frozenset({Hiding(0, (other,), 1)} if site[other] else ()),
+        late=frozenset({Late(late, int(rng.integers(4)))}),
+        least_delays=rng.random((4, OPTIONS)),
+    )
+
+
+def every_selection(problem: Problem, wanted: Requirements) -> Iterator[Selection]:
+    """Every selection that keeps all limits."""
+    free = [option for option in range(OPTIONS) if option not in problem.kept]
+    most = len(free) if wanted.most is None else wanted.most
+    for count in range(wanted.at_least(len(problem.kept)), most + 1):
+        for chosen in combinations(free, count):
+            sites = [int(problem.site[option]) for option in chosen]
+            clash = len(set(sites)) < count or any(pair in problem.apart for pair in permutations(sites, 2))
+            dear = wanted.budget is not None and problem.price[list(chosen)].sum() > wanted.budget + 1e-9
+            for ways in () if clash or dear else product(*problem.candidates):
+                together = {*chosen, *problem.kept}
+                blocked = any((site, way) in problem.blocked for site in sites for way in ways)
+                hides = any(
+                    one.way in ways and one.site in sites and together & {*one.options} for one in problem.hiding
+                )
+                late = any(one.options == chosen and one.way in ways for one in problem.late)
+                if not (blocked or hides or late):
+                    yield Selection(chosen, ways)
+
+
+def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, ...]:
+    """What a selection is worth in every aim, the least the best."""
+    quality, delay = problem.worth(wanted, one)
+    mean = problem.worth(replace(wanted, objective="mean"), one)[0]
+    options = list(one.options)
+    number = float(len(options)) if wanted.wish is not None else 0.0
+    return (
+        number,
+        -round(quality, 6),
+        float(np.ceil(round(delay, 6) / 0.01 - 1e-6)),
+        float(problem.price[options].sum()),
+        float(len(options)),
+        -round(mean, 6),
+        -round(float(problem.alone[options].sum()), 4),
+    )
+
+
+def meets(problem: Problem, wish: Wish, one: Selection) -> bool:
+    covered = problem.covered(one.options)
+    pairs = [
+        pair for way in one.ways for pair in zip((wish.q_eoi, wish.q_avg), problem.qualities(way, covered), strict=True)
+    ]
+    delays = [problem.delay(way, covered) for way in one.ways]
+    least = problem.least_delays[np.ix_(one.ways, [*one.options, *problem.kept])].max(initial=0.0)
+    enough = all(least is None or quality is None or quality >= least - 1e-9 for least, quality in pairs)
+    return enough and (wish.delay is None or max(*delays, least) <= wish.delay + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng)
+    wanted = Requirements(
+        most=int(rng.integers(2, 5)),
+        objective=OBJECTIVES[rng.integers(2)],
+        budget=None if rng.integers(2) else float(rng.integers(3, 9)),
+    )
+    known = list(every_selection(problem, wanted))
+    if known and seed % 3:  # a wish that the best just meets, or that is hard
+        best = min(known, key=lambda one: key(problem, wanted, one))
+        q_avg = min(problem.qualities(way, problem.covered(best.options))[1] or 0.0 for way in best.ways)
+        wish = Wish(q_avg=q_avg) if seed % 3 == 1 else Wish(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
+        wanted = replace(wanted, wish=wish)
+        known = [one for one in known if meets(problem, wish, one)]
+    program = PlacementProgram(problem, wanted, lambda *_: None, Limits())
+    found = program.first()
+    assert found.proven
+    assert (found.selection is None) == (not known)
+    if found.selection is None:
+        return
+    found = program.further()
+    assert found.proven
+    assert found.selection is not None
+    best = min(known, key=lambda one: key(problem, wanted, one))
+    assert key(problem, wanted, found.selection) == pytest.approx(key(problem, wanted, best), abs=2e-5)
+    assert found.bound == pytest.approx(problem.worth(wanted, best)[0], abs=1e-5)
+    if wanted.wish is not None:
+        assert found.fewest == len(best.options)

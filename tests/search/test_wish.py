@@ -1,0 +1,57 @@
+"""Wishes: how they are written, and what misses them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from sqrp_cli.cell.workspace import ExpectedTask
+from sqrp_cli.errors import InputError
+from sqrp_cli.search.wish import Wish, read_wish, wish_of
+
+
+@pytest.mark.parametrize(
+    ("text", "wish"),
+    [
+        ("q_eoi 100 %", Wish(q_eoi=1.0)),
+        ("q_eoi 100%, time 20 s", Wish(q_eoi=1.0, time=20.0)),
+        ("Q_avg 0.9,delay 500 ms", Wish(q_avg=0.9, delay=0.5)),
+        ("time=20", Wish(time=20.0)),
+    ],
+)
+def test_wishes_are_read(text, wish):
+    assert read_wish(text) == wish
+    assert read_wish(str(wish)) == wish
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "empty"),
+        ("q_eio 100 %", "q_eoi"),
+        ("q_eoi", "share"),
+        ("q_eoi 100", "at most 100 %"),
+        ("q_eoi 20 s", "share"),
+        ("time 20 %", "time"),
+        ("time 0", "more than 0"),
+        ("time -1", "time"),
+        ("time 20 s, time 30 s", "twice"),
+        ("q_eoi 100 %,", "empty"),
+    ],
+)
+def test_others_are_refused_with_what_was_expected(text, word):
+    with pytest.raises(InputError, match=word):
+        read_wish(text)
+
+
+def test_without_thresholds_all_events_are_to_be_seen():
+    assert wish_of(None) == Wish(q_eoi=1.0)
+    assert wish_of(ExpectedTask(task="pickup green")) == Wish(q_eoi=1.0)
+    assert wish_of(ExpectedTask(task="pickup green", max_delay=1.0)) == Wish(delay=1.0)
+
+
+@pytest.mark.parametrize(("delay", "nearer"), [(0.4099, False), (0.40, True), (0.43, False)])
+def test_only_what_shows_in_the_figures_comes_nearer(delay, nearer):
+    start, found = (SimpleNamespace(feasible=True, latest=worst, unseen=0.0) for worst in (0.4132, delay))
+    assert Wish(delay=0.2).is_nearer(found, start) is nearer

@@ -1,0 +1,452 @@
+"""What must hold of coverage whatever the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.geometry import Array, pose
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
+from sqrp_cli.sight.limits import SIDES, Cause
+from sqrp_cli.sight.observer import BoxVerdicts, CoveredStates, Observer
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.solids import load_solids
+from sqrp_cli.sight.targets import Target
+from sqrp_cli.study import pipeline
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.pipeline import Assignment, assess_all
+from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
+from sqrp_cli.study.stage import Stage
+from sqrp_cli.task.task import read_task
+from tests.sight.views import (
+    box_part,
+    camera_pose_around,
+    make_box,
+    make_camera,
+    make_detector,
+    random_pose,
+)
+from tests.task.studies import WatchedMotion, watched_motion
+from tests.task.timelines import fault_response
+
+STATES = 6
+SEEDS = st.integers(0, 199)
+"""Of random watches. Few enough that laws share them, and much of what one compares with is known from another."""
+
+few = settings(max_examples=40, deadline=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """A target, the frames in some states, and what there is to see it with and in its way."""
+
+    cameras: tuple[Camera, ...]
+    parts: tuple[Part, ...]
+    target: Target
+    states: SceneStates
+
+    @cached_property
+    def observer(self) -> Observer:
+        return Observer(self.cameras, load_solids(self.parts))
+
+    def coverage(self, rows: NDArray[np.int64] | None = None) -> CoveredStates:
+        rows = np.arange(STATES) if rows is None else rows
+        (found,) = self.observer.coverage([self.target], self.states, [rows])
+        return found
+
+    @cached_property
+    def matrix(self) -> tuple[BoxVerdicts, ...]:
+        (boxes,) = self.observer.verdicts([self.target], self.states)
+        return boxes
+
+    @cached_property
+    def whole(self) -> CoveredStates:
+        return self.coverage()
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        return self.whole.covered
+
+
+@cache
+def random_watch(seed: int) -> Watch:
+    """Links that jump about with parts on them, cameras of three rates around, one in a hand, and up to three boxes."""
+    rng = np.random.default_rng(seed)
+    low, high = (-0.4, -0.4, 0.0), (0.4, 0.4, 0.6)
+    frames = {f"link{i}": np.stack([random_pose(rng, low, high) for _ in range(STATES)]) for i in range(3)}
+    frames |= {"world": pose()[None], "thing": random_pose(rng, low, high)[None]}
+    extents = rng.uniform(0.02, 0.25, (5, 3))
+    parts = [box_part(f"part{i}", tuple(extents[i].tolist()), pose(), f"link{i}") for i in range(3)]
+    parts += [
+        Part("rod", "link0", Cylinder(0.01, 0.4), random_pose(rng, (0, 0, 0), (0.1, 0.1, 0.1))),
+        Part("ball", "link1", Sphere(0.04), random_pose(rng, (0, 0, 0), (0.1, 0.1, 0.1))),
+        Part("pill", "world", Capsule(0.03, 0.2), random_pose(rng, low, high)),
+        box_part("thing", tuple(extents[3].tolist()), pose(), "thing"),
+        box_part("sheet", (0.3, 0.3, 0.002), random_pose(rng, low, high)),
+    ]
+    share = float(rng.choice([1.0, 0.9, 0.5, 0.2]))
+    boxes = []
+    for index in range(int(rng.integers(1, 4))):
+        frame = str(rng.choice(["world", "link2", "thing"]))
+        size = tuple((rng.uniform(0.02, 0.12, 3)).tolist())
+        X_FB = random_pose(rng, low, high) if frame == "world" else random_pose(rng, (0, 0, 0), (0.1, 0.1, 0.1))
+        detector = make_detector(share, (0.1, 3.0), float(rng.uniform(0.8, np.pi)), float(rng.uniform(0, 30)))
+        normal = (0.0, 0.0, 1.0) if rng.random() < 0.3 else None
+        encloses = [frame] if rng.random() < 0.7 else []
+        boxes.append(
+            make_box(size, X_FB, name=f"box{index}", frame=frame, detector=detector, normal=normal, encloses=encloses)
+        )
+    center = np.array([0.0, 0.0, 0.3])
+    cameras = [
+        make_camera(
+            camera_pose_around(rng, center, rng.uniform(0.5, 1.5)),
+            name=f"cam{i}",
+            focal=(450.0, 450.0),
+            near=0.05,
+            far=float(rng.uniform(1.0, 4.0)),
+            rate=float(rng.choice([5.0, 10.0, 25.0])),
+            latency=float(rng.choice([0.05, 0.1])),
+        )
+        for i in range(4)
+    ]
+    cameras.append(make_camera(pose(position=(0, 0, -0.5)), name="in_hand", frame="link0", focal=(350.0, 350.0)))
+    target = Target(Atom("seen"), int(rng.integers(1, 4)), tuple(boxes))
+    return Watch(tuple(cameras), tuple(parts), target, SceneStates(STATES, frames))
+
+
+def with_share(watch: Watch, share: float) -> Watch:
+    boxes = tuple(replace(box, limits=replace(box.limits, min_visible=share)) for box in watch.target.boxes)
+    return replace(watch, target=replace(watch.target, boxes=boxes))
+
+
+def same_response(first: Array, second: Array) -> bool:
+    return bool(np.allclose(first, second, equal_nan=True))
+
+
+@few
+@given(seed=SEEDS)
+def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: int) -> None:
+    watch = random_watch(seed)
+    quick = watch.whole
+    sees = np.all([box.cause == Cause.NONE for box in watch.matrix], axis=0)
+    assert quick.covered.tolist() == (sees.sum(axis=1) >= watch.target.cameras).tolist()
+    for state in range(STATES):
+        responses = sorted(c.response for c, seen in zip(watch.cameras, sees[state], strict=True) if seen)
+        if quick.covered[state]:
+            assert quick.response[state] == pytest.approx(responses[watch.target.cameras - 1])
+        else:
+            assert np.isnan(quick.response[state])
+
+
+@few
+@given(seed=SEEDS, states=st.lists(st.integers(0, STATES - 1), max_size=6, unique=True))
+def test_coverage_of_some_states_is_that_of_all_at_those(seed: int, states: list[int]) -> None:
+    watch = random_watch(seed)
+    rows = np.array(sorted(states), dtype=np.int64)
+    some, whole = watch.coverage(rows), watch.whole
+    assert some.covered.tolist() == whole.covered[rows].tolist()
+    assert same_response(some.response, whole.response[rows])
+
+
+@few
+@given(seed=SEEDS, data=st.data())
+def test_targets_looked_at_together_give_what_each_gives_alone(seed: int, data: st.DataObject) -> None:
+    watch = random_watch(seed)
+    counts = st.integers(1, 3)
+    alone = [replace(watch, target=Target(Atom(box.name), data.draw(counts), (box,))) for box in watch.target.boxes]
+    watches = [watch, *alone]
+    asked = [np.array(sorted(data.draw(st.sets(st.integers(0, STATES - 1)))), dtype=np.int64) for _ in watches]
+
+    together = watch.observer.coverage([w.target for w in watches], watch.states, asked)
+    matrices = watch.observer.verdicts([w.target for w in watches], watch.states)
+
+    for each, rows, coverage, matrix in zip(watches, asked, together, matrices, strict=True):
+        expected = each.coverage(rows)
+        assert coverage.covered.tolist() == expected.covered.tolist()
+        assert same_response(coverage.response, expected.response)
+        for box, other in zip(matrix, each.matrix, strict=True):
+            assert all(
+                np.array_equal(getattr(box, f.name), getattr(other, f.name), equal_nan=True) for f in fields(box)
+            )
+
+
+@few
+@given(seed=SEEDS)
+def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
+    watch = random_watch(seed)
+    for box, verdicts in zip(watch.target.boxes, watch.matrix, strict=True):
+        cause, by, figure, visible = verdicts.cause, verdicts.by, verdicts.figure, verdicts.visible
+        hidden, outside, seen = cause == Cause.HIDDEN, cause == Cause.OUT_OF_IMAGE, cause == Cause.NONE
+        assert ((by >= 0) == (hidden | outside)).all()
+        assert (by[outside] < len(SIDES)).all()
+        assert (by[hidden] < len(watch.parts)).all()
+        assert (np.isnan(visible) == ~(hidden | seen)).all()
+        assert (figure[hidden | seen] == 0).all()
+        assert (figure >= 0).all()
+        assert ((visible[hidden | seen] >= 0) & (visible[hidden | seen] <= 1)).all()
+        if box.limits.min_visible < 1:
+            assert (visible[hidden] < box.limits.min_visible).all()
+            assert (visible[seen] >= box.limits.min_visible).all()
+        else:
+            assert (visible[seen] == 1).all()
+        for solid in np.unique(by[hidden]).tolist():
+            part = watch.parts[solid]
+            assert not {part.parent, part.name}.intersection(box.encloses)
+
+
+@few
+@given(seed=SEEDS)
+def test_how_poses_lie_in_memory_does_not_matter(seed: int) -> None:
+    """One that stands for all states is the same as a copy for each, or a view with its axes elsewhere."""
+    watch = random_watch(seed)
+    frames = {}
+    for number, (name, X) in enumerate(watch.states.X_WF.items()):
+        views = [np.broadcast_to(X, (STATES, 4, 4)), np.asfortranarray(X), np.repeat(X, STATES // len(X), axis=0)]
+        frames[name] = views[(seed + number) % 3]
+    other = replace(watch, states=SceneStates(STATES, frames))
+    for box, again in zip(watch.matrix, other.matrix, strict=True):
+        assert (box.cause == again.cause).all()
+        assert (box.by == again.by).all()
+
+
+@few
+@given(seed=SEEDS, order=st.permutations(range(5)))
+def test_the_order_of_the_cameras_does_not_matter(seed: int, order: list[int]) -> None:
+    watch = random_watch(seed)
+    plain, shuffled = watch.whole, replace(watch, cameras=tuple(watch.cameras[i] for i in order)).whole
+    assert plain.covered.tolist() == shuffled.covered.tolist()
+    assert same_response(plain.response, shuffled.response)
+
+
+@few
+@given(seed=SEEDS, order=st.permutations(range(8)))
+def test_the_order_of_the_solids_does_not_matter(seed: int, order: list[int]) -> None:
+    watch = random_watch(seed)
+    shuffled = replace(watch, parts=tuple(watch.parts[i] for i in order))
+    assert watch.covered.tolist() == shuffled.covered.tolist()
+    first, second = (w.matrix for w in (watch, shuffled))
+    for box, other in zip(first, second, strict=True):
+        hidden = box.cause == Cause.HIDDEN
+        assert (box.cause == other.cause).all()
+        assert [watch.parts[i].name for i in box.by[hidden]] == [shuffled.parts[i].name for i in other.by[hidden]]
+
+
+@few
+@given(seed=SEEDS)
+def test_names_do_not_matter(seed: int) -> None:
+    watch = random_watch(seed)
+
+    def other(name: str) -> str:
+        return name if name == "world" else f"{name[::-1]}_2"
+
+    renamed = Watch(
+        tuple(replace(camera, name=other(camera.name), frame=other(camera.frame)) for camera in watch.cameras),
+        tuple(replace(part, name=other(part.name), parent=other(part.parent)) for part in watch.parts),
+        replace(
+            watch.target,
+            boxes=tuple(
+                replace(
+                    box,
+                    name=other(box.name),
+                    frame=other(box.frame),
+                    encloses=tuple(other(name) for name in box.encloses),
+                )
+                for box in watch.target.boxes
+            ),
+        ),
+        SceneStates(STATES, {other(name): X for name, X in watch.states.X_WF.items()}),
+    )
+    assert watch.covered.tolist() == renamed.covered.tolist()
+
+
+def moved(watch: Watch, X_NW: Array) -> Watch:
+    """The whole scene, standing elsewhere in a new world."""
+
+    def from_world(frame: str, X: Array) -> Array:
+        return X_NW @ X if frame == "world" else X
+
+    return Watch(
+        tuple(replace(camera, X_FC=from_world(camera.frame, camera.X_FC)) for camera in watch.cameras),
+        tuple(replace(part, X_PG=from_world(part.parent, part.X_PG)) for part in watch.parts),
+        replace(
+            watch.target, boxes=tuple(replace(box, X_FB=from_world(box.frame, box.X_FB)) for box in watch.target.boxes)
+        ),
+        SceneStates(STATES, {name: from_world_frame(name, X, X_NW) for name, X in watch.states.X_WF.items()}),
+    )
+
+
+def from_world_frame(name: str, X_WF: Array, X_NW: Array) -> Array:
+    return X_WF if name == "world" else X_NW @ X_WF
+
+
+@few
+@given(seed=SEEDS, elsewhere=st.integers(0, 2**32 - 1))
+def test_the_place_of_the_whole_cell_does_not_matter(seed: int, elsewhere: int) -> None:
+    watch = random_watch(seed)
+    X_NW = random_pose(np.random.default_rng(elsewhere), (-5, -5, -5), (5, 5, 5))
+    assert watch.covered.tolist() == moved(watch, X_NW).covered.tolist()
+
+
+@few
+@given(seed=SEEDS)
+def test_one_more_camera_never_lowers_coverage(seed: int) -> None:
+    watch = random_watch(seed)
+    before = replace(watch, cameras=watch.cameras[:-1]).whole
+    after = watch.whole
+    assert not (before.covered & ~after.covered).any()
+    assert (after.response[before.covered] <= before.response[before.covered] + 1e-12).all()
+
+
+@few
+@given(seed=SEEDS, gone=st.sets(st.integers(0, 7), min_size=1))
+def test_taking_away_what_is_in_the_way_never_lowers_coverage(seed: int, gone: set[int]) -> None:
+    watch = random_watch(seed)
+    cleared = replace(watch, parts=tuple(part for i, part in enumerate(watch.parts) if i not in gone))
+    assert not (watch.covered & ~cleared.covered).any()
+
+
+@few
+@given(seed=SEEDS, shares=st.tuples(st.floats(0.05, 1), st.floats(0.05, 1)))
+def test_asking_for_a_larger_share_never_raises_coverage(seed: int, shares: tuple[float, float]) -> None:
+    watch = random_watch(seed)
+    lenient, strict, all_of_it = (with_share(watch, share).covered for share in (*sorted(shares), 1.0))
+    assert not (strict & ~lenient).any()
+    assert not (all_of_it & ~strict).any()
+
+
+@few
+@given(seed=SEEDS)
+def test_asking_for_more_cameras_never_raises_coverage(seed: int) -> None:
+    watch = random_watch(seed)
+    found = [replace(watch, target=replace(watch.target, cameras=k)).covered for k in range(1, 7)]
+    assert all(not (more & ~fewer).any() for fewer, more in pairwise(found))
+    assert not found[-1].any()  # there are five cameras
+
+
+def qualities(motion: WatchedMotion) -> tuple[float | None, float | None]:
+    timeline = motion.timeline(FixedCount(40))
+    return average_quality(timeline), interest_quality(timeline)
+
+
+def with_cameras(motion: WatchedMotion, cameras: Iterable[Camera]) -> WatchedMotion:
+    return replace(motion, observer=Observer(tuple(cameras), motion.observer.solids))
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 200))
+def test_quality_keeps_these_laws_over_a_motion(ur5: RobotModel, seed: int) -> None:
+    motion = watched_motion(seed, ur5)
+    average, interest = qualities(motion)
+    cameras, solids = motion.observer.cameras, motion.observer.solids
+
+    assert qualities(with_cameras(motion, cameras[::-1])) == (average, interest)
+    fewer = qualities(with_cameras(motion, cameras[1:]))
+    assert all(less <= more + 1e-12 for less, more in zip(fewer, (average, interest), strict=True))
+    clear = Observer(cameras, tuple(solid for solid in solids if solid.part.name not in ("plate", "cable")))
+    more = qualities(replace(motion, observer=clear))
+    assert all(less <= much + 1e-12 for less, much in zip((average, interest), more, strict=True))
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 200), share=st.sampled_from([1.0, 0.5]))
+def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel, seed: int, share: float) -> None:
+    motion = watched_motion(seed, ur5, share)
+    quick, full = (motion.timeline(FixedCount(15), full=full) for full in (False, True))
+    assert quick.covered.tolist() == full.covered.tolist()
+    assert quick.fault_covered("slip").tolist() == full.fault_covered("slip").tolist()
+    assert same_response(fault_response(quick, "slip"), fault_response(full, "slip"))
+
+
+def turned_cell(workspace: Workspace, X_NW: Array) -> Workspace:
+    """The workspace with robot, cameras and objects somewhere else."""
+    return replace(
+        workspace,
+        robot=replace(workspace.robot, X_WB=X_NW @ workspace.robot.X_WB),
+        cameras={
+            name: replace(camera, X_FC=X_NW @ camera.X_FC) if camera.frame == "world" else camera
+            for name, camera in workspace.cameras.items()
+        },
+        objects={
+            name: thing if thing.X_WO is None else replace(thing, pose=X_NW @ thing.X_WO)
+            for name, thing in workspace.objects.items()
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def studies(tabletop: Workspace) -> dict[str, tuple[Study, Study]]:
+    """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
+    cell, world = Cell.load(tabletop), tabletop.stated_world
+    found = {}
+    for candidate in read_task("pickup green", tabletop).candidates:
+        quick, full = (study(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
+        if isinstance(quick, Study) and isinstance(full, Study):
+            found[candidate.name] = quick, full
+    return found
+
+
+def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Study, Study]]) -> None:
+    assert studies
+    for quick, full in studies.values():
+        ranked, explained = quick.assessment(""), full.assessment("")
+        assert ranked.time == explained.time
+        assert (ranked.t_total, ranked.t_eoi) == (explained.t_total, explained.t_eoi)
+        assert ranked.q_avg == pytest.approx(explained.q_avg, abs=DEFAULT_TOLERANCE)
+        assert ranked.q_eoi == pytest.approx(explained.q_eoi, abs=DEFAULT_TOLERANCE)
+        for name, fault in ranked.faults.items():
+            other = explained.faults[name]
+            shift = 2 * DEFAULT_TOLERANCE * ranked.time
+            assert fault.delay_worst == pytest.approx(other.delay_worst, abs=shift)
+            assert fault.delay_mean == pytest.approx(other.delay_mean, abs=2 * shift)
+            assert fault.blind_longest == pytest.approx(other.blind_longest, abs=shift)
+            assert fault.expected_time == pytest.approx(other.expected_time, abs=4 * shift)
+
+
+def test_the_place_of_a_whole_cell_does_not_change_its_quality(
+    tabletop: Workspace, studies: dict[str, tuple[Study, Study]]
+) -> None:
+    """The arm moves as before in a cell that stands elsewhere, turned any way; its cameras see the same."""
+    X_NW = random_pose(np.random.default_rng(3), (-2, -2, -2), (2, 2, 2))
+    cell = Cell.load(turned_cell(tabletop, X_NW))
+    for quick, _ in studies.values():
+        X_WO = {name: X_NW @ X for name, X in quick.world.X_WO.items()}
+        primitives = tuple(
+            replace(p, X_WO={name: X_NW @ X for name, X in p.X_WO.items()}) for p in quick.motion.primitives
+        )
+        stage = Stage(cell.model, replace(quick.motion, primitives=primitives), quick.stage.pieces, X_WO)
+        targets = tuple(
+            replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
+            for t in quick.targets
+        )
+        there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.timeline.faults)
+        timeline = there.timeline(Adaptive())
+        assert average_quality(timeline) == pytest.approx(average_quality(quick.timeline), abs=DEFAULT_TOLERANCE)
+        assert interest_quality(timeline) == pytest.approx(interest_quality(quick.timeline), abs=DEFAULT_TOLERANCE)
+
+
+def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pipeline, "WORTH_WITH_WAYS", 1)
+    task = read_task("pickup object=g2,g3", tabletop).candidates
+    assignment = Assignment(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
+    one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
+    assert one == two
+
+
+def figures(assessment: CandidateResult) -> dict[str, object]:
+    every = {field.name: getattr(assessment, field.name) for field in fields(assessment)}
+    return {**every, "candidate": assessment.candidate.name}

@@ -1,0 +1,95 @@
+"""What each part hides of a box: plates with known shares, and what would be seen without a part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import look_at, pose
+from sqrp_cli.shapes import Part
+from sqrp_cli.sight.observer import BoxViews, HidingPart, Observer
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.solids import load_solid, load_solids
+from tests.sight.test_laws import random_watch
+from tests.sight.views import box_part, make_box, make_camera, make_detector
+
+BOX = make_box((0.1, 0.1, 0.002), normal=(0.0, 0.0, 1.0), detector=make_detector(0.9))
+"""Thin, so that its silhouette is that of its face at the depth 1 m."""
+HALF_RAY = 0.5 / 32
+ONE = BoxViews(*(np.zeros(1, dtype=np.int64) for _ in range(3)))
+
+
+def plate(name: str, depth: float, start: float, end: float) -> Part:
+    """A plate before the box as a camera 1 m away sees it: from and to which place across the box, of -1 to 1."""
+    half = 0.05 * (1 - depth)
+    return box_part(name, (half * (end - start), 1.0, 1e-5), pose(position=(half * (start + end) / 2, 0.0, depth)))
+
+
+def hiding(*plates: Part, names: dict[str, str] | None = None) -> dict[str, tuple[float, float]]:
+    """Share and share alone of the plates that hide something of the box."""
+    camera = make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    observer = Observer((camera,), tuple(load_solid(one, (names or {}).get(one.name, one.name)) for one in plates))
+    (parts,) = observer.occluders([BOX], SceneStates(1, {"world": pose()[None]}), ONE)
+    assert [(-one.share, one.name) for one in parts] == sorted((-one.share, one.name) for one in parts)
+    return {part.name: (part.share, part.alone) for part in parts}
+
+
+def about(share: float, alone: float) -> object:
+    return pytest.approx((share, alone), abs=HALF_RAY)
+
+
+def test_what_two_plates_hide_belongs_to_the_nearer_one() -> None:
+    found = hiding(plate("screen", 0.5, -0.5, 0.5), plate("wall", 0.2, 0.0, 1.0))
+    assert found == {"screen": about(0.5, 0.25), "wall": about(0.25, 0.25)}
+
+
+def test_a_plate_behind_another_one_hides_nothing_and_is_left_out() -> None:
+    assert hiding(plate("screen", 0.5, -0.5, 0.5), plate("wall", 0.2, -0.2, 0.2)) == {"screen": about(0.5, 0.3)}
+
+
+def test_plates_that_cross_share_what_they_hide() -> None:
+    """A tilted plate is in front on one side only."""
+    tilted = plate("tilted", 0.5, -2.0, 2.0)
+    turned = pose(position=(0.0, 0.0, 0.5))
+    turned[:3, :3] = [[np.cos(0.5), 0, np.sin(0.5)], [0, 1, 0], [-np.sin(0.5), 0, np.cos(0.5)]]
+    found = hiding(plate("flat", 0.5, -1.0, 1.0), replace(tilted, X_PG=turned))
+    assert found == {"flat": about(0.5, 0.0), "tilted": about(0.5, 0.0)}
+
+
+def test_pieces_of_one_name_are_one_part() -> None:
+    pieces = {"post_1": "post", "post_2": "post"}
+    found = hiding(plate("post_1", 0.5, -0.5, 0.1), plate("post_2", 0.2, -0.1, 0.5), names=pieces)
+    assert found == {"post": about(0.5, 0.5)}
+
+
+def test_what_is_beside_or_behind_the_box_hides_nothing() -> None:
+    behind = box_part("behind", (1.0, 1.0, 0.01), pose(position=(0.0, 0.0, -0.1)))
+    assert hiding(plate("beside", 0.5, 1.1, 2.0), behind) == {}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_shares_add_up_to_what_is_hidden_and_a_part_alone_hides_what_is_seen_without_it(seed: int) -> None:
+    watch = random_watch(seed)
+    boxes = [replace(box, limits=replace(box.limits, min_visible=1.0)) for box in watch.target.boxes]
+    solids = load_solids(watch.parts)
+
+    def visible(*without: str) -> list[np.ndarray]:
+        left = tuple(solid for solid in solids if solid.name not in without)
+        target = replace(watch.target, boxes=tuple(boxes))
+        return [box.visible for box in Observer(watch.cameras, left).verdicts([target], watch.states)[0]]
+
+    def occluders(number: int) -> dict[tuple[int, int], tuple[HidingPart, ...]]:
+        camera, state = np.nonzero(~np.isnan(before[number]).T)
+        views = BoxViews(np.zeros(len(state), dtype=np.int64), camera, state)
+        found = Observer(watch.cameras, solids).occluders([boxes[number]], watch.states, views)
+        return dict(zip(zip(state.tolist(), camera.tolist(), strict=True), found, strict=True))
+
+    before, without = visible(), {solid.name: visible(solid.name) for solid in solids}
+    for number in range(len(boxes)):
+        for at, parts in occluders(number).items():
+            assert sum(part.share for part in parts) == pytest.approx(1.0 - before[number][at], abs=1e-12)
+            for part in parts:
+                assert part.alone <= part.share
+                assert part.alone == pytest.approx(without[part.name][number][at] - before[number][at], abs=1e-12)

@@ -1,0 +1,147 @@
+"""What is behind a box, against counted rays and by hand: a colour that looks the same takes coverage away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sqrp_cli.geometry import Array, Mask, look_at, pose
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Box, Cylinder, Part
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from sqrp_cli.sight.solids import Solid, load_solid
+from sqrp_cli.sight.targets import SoughtBox, Target
+from tests.sight.views import box_part, make_box, make_camera, make_detector, random_pose
+
+EYE = (0.0, -1.0, 0.0)
+"""Where the camera is; it looks along y, at a cube in the origin."""
+
+SEES_HALF = make_detector(min_visible=0.5)
+
+
+def painted(part: Part, color: str | None) -> Solid:
+    return replace(load_solid(part), color=color)
+
+
+def plate(name: str, y: float, color: str | None, left: float = -1.0, right: float = 1.0) -> Solid:
+    """A plate across the view at a distance behind the cube, from left to right [m]."""
+    return painted(box_part(name, (right - left, 0.01, 2.0), pose(position=((left + right) / 2, y, 0.0))), color)
+
+
+CUBE = replace(make_box(detector=SEES_HALF), seeks="cube", color="green")
+
+
+def seen(solids: tuple[Solid, ...], box: SoughtBox = CUBE, X_WC: Array | None = None) -> BoxVerdicts:
+    """The verdict of one camera on one box, the same by the matrix and by the fast way."""
+    camera = make_camera(look_at(EYE, (0.0, 0.0, 0.0)) if X_WC is None else X_WC)
+    states = SceneStates(1, {"world": fixed_frame()})
+    observer, target = Observer((camera,), solids), Target(Atom.of("seen"), 1, (box,))
+    ((verdict,),) = observer.verdicts([target], states)
+    (covered,) = observer.coverage([target], states, [np.array([0])])
+    assert covered.covered[0] == (verdict.cause[0, 0] == Cause.NONE)
+    return verdict
+
+
+CASES: Mapping[str, tuple[tuple[Solid, ...], str | None]] = {
+    "nothing behind": ((), None),
+    "a wall of its colour": ((plate("wall", 1.0, "green"),), "wall"),
+    "a wall that looks alike": ((plate("wall", 1.0, "Green"),), "wall"),
+    "a wall of another colour": ((plate("wall", 1.0, "red"),), None),
+    "a grey wall": ((plate("wall", 1.0, "grey"),), None),
+    "a wall without a colour": ((plate("wall", 1.0, ""),), None),
+    "a grey wall before one of its colour": ((plate("wall", 1.0, "green"), plate("grey", 0.5, "grey")), None),
+    "one of its colour before a grey wall": ((plate("wall", 0.5, "green"), plate("grey", 1.0, "grey")), "wall"),
+    "the robot before a wall of its colour": ((plate("wall", 1.0, "green"), plate("arm", 0.5, None)), "wall"),
+    "a wall behind less than half of it": ((plate("wall", 1.0, "green", left=0.005),), None),
+    "a wall behind more than half of it": ((plate("wall", 1.0, "green", left=-0.005),), "wall"),
+    "a wall beside it": ((plate("wall", 1.0, "green", left=0.2),), None),
+    "what it stands on": ((painted(box_part("mat", (2.0, 2.0, 0.02), pose(position=(0, 0, -0.03))), "green"),), None),
+}
+
+
+@pytest.mark.parametrize(("solids", "by"), CASES.values(), ids=CASES.keys())
+def test_a_box_must_be_told_from_what_is_behind_it(solids: tuple[Solid, ...], by: str | None) -> None:
+    verdict = seen(solids)
+    assert Cause(int(verdict.cause[0, 0])) is (Cause.NONE if by is None else Cause.SAME_COLOUR)
+    assert (None if by is None else solids[int(verdict.by[0, 0])].name) == by
+
+
+def test_from_above_what_it_stands_on_is_behind_it() -> None:
+    mat = painted(box_part("mat", (2.0, 2.0, 0.02), pose(position=(0, 0, -0.03))), "green")
+    above = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    assert seen((mat,), X_WC=above).cause[0, 0] == Cause.SAME_COLOUR
+
+
+def test_the_object_itself_is_never_behind_its_box() -> None:
+    moved = painted(box_part("moved", (0.3, 0.01, 0.3), pose(position=(0.0, 1.0, 0.0)), parent="cube"), "green")
+    camera, target = make_camera(look_at(EYE, (0.0, 0.0, 0.0))), Target(Atom.of("seen"), 1, (CUBE,))
+    states = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
+    ((verdict,),) = Observer((camera,), (moved,)).verdicts([target], states)
+    assert verdict.cause[0, 0] == Cause.NONE
+
+
+@pytest.mark.parametrize("box", [replace(CUBE, color=None), replace(CUBE, color="grey"), replace(CUBE, color="lilac")])
+def test_without_a_colour_that_detectors_know_nothing_is_said(box: SoughtBox) -> None:
+    assert seen((plate("wall", 1.0, "green"), plate("other", 2.0, "lilac")), box).cause[0, 0] == Cause.NONE
+
+
+def test_what_hides_and_what_is_alike_behind_count_together() -> None:
+    """A third hidden, a third before its colour: what is left is less than half."""
+    wall, screen = plate("wall", 1.0, "green", left=0.02), plate("screen", -0.3, "grey", right=-0.0045)
+    assert seen((wall,)).cause[0, 0] == seen((screen,)).cause[0, 0] == Cause.NONE
+    both = seen((wall, screen))
+    assert both.cause[0, 0] == Cause.SAME_COLOUR
+    assert both.by[0, 0] == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_share_is_that_of_rays_through_the_box(seed: int) -> None:
+    """Verdicts agree with 1,000 rays at random wherever these are clear: marched, not solved."""
+    rng = np.random.default_rng(seed)
+    shapes = [(rng.uniform(0.05, 0.5, 3), random_pose(rng, (-0.3, 0.05, -0.3), (0.3, 0.8, 0.3))) for _ in range(4)]
+    colors = rng.choice(["green", "grey"], 4)
+    solids = [
+        painted(box_part(f"part{i}", tuple(size), X), str(color))
+        for i, ((size, X), color) in enumerate(zip(shapes, colors, strict=True))
+    ]
+    round_part = Part("round", "world", Cylinder(0.1, 0.3), random_pose(rng, (-0.2, 0.3, -0.2), (0.2, 0.6, 0.2)))
+    solids.append(painted(round_part, "green"))
+    kept = [solid for solid in solids if solid.vertices[:, 1].min() > 0.03]  # behind the cube
+    alike = _marched(rng, kept)
+    if abs(alike - 0.5) < 0.06:
+        return
+    verdict = seen(tuple(kept))
+    assert Cause(int(verdict.cause[0, 0])) is (Cause.SAME_COLOUR if alike > 0.5 else Cause.NONE), alike
+
+
+def _marched(rng: np.random.Generator, solids: list[Solid]) -> float:
+    """The share of rays through the cube on which the first solid behind it is green."""
+    aims = rng.uniform(-0.019, 0.019, (1000, 2))
+    aims = np.column_stack([aims[:, 0], np.full(len(aims), -0.019), aims[:, 1]])  # through its near face, which is all
+    rays = aims - np.array(EYE)
+    points = np.array(EYE) + rays * np.arange(1.03, 2.2, 0.01)[:, None, None]
+    first, green = np.full(len(rays), len(points)), np.zeros(len(rays), dtype=bool)
+    for solid in solids:
+        inside = _within(solid, points)
+        met = np.where(inside.any(axis=0), inside.argmax(axis=0), len(points))
+        green = np.where(met < first, solid.color == "green", green)
+        first = np.minimum(first, met)
+    return float(green.mean())
+
+
+def _within(solid: Solid, points: Array) -> Mask:
+    """Whether points (..., 3) are inside a box or cylinder."""
+    X_PG, shape = solid.part.X_PG, solid.part.shape
+    x, y, z = np.moveaxis((points - X_PG[:3, 3]) @ X_PG[:3, :3], -1, 0)
+    if isinstance(shape, Cylinder):
+        return (np.hypot(x, y) <= shape.radius) & (np.abs(z) <= shape.length / 2)
+    assert isinstance(shape, Box)
+    return np.all([np.abs(value) <= side / 2 for value, side in zip((x, y, z), shape.size, strict=True)], axis=0)

@@ -1,0 +1,148 @@
+"""Visible shares against rays that are traced one by one through the same triangles, by other formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import BOX_TRIANGLES
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.sight.sight_scene import SKIN
+from sqrp_cli.sight.solids import Solid
+from sqrp_cli.sight.targets import Target
+from tests.sight.solids import solid_of
+from tests.sight.views import make_box, make_camera, make_detector
+
+RAYS = 20_000
+"""Rays of a reference that meet the box, at least: its standard deviation is at most 0.35 points."""
+
+CLOSE = 0.012
+"""How far a share may be from its reference: three standard deviations, and what the grid may be off."""
+
+
+def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
+    camera = make_camera(X_WC, focal=(60.0, 60.0))
+    box = make_box(tuple((size + 2 * SKIN).tolist()), X_WB, detector=make_detector(0.001))
+    states = SceneStates(1, {"world": pose()[None]})
+    ((found,),) = Observer((camera,), tuple(solids)).verdicts([Target(Atom("seen"), 1, (box,))], states)
+    return float(found.visible[0, 0])
+
+
+def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:
+    """Rays that meet a box, in the world, shape (n, 3), and how far along them they leave it; by slabs."""
+    generator = np.random.default_rng(5)
+    corners_C = transform(inverse(X_WC) @ X_WB, 0.5 * size * BOX_SIGNS)
+    image = corners_C[:, :2] / corners_C[:, 2:]
+    X_BW = inverse(X_WB)
+    eye_B = transform(X_BW, X_WC[:3, 3][None])[0]
+    rays, ends = [], []
+    while sum(map(len, rays)) < RAYS:
+        uv = generator.uniform(image.min(axis=0), image.max(axis=0), (100_000, 2))
+        rays_W = np.column_stack([uv, np.ones(len(uv))]) @ X_WC[:3, :3].T
+        with np.errstate(divide="ignore"):
+            sides = np.stack([(sign * size / 2 - eye_B) / (rays_W @ X_BW[:3, :3].T) for sign in (-1, 1)])
+        enters, leaves = sides.min(axis=0).max(axis=1), sides.max(axis=0).min(axis=1)
+        rays.append(rays_W[enters <= leaves])
+        ends.append(leaves[enters <= leaves])
+    return np.concatenate(rays)[:RAYS], np.concatenate(ends)[:RAYS]
+
+
+def traced(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
+    """The share by random rays, and triangles by Moeller and Trumbore (1997)."""
+    rays_W, leaves = random_rays(X_WC, X_WB, size)
+    free = np.ones(len(rays_W), dtype=bool)
+    for solid in solids:
+        for a, b, c in solid.vertices[solid.triangles]:
+            first, second, to = b - a, c - a, X_WC[:3, 3] - a
+            normal = np.cross(rays_W, second)
+            determinant = normal @ first
+            with np.errstate(divide="ignore", invalid="ignore"):
+                u = normal @ to / determinant
+                v = rays_W @ np.cross(to, first) / determinant
+                t = second @ np.cross(to, first) / determinant
+            free &= ~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < leaves))
+    return float(free.mean())
+
+
+def view(generator: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A camera, a box that it looks at from 0.4 to 1.5 m, and the box's size."""
+    size = generator.uniform(0.02, 0.3, 3)
+    X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.2, size=3))
+    direction = generator.normal(size=3)
+    eye = X_WB[:3, 3] + direction / np.linalg.norm(direction) * generator.uniform(0.4, 1.5)
+    return look_at(eye, X_WB[:3, 3] + generator.normal(scale=0.05, size=3)), X_WB, size
+
+
+def between(generator: np.random.Generator, X_WC: Array, X_WB: Array, spread: float) -> Array:
+    """A point somewhere from behind the camera to behind the box."""
+    along = generator.uniform(-0.3, 1.3)
+    middle: Array = (1 - along) * X_WC[:3, 3] + along * X_WB[:3, 3]
+    return middle + generator.normal(scale=spread, size=3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_loose_triangles_block_what_single_rays_say(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    X_WC, X_WB, size = view(generator)
+    corners = [
+        between(generator, X_WC, X_WB, 0.1) + generator.normal(scale=0.15, size=(3, 3))
+        for _ in range(generator.integers(1, 12))
+    ]
+    solid = solid_of(np.concatenate(corners), np.arange(3 * len(corners)).reshape(-1, 3))
+    assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None:
+    generator = np.random.default_rng(100 + seed)
+    X_WC, X_WB, size = view(generator)
+    solids = []
+    for _ in range(generator.integers(1, 5)):
+        X_WO = pose(quaternion_to_matrix(generator.normal(size=4)), between(generator, X_WC, X_WB, 0.06))
+        vertices = transform(X_WO, generator.uniform(0.02, 0.2, 3) * BOX_SIGNS)
+        solids.append(solid_of(vertices, BOX_TRIANGLES))
+    assert share(solids, X_WC, X_WB, size) == pytest.approx(traced(solids, X_WC, X_WB, size), abs=CLOSE)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_closed_box_around_the_camera_blocks_what_single_rays_say(seed: int, *, inside_out: bool) -> None:
+    generator = np.random.default_rng(200 + seed)
+    X_WC, X_WB, size = view(generator)
+    apart = np.linalg.norm(X_WB[:3, 3] - X_WC[:3, 3]) + generator.uniform(-0.5, 0.5) * size.min()
+    X_WO = X_WC @ pose(quaternion_to_matrix([*generator.normal(scale=0.2, size=3), 1.0]))
+    triangles = BOX_TRIANGLES[:, ::-1] if inside_out else BOX_TRIANGLES
+    solid = solid_of(transform(X_WO, apart * BOX_SIGNS), triangles)
+    assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
+
+
+def test_an_open_shell_blocks_from_both_sides() -> None:
+    X_WC, X_WB, size = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), pose(), np.full(3, 0.1)
+    sheet = np.array([[-0.2, -0.3, 0.0], [0.2, -0.3, 0.0], [0.2, -0.3, 0.2], [-0.2, -0.3, 0.2]])
+    for triangles in ([[0, 1, 2], [0, 2, 3]], [[2, 1, 0], [3, 2, 0]], [[0, 1, 2], [3, 2, 0]]):
+        solid = solid_of(sheet, np.array(triangles))
+        assert share([solid], X_WC, X_WB, size) == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_is_level_with_the_image_is_as_exact_as_what_is_not() -> None:
+    X_WC, X_WB, size = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), pose(), np.array([0.1, 1e-3, 0.1])
+    for height in np.linspace(-0.045, 0.045, 37):
+        sheet = np.array([[-0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.2], [-0.2, -0.5, 0.2]])
+        seen = share([solid_of(sheet, np.array([[0, 1, 2], [0, 2, 3]]))], X_WC, X_WB, size)
+        assert seen == pytest.approx(0.5 + height / 0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("size", [(0.2, 0.004, 0.004), (0.1, 0.1, 0.0002), (0.3, 0.01, 0.01), (0.2, 0.002, 0.002)])
+def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, float]) -> None:
+    generator = np.random.default_rng(11)
+    X_WC, extents = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), np.array(size)
+    for _ in range(10):
+        X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.05, size=3))
+        cut = generator.uniform(-0.3, 0.3) * size[0]
+        across = transform(X_WB, np.array([[cut, -9.0, -9.0], [cut, -9.0, 9.0], [cut, 9.0, -9.0], [cut, 9.0, 9.0]]))
+        sheet = solid_of(across, np.array([[0, 1, 2], [2, 1, 3]]))
+        seen = share([sheet], X_WC, X_WB, extents)
+        assert seen == pytest.approx(traced([sheet], X_WC, X_WB, extents), abs=CLOSE)

@@ -1,0 +1,169 @@
+"""Laws of delays in cells made by seed, with cameras on the wrist and tasks of two steps among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.study import drop_detection
+from sqrp_cli.study.assessment import Study, observed_again
+from sqrp_cli.study.find import WantedWay, find_way
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.task.task import read_task
+from tests.cells import read_cell, shipped_cell, write_cell
+from tests.random_cell import Crowd, random_cell
+
+CELLS = (3, 5, *(pytest.param(seed, marks=pytest.mark.trial) for seed in range(10, 30)))
+
+PHASES, INSTANTS = 40, 200
+
+HAND = {
+    "frame": "flange", "pose": {"position": [0.12, 0.0, 0.0], "look_at": [0.0, 0.0, 0.14], "up": [1, 0, 0]},
+    "image": {"width": 640, "height": 480, "horizontal_fov": "80 deg"}, "near": 0.03, "far": 2.0,
+    "rate": 30, "latency": 0.2,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=[*CELLS, "two steps"])
+def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, list[Study]]:
+    """A cell, and ways in it."""
+    tmp_path = tmp_path_factory.mktemp("cells")
+    if request.param == "two steps":
+        write_cell(_tabletop(), tmp_path)
+        cell = Cell.load(load_workspace(tmp_path))
+        candidates = read_task("pickup g2 then place g2 crate along=0 across=0", cell.workspace).candidates
+        whole = whole_study(cell, candidates[0], cell.initial_world, Adaptive(), full=False)
+        assert isinstance(whole, WholeStudy)
+        return cell, list(whole.steps)
+    folder = random_cell(tmp_path / "cell", Crowd(request.param, 6, 3))
+    document = read_cell(folder)
+    rng = np.random.default_rng(request.param)
+    for name, camera in zip(document["cameras"], document["cameras"].values(), strict=True):
+        camera.update(rate=float(rng.choice([10, 25])), latency=float(rng.choice([0.02, 0.08])))
+        assert name
+    document["cameras"]["hand"] = HAND
+    write_cell(document, folder)
+    cell = Cell.load(load_workspace(folder))
+    return cell, list(_studies(cell, read_task("pickup", cell.workspace).candidates[:4]))
+
+
+def _tabletop() -> dict[str, object]:
+    cell = shipped_cell("tabletop")
+    cell["cameras"]["cam2"].update(rate=25, latency=0.02)
+    return cell
+
+
+def _studies(cell: Cell, candidates: object) -> Iterator[Study]:
+    for candidate in candidates:  # type: ignore[attr-defined]
+        found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
+        if not isinstance(found, Infeasible):
+            yield found.study
+
+
+def figures(study: Study) -> dict[str, FaultMetrics]:
+    return dict(study.assessment("").faults)
+
+
+def images(window: Window, share: float) -> list[float]:
+    numbers = np.arange(window.start // window.period - 1, window.end // window.period + 2)
+    return [t for t in ((numbers + share) * window.period).tolist() if window.start <= t <= window.end]
+
+
+def noticed(windows: list[Window], onset: Onset, shares: dict[float, float], x: np.ndarray) -> np.ndarray:
+    """When what happens at each x is noticed at phases, by the images one by one."""
+    taken = [(t, t + one.lag) for one in windows for t in images(one, shares[one.period])]
+    t, known = np.array([*sorted(taken), (np.inf, np.inf)]).T
+    after = np.minimum.accumulate(known[::-1])[::-1]
+    return np.asarray(after[np.searchsorted(t, np.interp(x, onset.x, onset.shown))])
+
+
+def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple[Cell, list[Study]]) -> None:
+    cell, studies = studied
+    least = min(camera.latency for camera in cell.observer.cameras)
+    assert any(figures(study) for study in studies)
+    for study in studies:
+        for fault, found in figures(study).items():
+            assert found.delay_mean is None or found.delay_mean >= least
+            assert found.delay_worst is None or found.delay_worst >= least
+            for onset in study.onsets[fault]:
+                assert (onset.shown >= onset.x).all()
+                assert (onset.as_usual.shown >= onset.x).all()
+            assert {one.lag for one in study.windows[fault]} <= {camera.latency for camera in cell.observer.cameras}
+
+
+def test_no_phases_exceed_the_worst_delay_and_their_mean_is_the_mean(studied: tuple[Cell, list[Study]]) -> None:
+    rng = np.random.default_rng(0)
+    for study in studied[1]:
+        for fault, found in figures(study).items():
+            windows, sure, usual = list(study.windows[fault]), [], []
+            periods = {one.period for one in windows}
+            for onset in study.onsets[fault]:
+                x = onset.x[0] + (np.arange(INSTANTS) + 0.5) / INSTANTS * (onset.x[-1] - onset.x[0])
+                for _ in range(PHASES if windows else 0):
+                    shares = {period: float(rng.random()) for period in periods}
+                    sure.append(noticed(windows, onset, shares, x) - x)
+                    usual.append(noticed(windows, onset.as_usual, shares, x) - x)
+            late, seen = np.array(usual), np.isfinite(usual)
+            if found.delay_worst is not None:
+                assert np.max(sure) <= found.delay_worst + 1e-9
+            if len(study.onsets[fault]) == 1 and seen.any() and found.delay_mean is not None:
+                spread = np.nanstd(np.where(seen, late, np.nan)) / (seen.sum() / INSTANTS) ** 0.5
+                assert found.delay_mean == pytest.approx(late[seen].mean(), abs=4 * spread + 0.01)
+
+
+def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Study]]) -> None:
+    cell, studies = studied
+    others = {solid.part.parent for solid in cell.observer.solids if solid.color is not None}
+    for study in studies[:2]:
+        with_all, handled = figures(study), set(study.candidate.binding.values())
+        for name in sorted(others - handled - {"world", "table"})[:4]:
+            solids = tuple(one for one in cell.observer.solids if one.part.parent != name)
+            freer = replace(cell, observer=replace(cell.observer, solids=solids))
+            for fault, less in figures(observed_again(freer, study, Adaptive(), full=False)).items():
+                more = with_all[fault]
+                assert less.unseen <= more.unseen + 1e-6
+                if more.delay_worst is not None and more.delay_mean is not None:
+                    assert less.delay_worst is not None and less.delay_mean is not None  # noqa: PT018
+                    assert less.delay_worst <= more.delay_worst + 2e-3  # instants at which sights change are bisected
+                    assert less.delay_mean <= more.delay_mean + 2e-3
+
+
+def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
+    studied: tuple[Cell, list[Study]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drops, falling = [], drop_detection._falling
+    monkeypatch.setattr(drop_detection, "_falling", lambda *a: drops.append(falling(*a)) or drops[-1])
+    for study in studied[1]:
+        observed_again(studied[0], study, Adaptive(), full=False)
+    assert drops
+    for drop in drops:
+        assert drop[..., 2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
+        assert (np.diff(drop[:, -10:], axis=1) == 0.0).all()
+
+
+def test_no_drop_between_those_followed_is_shown_later_than_promised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this cell a camera sees the place of the part only at some times while it is lifted."""
+    folder = random_cell(tmp_path / "cell", Crowd(13, 12, 4))
+    document, rng = read_cell(folder), np.random.default_rng(13)
+    for camera in document["cameras"].values():
+        camera.update(rate=float(rng.choice([10, 25])), latency=0.05)
+    document["cameras"] = {name: document["cameras"][name] for name in list(document["cameras"])[:1]} | {"hand": HAND}
+    write_cell(document, folder)
+    cell = Cell.load(load_workspace(folder))
+    (study,) = _studies(cell, read_task("pickup g3", cell.workspace).candidates)
+    monkeypatch.setattr(drop_detection, "_STEP", 0.01)
+    (promised,), (true,) = study.onsets["slip"], observed_again(cell, study, Adaptive(), full=False).onsets["slip"]
+    x = np.linspace(promised.x[0], promised.x[-1], 400)
+    assert (np.interp(x, promised.x, promised.shown) >= np.interp(x, true.x, true.shown) - 0.02).all()

@@ -1,0 +1,182 @@
+"""The best way, against all ways of a candidate given one by one, as a person would."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli import new_cell, open_cell
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.errors import InputError
+from sqrp_cli.program.file import load_program
+from sqrp_cli.study.program_update import StepReplanner
+from sqrp_cli.study.result import CandidateResult
+from tests.conftest import TABLETOP
+from tests.ways.by_hand import SLOW_LIFT, YAWS, Cell, Ways, cell_with_ways, compared
+
+
+@pytest.fixture(scope="module")
+def cell() -> OpenCell:
+    return open_cell(TABLETOP)
+
+
+def only(cell: OpenCell, task: str, **options: str) -> CandidateResult:
+    (found,) = cell.rank(task, **options).candidates  # type: ignore[arg-type]
+    return found
+
+
+@pytest.fixture(
+    scope="module", params=["g4", *(pytest.param(name, marks=pytest.mark.trial) for name in ("g1", "g2", "g3", "g5"))]
+)
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def one_by_one(cell: OpenCell, name: str) -> list[CandidateResult]:
+    """Every way that can be done, with all settings stated in the task."""
+    return Cell(cell, f"pickup {name} via=direct", YAWS).stated()
+
+
+def test_the_best_way_is_the_best_of_all_by_hand(cell: OpenCell, name: str, one_by_one: list[CandidateResult]) -> None:
+    best = only(cell, f"pickup {name}")
+    assert best.ways is not None
+    assert (best.ways.tried, best.ways.feasible) == (32, len(one_by_one))
+    found = Ways(compared(best), sorted(map(compared, best.ways.pareto)), sorted(map(compared, one_by_one)))
+    assert found.right, found
+    by_hand = {tuple(sorted(way.parameters.items())): way for way in one_by_one}
+    for way in best.ways.pareto:
+        same = by_hand[tuple(sorted(way.parameters.items()))]
+        assert (way.q_eoi, way.q_avg, way.time) == pytest.approx((same.q_eoi, same.q_avg, same.time), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_in_cell_with_wayss_the_best_and_the_pareto_optimal_ways_are_those_of_all_by_hand(
+    tmp_path: Path, seed: int
+) -> None:
+    found = cell_with_ways(tmp_path / "cell", seed).ways()
+    assert found.right, found
+
+
+@pytest.fixture(scope="module")
+def slow_lift() -> OpenCell:
+    """A cell in which cameras see part of a lift only, more of it at a yaw of 180 degrees than at 0."""
+    return open_cell(SLOW_LIFT)
+
+
+def test_a_way_that_is_seen_for_a_moment_is_the_best_where_the_others_are_seen_for_less(slow_lift: OpenCell) -> None:
+    by_hand = {yaw: only(slow_lift, f"pick part approach_yaw={yaw}deg") for yaw in (180, 0)}
+    assert [by_hand[yaw].q_eoi for yaw in (180, 0)] == pytest.approx([0.186, 0.042], abs=1e-3)
+    best = only(slow_lift, "pick part")
+    assert best.ways is not None
+    assert compared(best) == compared(by_hand[180])
+    assert [compared(way) for way in best.ways.pareto] == [compared(by_hand[yaw]) for yaw in (180, 0)]
+
+
+def test_advice_finds_the_only_way_that_meets_a_wish(slow_lift: OpenCell) -> None:
+    (found,) = slow_lift.advise("pick part", want="q_eoi 15 %", kinds=["way"]).advice
+    assert (found.kind, round(found.q_eoi or 0.0, 3)) == ("way", 0.186)
+
+
+def test_by_time_the_fastest_way_is_the_best(cell: OpenCell, name: str, one_by_one: list[CandidateResult]) -> None:
+    assert only(cell, f"pickup {name}", by="time").time == pytest.approx(min(way.time for way in one_by_one), abs=1e-6)
+
+
+def test_a_limit_of_time_leaves_the_best_of_the_ways_that_keep_it(
+    cell: OpenCell, name: str, one_by_one: list[CandidateResult]
+) -> None:
+    longest = 1.25 * min(way.time for way in one_by_one)
+    kept = [way for way in one_by_one if way.time <= longest]
+    found = only(cell, f"pickup {name}", max_time="1.25x")
+    assert found.ways is not None
+    assert found.ways.feasible == len(kept)
+    assert compared(found) == min(map(compared, kept))
+
+
+def test_a_limit_that_no_way_keeps_makes_a_candidate_infeasible_with_the_excess(cell: OpenCell) -> None:
+    found = only(cell, "pickup g2", max_time="9 s")
+    assert (found.feasible, found.reasons) == (False, ("its fastest way takes 9.76 s, 0.76 s more than allowed",))
+    assert found.ways is not None
+    assert (found.ways.tried, found.ways.feasible, found.ways.pareto) == (32, 0, ())
+
+
+def test_the_fastest_ways_are_one_of_each_with_the_first_grip(cell: OpenCell) -> None:
+    found = only(cell, "pickup g2", ways="fastest")
+    assert found.ways is not None
+    assert (found.ways.tried, found.ways.feasible, found.parameters["approach_yaw"]) == (1, 1, 0.0)
+
+
+@pytest.mark.parametrize("limit", ["0.5x", "fast", "0 s", "10 m", "nanx", "infx"])
+def test_a_limit_that_means_nothing_is_refused(cell: OpenCell, limit: str) -> None:
+    with pytest.raises(InputError, match="expected a time"):
+        cell.rank("pickup g2", max_time=limit)
+
+
+def test_a_program_has_every_setting_of_the_chosen_way_and_its_figures(cell: OpenCell, tmp_path: Path) -> None:
+    ranking = cell.rank("pickup g2")
+    best = ranking.best
+    assert best is not None
+    assert best.ways is not None
+    ranking.write(tmp_path / "pick.yaml")
+    (step,) = load_program(tmp_path / "pick.yaml").steps
+    assert step.parameters == best.ways.pareto[0].parameters
+    assert "any" not in step.parameters.values()
+    assert (step.q_eoi, step.q_avg, step.time) == pytest.approx((best.q_eoi, best.q_avg, best.time), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "tried"),
+    [
+        ("approach_yaw=90deg elbow=up shoulder=left wrist=flip", 1),
+        ("approach_yaw=90deg elbow=fastest shoulder=fastest wrist=fastest", 1),
+        ("approach_yaw=90deg elbow=up shoulder=left", 2),
+        ("approach_yaw=90deg", 8),
+        ("elbow=up shoulder=left wrist=flip", 4),
+    ],
+)
+def test_what_a_task_states_is_not_tried(cell: OpenCell, settings: str, tried: int) -> None:
+    ways = only(cell, f"pickup g2 {settings}").ways
+    assert ways is not None
+    assert ways.tried == tried
+
+
+def test_a_retry_takes_another_branch_where_that_of_the_program_is_blocked(cell: OpenCell, tmp_path: Path) -> None:
+    cell.rank("pickup g2").write(tmp_path / "pick.yaml")
+    (step,) = load_program(tmp_path / "pick.yaml").steps
+    below_the_table = step.model_copy(update={"parameters": {**step.parameters, "elbow": "down"}})
+    again = StepReplanner(cell.cell).replan(below_the_table, step.before)
+    assert again is not None
+    assert again.primitives[-1].trajectory.path.end == pytest.approx(step.primitives[-1].trajectory.path.end)
+
+
+def test_a_limit_that_the_way_of_ways_fastest_exceeds_says_that_other_ways_are_not_meant(cell: OpenCell) -> None:
+    (reason,) = only(cell, "pickup g3", max_time="10 s", ways="fastest").reasons
+    assert reason.startswith("its way with `--ways fastest` takes 18.02 s, 8.02 s more")
+    assert only(cell, "pickup g3", max_time="10 s").feasible
+
+
+@pytest.fixture(scope="module")
+def seven_axes(tmp_path_factory: pytest.TempPathFactory) -> OpenCell:
+    """A cell whose arm has no words for its branches."""
+    arm = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
+    return open_cell(new_cell(tmp_path_factory.mktemp("cells") / "panda", urdf=arm).path)
+
+
+def test_ways_without_words_are_stated_by_the_numbers_of_their_solutions(seven_axes: OpenCell) -> None:
+    best = only(seven_axes, "pickup g2")
+    assert best.ways is not None
+    number = best.ways.pareto[0].parameters["a1.solution"]
+    stated = f"pickup g2 approach_yaw={best.ways.pareto[0].parameters['approach_yaw']} a1.solution={number:.0f}"
+    for ways in ("best", "fastest"):
+        same = only(seven_axes, stated, ways=ways)
+        assert same.ways is not None
+        assert (same.time, same.q_avg, same.ways.tried) == (best.time, best.q_avg, 1)
+
+
+@pytest.mark.parametrize("ways", ["best", "fastest"])
+def test_a_solution_that_there_is_not_is_infeasible(seven_axes: OpenCell, ways: str) -> None:
+    found = only(seven_axes, "pickup g2 a1.solution=999", ways=ways)
+    assert found.reasons == ("no way of its arm is called a1.solution=999",)
+    with pytest.raises(InputError, match="expected the number of a solution"):
+        seven_axes.rank("pickup g2 a1.solution=first")

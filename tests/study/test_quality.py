@@ -1,0 +1,95 @@
+"""Q_avg and Q_eoi against their definition, walked sample by sample."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.task.pieces import Piece
+from tests.task.studies import always, eventually
+from tests.task.timelines import ATOMS, Story, make_story, stories, stretches
+
+BOTH = ("always", "eventually")
+
+
+def defined_quality(story: Story, kinds: tuple[str, ...]) -> float | None:
+    """Runs of consecutive covered samples inside one stretch, last minus first, over the length of all stretches."""
+    union = stretches(story.formulas, kinds)
+    length = sum(end - start for start, end in union)
+    if length <= 0:
+        return None
+
+    def stretch_of(piece: Piece) -> int | None:
+        middle = (piece.start + piece.end) / 2
+        return next((k for k, (start, end) in enumerate(union) if start - 1e-9 <= middle <= end + 1e-9), None)
+
+    timeline, total = story.timeline, 0.0
+    run: list[float] = []
+    inside: int | None = None
+    for t, number, required, covered in zip(
+        timeline.samples.t,
+        timeline.samples.piece,
+        timeline.observation.required,
+        timeline.observation.covered,
+        strict=True,
+    ):
+        stretch = stretch_of(timeline.pieces[number])
+        good = stretch is not None and required.any() and all(c for c, r in zip(covered, required, strict=True) if r)
+        if run and (not good or stretch != inside):
+            total += run[-1] - run[0]
+            run = []
+        if good:
+            run.append(t)
+        inside = stretch
+    return (total + (run[-1] - run[0] if run else 0.0)) / length
+
+
+@given(story=stories())
+def test_quality_is_the_length_of_the_covered_runs_over_formula_time(story: Story) -> None:
+    assert average_quality(story.timeline) == pytest.approx(defined_quality(story, BOTH))
+
+
+@given(story=stories())
+def test_interest_quality_is_the_same_within_the_events_of_interest(story: Story) -> None:
+    assert interest_quality(story.timeline) == pytest.approx(defined_quality(story, ("eventually",)))
+
+
+@given(story=stories())
+def test_quality_lies_between_nothing_and_everything(story: Story) -> None:
+    for quality in (average_quality(story.timeline), interest_quality(story.timeline)):
+        assert quality is None or 0.0 <= quality <= 1.0 + 1e-12
+
+
+@given(story=stories())
+def test_covered_is_null_exactly_where_no_formula_applies(story: Story) -> None:
+    timeline = story.timeline
+    applies = [
+        any(start - 1e-9 <= piece.start and piece.end <= end + 1e-9 for start, end in stretches(story.formulas, BOTH))
+        for piece in timeline.pieces
+    ]
+    assert timeline.monitored.tolist() == [applies[number] for number in timeline.samples.piece]
+    assert not (timeline.covered & ~timeline.monitored).any()
+
+
+def test_all_covered_is_one_even_where_primitives_and_formulas_touch() -> None:
+    hold = Literal(ATOMS[0])
+    formulas = (always(0.0, 1.0, hold), always(1.0, 2.0, hold.negated()), eventually(1.5, 2.0, hold))
+    story = make_story([0.7, 1.3], formulas, [3], seed=0, seen=1.0)
+    assert average_quality(story.timeline) == pytest.approx(1.0)
+    assert interest_quality(story.timeline) == pytest.approx(1.0)
+
+
+def test_a_formula_at_an_instant_has_no_quality() -> None:
+    story = make_story([1.0], (eventually(0.4, 0.4, Literal(ATOMS[0])),), [2], seed=0, seen=1.0)
+    assert average_quality(story.timeline) is None
+    assert interest_quality(story.timeline) is None
+    assert story.timeline.monitored.sum() == 1
+
+
+def test_the_time_between_two_stretches_counts_neither_way() -> None:
+    hold = Literal(ATOMS[0])
+    story = make_story([1.0, 1.0, 1.0], (always(0, 1, hold), always(2, 3, hold)), [4], seed=0, seen=1.0)
+    assert average_quality(story.timeline) == pytest.approx(1.0)
+    assert pytest.approx(2.0) == story.timeline.T

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import dataclasses
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.figures import FaultMetrics, Qualities
+from sqrp_cli.study.ranking import contenders, criterion_figure, rank, winners
+from sqrp_cli.study.result import CRITERIA, CandidateResult, Criterion
+from sqrp_cli.task.task import Candidate, read_task
+from tests.conftest import TABLETOP
+
+CANDIDATES: tuple[Candidate, ...] = read_task("pickup green", load_workspace(TABLETOP)).candidates
+
+
+def assessed(index: int, q_eoi: float | None, q_avg: float | None, time: float, delay: float = 1.0) -> CandidateResult:
+    fault = FaultMetrics(delay, 2 * delay, delay, 0.0, time + delay)
+    figures = {"time": time, "q_avg": q_avg, "q_eoi": q_eoi, "faults": {"slip": fault}, "retried": ("slip",)}
+    return dataclasses.replace(CandidateResult.infeasible(CANDIDATES[index], ()), feasible=True, **figures)
+
+
+def infeasible(index: int) -> CandidateResult:
+    return CandidateResult.infeasible(CANDIDATES[index], ("too far",))
+
+
+def names(assessments: list[CandidateResult], by: str = "q_eoi") -> list[str]:
+    return [ranked.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
+
+
+def test_the_criterion_counts_first() -> None:
+    slow_and_seen, fast_and_unseen = assessed(0, 1.0, 0.5, 20.0, 3.0), assessed(1, 0.2, 0.9, 10.0, 1.0)
+    both = [fast_and_unseen, slow_and_seen]
+    assert names(both, "q_eoi") == ["g1", "g2"]
+    for criterion in ("q_avg", "time", "delay", "expected_time"):
+        assert names(both, criterion) == ["g2", "g1"]
+
+
+def test_what_may_never_be_noticed_comes_after_every_delay() -> None:
+    never = FaultMetrics(0.01, None, 0.0, 0.02, None)
+    missed, late = (
+        dataclasses.replace(assessed(0, 1.0, 0.5, 9.0), faults={"slip": never}),
+        assessed(1, 1.0, 0.5, 9.0, 9),
+    )
+    for criterion in ("delay", "expected_time"):
+        assert names([missed, late], criterion) == ["g2", "g1"]
+    assert names([missed, late], "q_eoi") == ["g2", "g1"], "the worst delay breaks ties"
+    both = dataclasses.replace(missed, faults={"slip": FaultMetrics(None, None, 1.0, 1.0, None)})
+    assert [one.rank for one in rank([both, missed, late], "delay")] == [1, 2, 3]
+
+
+def test_only_faults_that_are_retried_count_for_when_all_is_done() -> None:
+    stops = FaultMetrics(1.0, 2.0, 1.0, 0.0, 99.0)
+    soon = dataclasses.replace(
+        assessed(0, 1.0, 0.5, 9.0), faults={**assessed(0, 1.0, 0.5, 9.0).faults, "broken": stops}
+    )
+    late = assessed(1, 1.0, 0.5, 9.0, 3.0)
+    assert "broken" not in soon.candidate.skill.retried_faults
+    assert names([late, soon], "expected_time") == ["g1", "g2"]
+
+
+def test_ties_go_by_q_avg_then_time_then_worst_delay_then_parameters() -> None:
+    assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.6, 9.0)]) == ["g2", "g1"]
+    assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.5, 8.0)]) == ["g2", "g1"]
+    assert names([assessed(0, 1.0, 0.5, 9.0, 2.0), assessed(1, 1.0, 0.5, 9.0, 1.0)]) == ["g2", "g1"]
+    assert names([assessed(1, 1.0, 0.5, 9.0), assessed(0, 1.0, 0.5, 9.0)]) == ["g1", "g2"]
+
+
+def test_qualities_that_round_to_the_same_tenth_of_a_point_are_a_tie() -> None:
+    assert names([assessed(0, 0.90004, 0.5, 9.0), assessed(1, 0.90001, 0.5, 8.0)]) == ["g2", "g1"]
+    assert names([assessed(0, 0.902, 0.5, 9.0), assessed(1, 0.900, 0.5, 8.0)]) == ["g1", "g2"]
+
+
+def test_a_criterion_that_is_null_is_ignored() -> None:
+    assert names([assessed(0, None, 0.5, 9.0), assessed(1, None, 0.6, 20.0)]) == ["g2", "g1"]
+
+
+def test_a_quality_of_nothing_is_nought_and_has_no_sign() -> None:
+    assert str(criterion_figure(assessed(0, 0.0, 0.0, 9.0), "q_eoi")) == "0.0"
+
+
+def test_infeasible_candidates_come_last_without_a_rank() -> None:
+    ranking = rank([infeasible(0), assessed(1, 0.1, 0.1, 9.0), infeasible(2)], "q_eoi")
+    assert [(ranked.candidate.name, ranked.rank) for ranked in ranking] == [
+        ("g2", 1),
+        ("g1", None),
+        ("g3", None),
+    ]
+    assert not any(ranked.pareto for ranked in ranking if ranked.rank is None)
+
+
+figures = st.tuples(st.integers(0, 10), st.integers(0, 10), st.integers(1, 5))
+
+
+@given(st.lists(figures, min_size=1, max_size=6), st.sampled_from(CRITERIA))
+def test_pareto_is_whoever_nobody_beats(rows: list[tuple[int, int, int]], by: str) -> None:
+    assessments = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
+    for ranked in rank(assessments, by):  # type: ignore[arg-type]
+        eoi, avg, time = rows[CANDIDATES.index(ranked.candidate)]
+        beaten = any(e >= eoi and a >= avg and t <= time and (e, a, t) != (eoi, avg, time) for e, a, t in rows)
+        assert ranked.pareto == (not beaten)
+
+
+@given(st.permutations(range(5)), st.lists(figures, min_size=5, max_size=5), st.sampled_from(CRITERIA))
+def test_the_order_does_not_depend_on_the_order_of_the_input(
+    order: list[int], rows: list[tuple[int, int, int]], by: str
+) -> None:
+    assessments = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
+    assert names([assessments[i] for i in order], by) == names(assessments, by)
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 2)] * 4), min_size=1, max_size=6), st.sampled_from(("q_eoi", "q_avg", "time"))
+)
+@example([(2, 1, 0, 1), (1, 1, 0, 0)], "time")
+def test_whatever_its_delays_no_other_than_a_contender_is_first_or_pareto_optimal(
+    rows: list[tuple[int, int, int, int]], by: Criterion
+) -> None:
+    found = [assessed(i, e / 2, a / 2, 5.0 + t, 1.0 + late) for i, (e, a, t, late) in enumerate(rows)]
+    kept = contenders([dataclasses.replace(one, faults={}, retried=()) for one in found], by)
+    whole, less = rank(found, by), rank([one for one, named in zip(found, kept, strict=True) if named], by)
+    assert less[0].candidate is whole[0].candidate
+    optimal = [[one.candidate for one in ranking if one.pareto] for ranking in (whole, less)]
+    assert optimal[0] == optimal[1]
+
+
+def test_winners_counts_who_is_first_in_each_draw() -> None:
+    first, second = assessed(0, 1.0, 1.0, 9.0), assessed(1, 0.5, 0.5, 9.0)
+    better, worse = Qualities(0.9, 0.9), Qualities(0.1, 0.1)
+    first = dataclasses.replace(first, recalibrated=(better, worse, better))
+    second = dataclasses.replace(second, recalibrated=(worse, better, worse))
+    assert winners([first, second], "q_eoi") == {"g1": 2, "g2": 1}

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.figures import Qualities
+from sqrp_cli.geometry import inverse
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.observer import Observer
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.robustness import (
+    DRAWS,
+    Calibration,
+    perturbed,
+    under_calibration_errors,
+    without_each_camera,
+)
+from sqrp_cli.study.sampling import FixedCount
+from sqrp_cli.task.task import read_task
+
+SAMPLING = FixedCount(12)
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def found(cell: Cell) -> Study:
+    candidate = read_task("pickup g4", cell.workspace).candidates[0]
+    result = study(cell, candidate, cell.initial_world, SAMPLING, full=True)
+    assert isinstance(result, Study)
+    return result
+
+
+def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, found: Study) -> None:
+    told = without_each_camera(cell, found)
+    for index, camera in enumerate(cell.observer.cameras):
+        others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
+        smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
+        candidate, world = found.candidate, cell.initial_world
+        again = study(smaller, candidate, world, SAMPLING, full=False)
+        assert isinstance(again, Study)
+        assert told[camera.name] == qualities_over(again.timeline)
+
+
+def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: Study) -> None:
+    now = qualities_over(found.timeline)
+    told = without_each_camera(cell, found).values()
+    assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told)
+    assert any(left.q_eoi < now.q_eoi for left in told)
+
+
+def test_an_exact_calibration_changes_nothing(cell: Cell, found: Study) -> None:
+    draws = under_calibration_errors(cell, found, SAMPLING, Calibration(0.0, 0.0, 0))
+    assert draws == (qualities_over(found.timeline),) * DRAWS
+
+
+def test_draws_are_seeded(cell: Cell, found: Study) -> None:
+    def draws(seed: int) -> tuple[Qualities, ...]:
+        return under_calibration_errors(cell, found, SAMPLING, Calibration(0.02, 0.02, seed))
+
+    assert draws(1) == draws(1)
+    assert draws(1) != draws(2)
+
+
+def test_the_errors_have_the_stated_spread(cell: Cell) -> None:
+    calibration = Calibration(position=0.005, rotation=0.01, seed=3)
+    moved, turned = [], []
+    for draw in range(200):
+        for before, after in zip(
+            cell.observer.cameras, perturbed(cell.observer, calibration, draw).cameras, strict=True
+        ):
+            X_CE = inverse(before.X_FC) @ after.X_FC
+            moved.append(X_CE[:3, 3])
+            turned.append(np.array([X_CE[2, 1], X_CE[0, 2], X_CE[1, 0]]))
+    assert np.std(moved, axis=0) == pytest.approx(0.005, rel=0.1)
+    assert np.std(turned, axis=0) == pytest.approx(0.01, rel=0.1)
+    assert np.abs(np.mean(moved, axis=0)).max() < 0.001

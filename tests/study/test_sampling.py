@@ -1,0 +1,313 @@
+"""Adaptive sampling against dense fixed sampling, and fixed sampling against its stated shortfall."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import Place
+from sqrp_cli.geometry import box_corners, transform
+from sqrp_cli.logic.formula_check import bind
+from sqrp_cli.logic.formula_time import ground_operators
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.sampling import (
+    DEFAULT_TOLERANCE,
+    MAX_MOTION,
+    Adaptive,
+    FixedCount,
+    FixedStep,
+    Sampling,
+    first_samples,
+    longest_step,
+)
+from sqrp_cli.study.stage import Samples, Stage
+from sqrp_cli.study.timeline import Timeline, observe
+from sqrp_cli.task.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.task import read_task
+from tests.conftest import TABLETOP
+from tests.sight.views import make_camera
+from tests.task.studies import HOLD, WatchedMotion, always, eventually, watched_motion
+
+DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
+"""Samples per primitive of the reference."""
+
+SCENES = 5
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far an adaptive Q is from the reference, in points.
+
+    unsure: what the reference itself cannot tell, half of the steps in which it changes. missed: what events that are
+    shorter than the largest gap may explain.
+    """
+
+    name: str
+    error: float
+    unsure: float
+    missed: float
+    transitions: int
+
+
+def changed(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return covered[1:] != covered[:-1]
+
+
+def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference, ...]:
+    """The differences of Q_avg and, where there is one, Q_eoi."""
+    edges = np.flatnonzero(changed(dense.covered))
+    lengths = np.diff(dense.samples.t[edges + 1])
+    short = float(lengths[lengths < adaptive.largest_gap].sum())
+    found = []
+    for quality, length, rows in (
+        (average_quality, dense.T, np.ones(len(dense.samples), dtype=bool)),
+        (interest_quality, dense.T_eoi, dense.interesting),
+    ):
+        approximate, reference = quality(adaptive), quality(dense)
+        if approximate is None or reference is None:
+            assert approximate == reference
+            continue
+        turning = changed(dense.covered) & rows[1:] & rows[:-1]
+        unsure = 0.5 * float(np.nansum(dense.steps[turning])) / length
+        error = abs(approximate - (reference + unsure))
+        found.append(Difference(name, 100 * error, 100 * unsure, 100 * short / length, int(turning.sum())))
+    return tuple(found)
+
+
+def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
+    """The time line of a candidate with another sampling."""
+    return observe(studied, cell.observer, sampling, full=False)
+
+
+def judge(title: str, found: list[Difference]) -> None:
+    """Print the largest error, and assert that every one is within the tolerance that the default states."""
+    largest = max(found, key=lambda difference: difference.error)
+    print(f"\n{title}: largest error of Q {largest.error:.4f} points ({largest.name})", end="")
+    print(f" against {DENSE} samples per primitive, which leave {max(d.unsure for d in found):.4f} points open;")
+    print(f"{sum(d.transitions for d in found)} transitions in {len(found)} values of Q")
+    assert [d for d in found if d.error > 100 * DEFAULT_TOLERANCE + d.unsure + d.missed] == []
+
+
+@cache
+def feasible_studies(name: str) -> tuple[Cell, list[Study]]:
+    """A shipped workspace and the feasible candidates of the tasks that it lists."""
+    cell = Cell.load(load_workspace(TABLETOP.parent / name))
+    workspace, world = cell.workspace, cell.initial_world
+    candidates = [c for task in workspace.tasks for c in read_task(task.task, workspace).candidates]
+    found = [study(cell, candidate, world, Adaptive(), full=False) for candidate in candidates]
+    return cell, [result for result in found if isinstance(result, Study)]
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
+def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped_workspace(name: str) -> None:
+    cell, studies = feasible_studies(name)
+    assert studies
+    found = []
+    for studied in studies:
+        found += compare(studied.candidate.name, studied.timeline, again(cell, studied, FixedCount(DENSE)))
+    judge(name, found)
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
+def test_coverage_alone_says_what_the_full_matrix_says_of_the_same_samples(name: str) -> None:
+    cell, studies = feasible_studies(name)
+    for studied in studies:
+        observation = studied.timeline.observation
+        matrix = cell.observer.verdicts(studied.targets, studied.stage.states(studied.timeline.samples), shares=False)
+        for column, (target, boxes) in enumerate(zip(studied.targets, matrix, strict=True)):
+            sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) >= target.cameras
+            known = observation.known[:, column]
+            assert known.any()
+            assert (observation.covered[known, column] == sees[known]).all()
+            assert not observation.covered[~known, column].any()
+
+
+def test_the_default_is_within_its_tolerance_on_random_scenes(ur5: RobotModel) -> None:
+    found = []
+    for seed in range(SCENES):
+        motion = watched_motion(seed, ur5)
+        found += compare(f"scene {seed}", motion.timeline(Adaptive()), motion.timeline(FixedCount(DENSE)))
+    assert sum(difference.transitions for difference in found) > 2 * SCENES
+    judge("random scenes", found)
+
+
+@pytest.fixture(scope="module")
+def watched_finely(ur5: RobotModel) -> list[tuple[WatchedMotion, Timeline]]:
+    """The random scenes, each with its time line at a tolerance of a millionth."""
+    motions = [watched_motion(seed, ur5) for seed in range(SCENES)]
+    return [(motion, motion.timeline(Adaptive(1e-6))) for motion in motions]
+
+
+def test_a_tighter_tolerance_is_kept_too(watched_finely: list[tuple[WatchedMotion, Timeline]]) -> None:
+    for motion, fine in watched_finely:
+        coarse = motion.timeline(Adaptive(1e-2))
+        assert fine.transition_error <= 1e-6
+        assert coarse.transition_error <= 1e-2
+        assert average_quality(coarse) == pytest.approx(average_quality(fine), abs=1e-2)
+
+
+@pytest.mark.parametrize("sampling", [FixedCount(5), FixedCount(23), FixedStep(0.21), FixedStep(0.05)])
+def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
+    watched_finely: list[tuple[WatchedMotion, Timeline]], sampling: Sampling
+) -> None:
+    for motion, fine in watched_finely:
+        coarse = motion.timeline(sampling)
+        spacing = float(np.nanmax(coarse.steps))
+        length = (average_quality(fine) - average_quality(coarse)) * fine.T
+        assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
+
+
+def test_fixed_samples_are_where_they_were_asked_for(ur5: RobotModel) -> None:
+    motion = watched_motion(3, ur5)
+    primitives = motion.stage.motion.primitives
+    count = first_samples(FixedCount(7), motion.stage, motion.observer, motion.targets)
+    step = first_samples(FixedStep(0.3), motion.stage, motion.observer, motion.targets)
+    edges = {time for piece in motion.stage.pieces for time in (piece.start, piece.end)}
+    for primitive in primitives:
+        equal = np.linspace(primitive.start, primitive.end, 7)
+        every = np.append(np.arange(primitive.start, primitive.end, 0.3), primitive.end)
+        for samples, wanted in ((count, equal), (step, every)):
+            of_primitive = [motion.stage.pieces[number].primitive for number in samples.piece]
+            own = samples.t[[primitives[index] is primitive for index in of_primitive]]
+            assert all(np.abs(own - time).min() < 2e-9 for time in wanted)
+            assert all(np.abs(wanted - time).min() < 2e-9 or time in edges for time in own)
+
+
+@pytest.mark.parametrize("sampling", [FixedCount(2), FixedStep(10.0), Adaptive()])
+def test_both_ends_of_every_primitive_and_interval_are_samples_in_every_mode(
+    ur5: RobotModel, sampling: Sampling
+) -> None:
+    motion = watched_motion(5, ur5)
+    t = motion.timeline(sampling).samples.t
+    edges = [time for p in motion.stage.motion.primitives for time in (p.start, p.end)]
+    edges += [time for f in motion.formulas for time in (f.operator.start, f.operator.end)]
+    assert all(np.abs(t - time).min() < 1e-9 for time in edges)
+
+
+def test_nothing_moves_further_than_stated_between_adaptive_samples(ur5: RobotModel) -> None:
+    for seed in range(SCENES):
+        motion = watched_motion(seed, ur5)
+        samples = first_samples(Adaptive(), motion.stage, motion.observer, motion.targets)
+        states = motion.stage.states(samples)
+        tracks = [transform(states.X_WF[s.part.parent], s.corners) for s in motion.observer.solids]
+        tracks += [transform(states.box_poses(b), box_corners(b.size)) for t in motion.targets for b in t.boxes]
+        moving = np.concatenate([track for track in tracks if len(track) > 1], axis=1)
+        steps = np.linalg.norm(np.diff(moving, axis=0), axis=2).max(axis=1)
+        assert steps[np.diff(samples.piece) == 0].max() <= 1.02 * MAX_MOTION
+
+
+def between(motion: WatchedMotion, samples: Samples) -> NDArray[np.float64]:
+    """The times between samples of one piece where something moves and must be seen."""
+    piece, stage = samples.piece, motion.stage
+    asked = np.array([bool(p.literals) for p in stage.pieces]) & stage.moving_pieces
+    return np.diff(samples.t)[(np.diff(piece) == 0) & asked[piece[:-1]]]
+
+
+def test_no_more_than_50_ms_pass_between_adaptive_samples_where_something_moves(ur5: RobotModel) -> None:
+    for seed in range(SCENES):
+        motion = watched_motion(seed, ur5)
+        samples = first_samples(Adaptive(), motion.stage, motion.observer, motion.targets)
+        period = min(1 / camera.rate for camera in motion.observer.cameras)
+        assert between(motion, samples).max() <= min(0.05, period) + 1e-9
+        assert motion.timeline(Adaptive()).largest_gap <= min(0.05, period) + 1e-9
+        standing = [number for number, moves in enumerate(motion.stage.moving_pieces) if not moves]
+        assert standing
+        assert all((samples.piece == number).sum() <= 2 for number in standing)
+
+
+@pytest.mark.parametrize(("rates", "longest"), [((10.0,), 0.05), ((10.0, 40.0), 0.025), ((5000.0,), 0.001), ((), 0.05)])
+def test_the_fastest_camera_decides_how_much_time_may_pass(rates: tuple[float, ...], longest: float) -> None:
+    assert longest_step(make_camera(rate=rate) for rate in rates) == pytest.approx(longest)
+
+
+def with_formulas(motion: WatchedMotion, *formulas: GroundFormula) -> WatchedMotion:
+    """The same motion, monitored otherwise."""
+    spans = [(p.start, p.end) for p in motion.stage.motion.primitives]
+    stage = motion.stage
+    cut = Stage(stage.model, stage.motion, cut_into_pieces(spans, formulas), stage.motion.primitives[0].X_WO)
+    return WatchedMotion(cut, motion.observer, motion.targets, formulas, {})
+
+
+def test_where_an_object_is_attached_the_instant_is_sampled_with_and_without_it(ur5: RobotModel) -> None:
+    motion = watched_motion(1, ur5)
+    grasp, carry = motion.stage.motion.primitives[1:]
+    timeline = with_formulas(motion, always(0.0, motion.stage.motion.time, Literal(HOLD))).timeline(Adaptive())
+    at = np.flatnonzero(np.abs(timeline.samples.t - grasp.end) < 1e-9)
+    assert len(at) == 2
+    left, right = (timeline.pieces[number].primitive for number in timeline.samples.piece[at])
+    assert [motion.stage.motion.primitives[index].held for index in (left, right)] == [None, "cube"]
+    assert carry.start == grasp.end
+
+
+def test_a_formula_at_an_instant_is_sampled_there_and_has_no_quality(ur5: RobotModel) -> None:
+    motion = with_formulas(watched_motion(1, ur5), eventually(0.4, 0.4, Literal(HOLD)))
+    timeline = motion.timeline(Adaptive())
+    assert timeline.samples.t[timeline.monitored] == pytest.approx([0.4])
+    assert average_quality(timeline) is None
+    assert interest_quality(timeline) is None
+
+
+def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) -> None:
+    motion = watched_motion(6, ur5)
+    time, hold = motion.stage.motion.time, Literal(HOLD)
+    watched = with_formulas(motion, always(0.0, 1.0, hold), always(time - 1.0, time, hold.negated()))
+    timeline = watched.timeline(FixedCount(50))
+    inside = (timeline.samples.t > 1.0 + 1e-9) & (timeline.samples.t < time - 1.0 - 1e-9)
+    assert pytest.approx(2.0) == timeline.T
+    assert not timeline.monitored[inside].any()
+    assert not timeline.covered[inside].any()
+    assert 0 <= average_quality(timeline) <= 1
+
+
+@settings(max_examples=25, deadline=None)
+@given(cut=st.floats(0.05, 0.95), seed=st.integers(0, 5))
+def test_an_interval_cut_in_two_that_touch_has_the_same_quality(ur5: RobotModel, cut: float, seed: int) -> None:
+    motion = watched_motion(seed, ur5)
+    time, hold = motion.stage.motion.time, Literal(HOLD)
+    whole = with_formulas(motion, always(0.0, time, hold)).timeline(Adaptive(1e-6))
+    parts = with_formulas(motion, always(0.0, cut * time, hold), always(cut * time, time, hold))
+    assert average_quality(parts.timeline(Adaptive(1e-6))) == pytest.approx(average_quality(whole), abs=1e-5)
+
+
+SPANS = {"a1": (0.0, 1.0), "a2": (1.0, 1.5), "a3": (1.5, 4.0)}
+
+
+@pytest.mark.parametrize(
+    ("text", "T", "T_eoi", "edges"),
+    [
+        ("always[a1.start, a2.end] p", 1.5, 0.0, {0.0, 1.0, 1.5, 4.0}),
+        ("eventually[a1.end + 0.2, a3.start + 0.5] p", 0.8, 0.8, {0.0, 1.0, 1.2, 1.5, 2.0, 4.0}),
+        ("always[0, 1] p and eventually[1, 2] q", 2.0, 1.0, {0.0, 1.0, 1.5, 2.0, 4.0}),
+        ("always[1, 2] eventually[0, 0.5] p", 1.5, 1.5, {0.0, 1.0, 1.5, 2.0, 2.5, 4.0}),
+        ("always[1, 2] (p and eventually[2, 5] q)", 2.0, 1.0, {0.0, 1.0, 1.5, 2.0, 3.0, 4.0}),
+        ("not eventually[3, 9] p", 1.0, 1.0, {0.0, 1.0, 1.5, 3.0, 4.0}),
+        ("p and always[2, 2] q", 0.0, 0.0, {0.0, 1.0, 1.5, 2.0, 4.0}),
+    ],
+)
+def test_pieces_begin_and_end_where_the_formulas_say(text: str, T: float, T_eoi: float, edges: set[float]) -> None:
+    formula = bind(parse_formula(text, Place(Path("skill.yaml"))), {}, {"p": ((),), "q": ((),)})
+    formulas = tuple(GroundFormula(operator, None) for operator in ground_operators(formula, SPANS, 4.0))
+    pieces = cut_into_pieces(list(SPANS.values()), formulas)
+    assert monitored_time(formulas) == pytest.approx(T)
+    assert interesting_time(formulas) == pytest.approx(T_eoi)
+    assert {round(time, 9) for piece in pieces for time in (piece.start, piece.end)} == edges
+    for piece in pieces:
+        middle = (piece.start + piece.end) / 2
+        applying = [f.operator for f in formulas if f.operator.start - 1e-9 <= middle <= f.operator.end + 1e-9]
+        assert set(piece.literals) == {literal for operator in applying for literal in operator.literals}
+        assert piece.of_interest == any(operator.operator == "eventually" for operator in applying)

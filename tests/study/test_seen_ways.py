@@ -1,0 +1,217 @@
+"""Seen paths lose less sight than direct ones, in motions that are as honest, and are the same each time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.motion.plan_motion import Motion
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
+from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.robustness import Calibration
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
+from sqrp_cli.task.feasibility import feasible_motion
+from tests.motion.phases import phase_samples
+from tests.random_cell import Crowd, random_cell
+from tests.study.compared import Compared, blind_time
+
+WORKSPACES = Path(__file__).parents[2] / "workspaces"
+
+G2 = "pickup green path=seen approach_yaw=90deg"
+
+SHIPPED = {
+    "tabletop": ("tabletop", G2, "g2"),
+    "tabletop, two moves": ("tabletop", "pickup red path=seen", None),
+    "screws": ("screws", "pickup_two_finger screw path=seen", None),
+    "tower": ("tower", "stack red green path=seen", None),
+}
+
+
+@pytest.fixture(scope="module", params=SHIPPED)
+def compared(request: pytest.FixtureRequest) -> Compared:
+    folder, task, name = SHIPPED[request.param]
+    return Compared.of(load_workspace(WORKSPACES / folder), task, name)
+
+
+@pytest.fixture(scope="module")
+def g2(tabletop: Workspace) -> Compared:
+    return Compared.of(tabletop, G2, "g2")
+
+
+def assert_honest(compared: Compared) -> None:
+    """The laws of all motions: limits, continuity, rest at the ends, and no contact at steps of a millimetre."""
+    model, motion = compared.cell.model, compared.seen.motion
+    n = len(model.arm)
+    for primitive in motion.primitives:
+        trajectory = primitive.trajectory
+        t = np.concatenate([np.arange(0, trajectory.duration, 2e-3), phase_samples(trajectory, 7)])
+        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
+            assert (np.abs(trajectory.derivatives(t, order)[:, :n]) <= limit * (1 + 1e-9)).all(), primitive.name
+        q = trajectory.positions(t)[:, :n]
+        assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
+        joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
+        for instant in [*trajectory.law.breaks[1:-1], *joints]:
+            sides = np.array([instant - 1e-7, instant + 1e-7])
+            for order, limit in ((1, model.acceleration), (2, model.jerk)):
+                jump = np.abs(np.diff(trajectory.derivatives(sides, order)[:, :n], axis=0))
+                assert (jump <= 2.1e-7 * limit + 1e-8).all()
+        for order in (1, 2):
+            np.testing.assert_allclose(trajectory.derivatives([0.0, trajectory.duration], order)[:, :n], 0, atol=1e-7)
+    for before, after in zip(motion.primitives, motion.primitives[1:], strict=False):
+        assert before.end == after.start
+        ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
+        np.testing.assert_allclose(*ends, atol=1e-9)
+    assert_clear(compared)
+
+
+def assert_clear(compared: Compared) -> None:
+    cell, seen = compared.cell, compared.seen
+    moves = {move.primitive: move for move in open_moves(seen, compared.candidate.open_paths)}
+    for space in move_spaces(cell, seen, moves, np.inf):
+        path = space.direct.trajectory.path
+        coarse = path.positions(np.linspace(0, 1, 200))
+        far = float((np.abs(np.diff(coarse, axis=0)) @ space.scene.bound.radii).sum())
+        q = path.positions(np.linspace(0, 1, 2 + int(1.2 * far / 1e-3)))
+        assert all(contact is None for contact in space.scene.check_all(q))
+
+
+def test_motions_with_seen_paths_keep_every_law(compared: Compared) -> None:
+    assert_honest(compared)
+
+
+def test_seen_paths_are_no_worse_than_direct_ones_and_stop_nowhere(compared: Compared) -> None:
+    seen, direct = compared.seen, compared.direct
+    assert blind_time(seen) <= blind_time(direct) + 1e-3 * seen.timeline.T
+    for primitive in seen.motion.primitives:
+        if primitive.name in seen.candidate.vias:
+            law = primitive.trajectory.law
+            assert (law.derivatives(np.linspace(0, law.duration, 300)[1:-1])[1] > 0).all()
+
+
+def test_seen_paths_are_planned_again_from_their_vias_without_a_search(compared: Compared) -> None:
+    seen = compared.seen
+    again = feasible_motion(compared.cell, seen.candidate, seen.world)
+    assert isinstance(again, Motion)
+    for one, other in zip(seen.motion.primitives, again.primitives, strict=True):
+        assert one.trajectory.to_numbers() == other.trajectory.to_numbers()
+
+
+def test_g2_loses_sight_for_less_than_a_quarter_of_the_time(g2: Compared) -> None:
+    """A tenth would do if a green part before another green one counted as seen."""
+    assert g2.seen.candidate.values["path"] == "seen"
+    assert set(g2.seen.candidate.vias) <= {"a1", "a5"}
+    assert blind_time(g2.seen) < 0.25 * blind_time(g2.direct)
+    seen, direct = (4 * blind_time(study) + study.motion.time for study in (g2.seen, g2.direct))
+    assert seen < 0.92 * direct
+    assert g2.seen.motion.time < 1.2 * g2.direct.motion.time
+
+
+def test_the_search_depends_on_its_seed_alone(tabletop: Workspace, g2: Compared) -> None:
+    again = Compared.of(tabletop, G2, "g2")
+    assert again.seen.candidate.vias.keys() == g2.seen.candidate.vias.keys()
+    for name, vias in g2.seen.candidate.vias.items():
+        np.testing.assert_array_equal(again.seen.candidate.vias[name], vias)
+    cell = replace(g2.cell, seed=5)
+    seeded = find_way(cell, g2.candidate, cell.initial_world, Adaptive(), WantedWay())
+    assert not isinstance(seeded, Infeasible)
+    assert blind_time(seeded.study) < 0.5 * blind_time(g2.direct)
+
+
+def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
+    way = replace(g2.seen.candidate, vias={})
+    found = way_with_seen_paths(g2.cell, way, g2.cell.initial_world)
+    assert found.vias
+    again = study(g2.cell, found, g2.cell.initial_world, Adaptive(), full=False)
+    assert isinstance(again, Study)
+    assert blind_time(again) < 0.5 * blind_time(g2.direct)
+
+
+def test_where_everything_is_seen_or_nothing_is_monitored_no_path_is_looked_for(tabletop: Workspace) -> None:
+    unwatched = replace(tabletop.skills["pickup"], requirements=())
+    workspace = replace(tabletop, skills={**tabletop.skills, "pickup": unwatched})
+    compared = Compared.of(workspace, G2, "g2")
+    assert compared.seen.candidate.vias == {}
+    assert compared.seen.timeline.T == 0.0
+
+
+def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
+    """g5 of the cell: the cameras do not see what matters at home, where a1 begins and a5 ends."""
+    compared = Compared.of(tabletop, "pickup green path=seen wrist=flip approach_yaw=180deg", "g5")
+    ends = blind_ends(compared.seen, compared.candidate.open_paths)
+    assert {(end.primitive, end.at) for end in ends} >= {("a1", "home"), ("a5", "home")}
+    timeline = compared.seen.timeline
+    for end, instant in zip(ends, (0.0, compared.seen.motion.time), strict=False):
+        first = abs(timeline.samples.t[timeline.covered] - instant).min()
+        assert end.seconds == pytest.approx(first, abs=1e-9)
+    for name in ("a1", "a5"):
+        direct = [end for end in blind_ends(compared.direct, {name}) if end.at == "home"]
+        assert len(direct) == 1
+
+
+def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
+    dark = replace(tabletop, cameras={"cam3": tabletop.cameras["cam3"]})
+    compared = Compared.of(dark, "pickup green path=seen approach_yaw=0deg", "g5", WantedWay(fastest=True))
+    ends = blind_ends(compared.seen, compared.candidate.open_paths)
+    moves = {p.name: p.trajectory.duration for p in compared.seen.motion.primitives}
+    assert [(end.primitive, end.at) for end in ends] == [("a1", "home"), ("a5", "lifted")]
+    for end in ends:
+        assert end.seconds == pytest.approx(moves[end.primitive], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "limit", ["1.02x", *(pytest.param(limit, marks=pytest.mark.trial) for limit in ("1x", "10.1 s"))]
+)
+def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: str) -> None:
+    bounded = Compared.of(tabletop, G2, "g2", WantedWay(limit=TimeLimit.read(limit)))
+    fastest = g2.direct.motion.time
+    longest = 10.1 if limit.endswith("s") else float(limit[:-1]) * fastest
+    assert bounded.seen.motion.time <= longest + 1e-6
+    assert average_quality(bounded.seen.timeline) >= average_quality(g2.direct.timeline) - 1e-3
+
+
+def test_the_gain_of_g2_outlives_cameras_that_are_off(g2: Compared) -> None:
+    off = [g2.off(Calibration(0.005, np.deg2rad(0.5), seed=0), draw) for draw in range(5)]
+    gains = [blind_time(one.direct) - blind_time(one.seen) for one in off]
+    assert np.mean(gains) > 0.5 * (blind_time(g2.direct) - blind_time(g2.seen))
+
+
+def test_paths_that_the_task_wants_direct_stay_direct(tabletop: Workspace) -> None:
+    compared = Compared.of(tabletop, "pickup green", "g2")
+    assert compared.seen.candidate.vias == {}
+    assert compared.candidate.open_paths == frozenset()
+
+
+def test_any_is_the_better_of_direct_and_seen(tabletop: Workspace, g2: Compared) -> None:
+    either = Compared.of(tabletop, G2.replace("seen", "any"), "g2")
+    assert either.seen.candidate.values["path"] == "seen"
+    assert blind_time(either.seen) == pytest.approx(blind_time(g2.seen), abs=1e-9)
+    fastest = Compared.of(tabletop, G2.replace("seen", "any"), "g2", WantedWay(by="time"))
+    assert fastest.seen.candidate.values["path"] == "direct"
+    assert fastest.seen.candidate.vias == {}
+
+
+def random_workspace(folder: Path, seed: int) -> Workspace:
+    random_cell(folder, Crowd(seed, 6, 4))
+    return load_workspace(folder)
+
+
+RANDOM_CELLS = 30
+
+
+@pytest.mark.trial
+def test_in_random_cells_seen_paths_are_honest_and_no_worse_than_others(tmp_path: Path) -> None:
+    better = []
+    for seed in range(RANDOM_CELLS):
+        compared = Compared.of(random_workspace(tmp_path / str(seed), seed), "pickup path=seen")
+        assert_honest(compared)
+        blind, tolerance = blind_time(compared.seen), 1e-3 * compared.seen.timeline.T
+        better.append(blind <= min(blind_time(compared.direct), blind_time(compared.planned)) + tolerance)
+    assert sum(better) >= 0.9 * RANDOM_CELLS

@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import dataclasses
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.geometry import displacement
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.blind_spans import cause_totals, sample_weights
+from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.verdict import (
+    BlindStretch,
+    CameraCause,
+    Turn,
+    explain_stretch,
+    stretches,
+    verdict,
+)
+from sqrp_cli.task.task import read_task
+
+CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def studies(cell: Cell) -> dict[str, Study]:
+    found = {}
+    for name in CANDIDATES:
+        candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
+        result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        assert isinstance(result, Study)
+        found[name] = result
+    return found
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies[name]
+    timeline = found.timeline
+    blind = timeline.monitored & ~timeline.covered
+    text = verdict(cell, found)
+    if not blind.any():
+        assert text == "Every literal is covered all the time."
+        return
+    times = re.search(r"from (\d+\.\d) s to (\d+\.\d) s", text)
+    assert times is not None
+    start, end = (float(time) for time in times.groups())
+    t = timeline.samples.t
+    inside = (t > start + 0.06) & (t < end - 0.06)
+    assert blind[inside].all(), "every sample of the stretch is blind"
+    if (blind & timeline.interesting).any():
+        assert timeline.interesting[inside].all(), "events of interest come first"
+    assert text.split()[0] in cell.workspace.cameras
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    weights, observation = sample_weights(found), found.timeline.observation
+    totals = cause_totals(cell, found)
+    for column, target in enumerate(found.targets):
+        required = observation.required[:, column]
+        for index, camera in enumerate(cell.observer.cameras):
+            sees = np.all([box.cause[:, index] == Cause.NONE for box in observation.full_matrix[column]], axis=0)
+            lost = sum(t.seconds for t in totals if (t.literal, t.camera) == (str(target.atom), camera.name))
+            assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
+
+
+def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Study]) -> None:
+    for found in studies.values():
+        assert sample_weights(found).sum() == pytest.approx(found.motion.time, abs=1e-9)
+
+
+def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies["g1"]
+    timeline = found.timeline
+    hidden = [
+        (row, index)
+        for boxes in timeline.observation.full_matrix
+        for row, index in np.argwhere(boxes[0].cause == Cause.HIDDEN)
+        if timeline.monitored[row] and not timeline.covered[row]
+    ]
+    row, index = hidden[0]
+    alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
+    stretch = explain_stretch(alone, found, np.array([row]))
+    assert stretch.causes[0].cause is Cause.HIDDEN
+    assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
+    assert f"behind {stretch.causes[0].by}" in str(stretch)
+
+
+@pytest.mark.parametrize("name", ["g1", "g4"])
+def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_a_while(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    observation = found.timeline.observation
+    sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[0]], axis=0)
+    runs = list(stretches(observation.required[:, 0] & (sees.sum(axis=1) < 2)))
+    longest = max(runs, key=len)
+    rows = longest[:: 1 + len(longest) // 25]  # so few that all of them are looked at
+    part = SimpleNamespace(required=observation.required[:, :1], covered=sees.sum(axis=1)[:, None] >= 2)
+    asked = SimpleNamespace(
+        timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
+        stage=found.stage,
+        targets=[dataclasses.replace(found.targets[0], cameras=2)],
+    )
+    stretch = explain_stretch(cell, asked, rows)
+    share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
+    partly = {camera for camera, seen in share.items() if 0.0 < seen < 1.0}
+    assert partly
+    assert {cause.camera: cause.partly for cause in stretch.causes} == {
+        camera: camera in partly for camera, seen in share.items() if seen < 1.0
+    }
+    assert stretch.seeing == tuple(camera for camera, seen in share.items() if seen == 1.0)
+    assert not stretch.causes[0].partly
+    assert str(stretch).startswith(f"Fewer than 2 cameras see {found.targets[0].atom} from ")
+    told = " ".join(part for part in re.split(r"[(;)]", str(stretch)) if "for a part of that time" in part)
+    assert {camera for camera in share if camera in told} == partly
+
+
+def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies["g4"]
+    timeline = found.timeline
+    matrix = timeline.observation.full_matrix
+    seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
+    lost = timeline.observation.required & ~seen
+    every = np.flatnonzero(timeline.monitored & ~timeline.covered)
+    stretch = explain_stretch(cell, found, every)
+    column = next(place for place, target in enumerate(found.targets) if target.atom == stretch.atom)
+    t = timeline.samples.t
+    inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
+    assert inside.any()
+    assert lost[inside, column].all()
+    assert not lost[every, column].all(), "else nothing was narrowed"
+
+
+def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
+    cause = CameraCause("eye", Cause.OUT_OF_IMAGE, "left", 0.0, partly=False)
+    for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down or widen its view")):
+        blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, turn=turn),), (), 1)
+        assert "eye has seen outside its image (left)" in str(blind)
+        assert blind.advice == advice
+
+
+def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
+    """All cameras, turned about their lenses by an angle [deg] in so many directions, those of a camera together."""
+    turns = np.radians(angle) * np.array(
+        [(np.cos(d), np.sin(d)) for d in np.linspace(0, 2 * np.pi, directions + 1)[1:]]
+    )
+    cameras = tuple(
+        dataclasses.replace(camera, X_FC=camera.X_FC @ displacement(np.zeros(3), np.array([up, right, 0.0])))
+        for camera in cell.observer.cameras
+        for up, right in turns
+    )
+    return Observer(cameras, cell.observer.solids)
+
+
+@pytest.mark.parametrize("name", ["g2", "g3", "g5"])
+def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
+    blind = timeline.monitored & ~timeline.covered
+    rows = max(stretches(blind & timeline.interesting if (blind & timeline.interesting).any() else blind), key=len)
+    stretch = explain_stretch(cell, found, rows)
+    column = [target.atom for target in found.targets].index(stretch.atom)
+    states = found.stage.states(timeline.samples)
+
+    def closing(angle: float) -> list[str]:
+        (boxes,) = turned(cell, angle).verdicts([found.targets[column]], states, rows=[rows], shares=False)
+        return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
+
+    nearest = stretch.causes[0]
+    assert nearest.turn is not None
+    assert nearest.camera in closing(nearest.turn.angle)
+    assert not closing(nearest.turn.angle - 1.5)
+    assert f"turn {nearest.camera} {nearest.turn.angle:.0f} deg " in stretch.advice
+
+    # Whoever sees it on either side of the whole gap is named.
+    lost = timeline.observation.required[:, column] & ~timeline.observation.covered[:, column]
+    sees = sees_all(timeline.observation.full_matrix[column]) & timeline.observation.required[:, column][:, None]
+    before, after = rows[0], rows[-1]
+    while lost[before] and before > 0:
+        before -= 1
+    while lost[after]:
+        after += 1
+    assert list(stretch.before) == cameras[sees[before]].tolist()
+    assert list(stretch.after) == cameras[sees[after]].tolist()
+    assert all(f"{camera} see" in str(stretch) for camera in (*stretch.before[-1:], *stretch.after[-1:]))

@@ -1,0 +1,191 @@
+"""Warnings that need the robot's geometry: cameras inside something solid, speeds that the tool never reaches."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.ask.api.cell import open_cell
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, swept_cameras
+from sqrp_cli.cli.main import run
+from sqrp_cli.errors import Problem
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.motion.placed_scene import PlacedScene
+from tests.cells import shipped_cell, write_cell
+
+CELL = Path(__file__).parents[1] / "cases" / "cell"
+TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
+CODES = {"camera-inside-robot", "camera-inside-object", "unreachable-speed"}
+
+
+def found(folder: Path) -> list[Problem]:
+    return [problem for problem in cell_warnings(Cell.load(load_workspace(folder))) if problem.code in CODES]
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(CELL, tmp_path / "cell"))
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+TOP = "position: [0.5, 0, 1.5], look_at: [0.5, 0, 0]"
+HAND = "frame: wrist\n    pose: {position: [0, 0.05, 0]"
+
+
+def test_no_shipped_camera_is_inside_a_link() -> None:
+    assert found(TABLETOP) == []
+    assert found(CELL) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "camera", "solid"),
+    [
+        (TOP, "position: [0, 0, 0.1], look_at: [0.5, 0, 0]", "top", "link `base`"),  # a box, which stands at z = 0.1
+        (TOP, "position: [0.01, 0, 0.22], look_at: [0.5, 0, 0]", "top", None),  # above the base and the upper arm
+        (HAND, "frame: lower\n    pose: {position: [0.01, 0, 0]", "hand", "link `lower`"),  # the mesh that carries it
+        (HAND, "frame: lower\n    pose: {position: [0.1, 0, 0]", "hand", None),
+    ],
+)
+def test_a_camera_inside_a_link_is_reported_with_the_link(
+    old: str, new: str, camera: str, solid: str | None, cell: Path
+) -> None:
+    replace(cell / "workspace.yaml", old, new)
+    problems = found(cell)
+    assert [problem.code for problem in problems] == ["camera-inside-robot"] * (solid is not None)
+    for problem in problems:
+        assert f"camera `{camera}` is inside {solid} at the start" in problem.message
+        assert problem.severity == "warning"
+        assert problem.place is not None
+        assert problem.place.line is not None
+
+
+def test_a_speed_that_the_joints_allow_nowhere_is_reported_where_it_stands(tmp_path: Path) -> None:
+    shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills")
+    shutil.copytree(TABLETOP.parent, tmp_path / "workspaces")
+    replace(
+        tmp_path / "skills/pickup/skill.yaml", "straight_move: grasp, speed: 4 cm/s", "straight_move: grasp, speed: 3"
+    )
+    (problem,) = found(tmp_path / "workspaces" / "tabletop")
+    assert problem.code == "unreachable-speed"
+    assert "`a2` asks for a speed of 3 m/s" in problem.message
+    assert problem.place is not None
+    assert (problem.place.file.name, problem.place.line) == ("skill.yaml", 18)
+
+
+def test_no_posture_moves_the_tool_faster_than_the_bound() -> None:
+    model = Cell.load(load_workspace(TABLETOP)).model
+    random = np.random.default_rng(0)
+    postures = random.uniform(model.lower, model.upper, (2000, len(model.arm)))
+    _, jacobians = model.tool_poses_and_jacobians(postures)
+    signs = np.sign(random.uniform(-1, 1, (2000, len(model.arm), 1)))
+    speeds = np.linalg.norm((jacobians[:, :3] @ (signs * model.velocity[:, None]))[..., 0], axis=1)
+    assert 0.3 * fastest_tool(model) < speeds.max() < fastest_tool(model)
+
+
+def tabletop_with(tmp_path: Path, camera: str) -> Path:
+    """The tabletop with one more camera."""
+    shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills", dirs_exist_ok=True)
+    shutil.copytree(TABLETOP.parent, tmp_path / "workspaces", dirs_exist_ok=True)
+    entry = "cameras:                         # pose: where the lens is, and the point that it looks at\n"
+    more = "image: {width: 640, height: 480, horizontal_fov: 60 deg}, far: 3 m, rate: 10 Hz, latency: 50 ms"
+    replace(tmp_path / "workspaces/tabletop/workspace.yaml", entry, f"{entry}  more: {{{camera}, {more}}}\n")
+    return tmp_path / "workspaces" / "tabletop"
+
+
+@pytest.mark.parametrize(
+    ("camera", "code", "says", "mend"),
+    [
+        ("frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", None, "", ""),
+        (
+            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 0, 0]}",
+            "camera-sees-nothing",
+            "sees none of the objects from `base_link`",
+            "optical frame: z forward",
+        ),
+        (
+            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 90 deg, 0]}",
+            "camera-sees-nothing",
+            "sees none of the objects from `base_link`",
+            "add `convention: body`",
+        ),
+        ("frame: tool0, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", "doubtful-parent", "1.30 m", "`world`"),
+        ("frame: tool0, pose: {position: [0, 0.08, 0], rpy: [0, 0, 0]}", None, "", ""),
+        (
+            "frame: tool0, pose: {position: [0, 0.08, 0], rpy: [180 deg, 0, 0]}",
+            "camera-sees-nothing",
+            "at home, nor with the tool 10 cm before the top of an object",
+            "optical frame: z forward",
+        ),
+    ],
+)
+def test_cameras_on_links_see_something_too(
+    camera: str, code: str | None, says: str, mend: str, tmp_path: Path
+) -> None:
+    cell = Cell.load(load_workspace(tabletop_with(tmp_path, camera)))
+    problems = [one for one in cell_warnings(cell) if one.code in ("camera-sees-nothing", "doubtful-parent")]
+    assert [one.code for one in problems] == ([] if code is None else [code])
+    for problem in problems:
+        assert "`more`" in problem.message
+        assert says in problem.message
+        assert problem.mend is not None
+        assert mend in problem.mend
+
+
+def test_a_camera_measured_from_another_link_is_told_from_which_it_would_see(tmp_path: Path) -> None:
+    """A result relative to the world, which was published from a base that stands a metre away and is turned round."""
+    folder = tabletop_with(tmp_path, "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [150 deg, 0, 90 deg]}")
+    replace(
+        folder / "workspace.yaml", "base: {position: [0, 0, 0]}", "base: {position: [-2, 3, 0], rpy: [0, 0, 180 deg]}"
+    )
+    (problem,) = [one for one in cell_warnings(Cell.load(load_workspace(folder))) if "`more`" in one.message]
+    assert problem.code == "camera-sees-nothing"
+    assert problem.mend is not None
+    assert "say `frame: world`" in problem.mend
+
+
+@pytest.mark.parametrize(("position", "hit"), [("[0.48, 0.28, 0.15]", True), ("[0.48, 0.9, 0.15]", False)])
+def test_a_camera_in_the_way_of_the_arm_is_a_finding(position: str, hit: bool, tmp_path: Path) -> None:
+    cell = open_cell(tabletop_with(tmp_path, f"pose: {{position: {position}, look_at: [0, 0, 0]}}"))
+    checked = cell.check("pickup g2 approach_yaw=0deg")
+    assert ["camera-in-the-way"] * hit == [one.code for one in checked.problems if one.code == "camera-in-the-way"]
+    best = cell.rank("pickup g2 approach_yaw=0deg").best
+    found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
+    assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
+
+
+def test_rank_says_which_camera_is_in_the_way_of_the_best(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tabletop_with(tmp_path, "pose: {position: [0.48, 0.28, 0.15], look_at: [0, 0, 0]}")
+    assert run(["rank", str(folder), "pickup g2 approach_yaw=0deg", "--ways", "fastest"]) == 0
+    assert "camera `more` stands where `" in capsys.readouterr().err.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("position", "says"),
+    [([0, 0, 0], "the arm is inside crate (the mesh of"), ([80.45, 0, 0.5], " hits crate (the mesh of")],
+    ids=["around everything", "around all places of work"],
+)
+def test_a_mesh_in_millimetres_that_is_in_the_way_is_doubted_before_any_path_is_searched(
+    position: list[float], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signs = [(x, y, z) for x in (-80, 80) for y in (-60, 60) for z in (-90, 90)]  # a crate of 16 x 12 x 18 cm
+    sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    lines = [*(f"v {x} {y} {z}" for x, y, z in signs), *(f"f {side}" for side in sides)]
+    (tmp_path / "crate.obj").write_text("\n".join(lines))
+    cell = shipped_cell("tabletop")
+    cell["objects"]["crate"] |= {"parts": [{"mesh": str(tmp_path / "crate.obj")}], "pose": {"position": position}}
+    searched, check_path = [], PlacedScene.check_path
+    monkeypatch.setattr(PlacedScene, "check_path", lambda *a, **b: searched.append(1) or check_path(*a, **b))
+    (row,) = open_cell(write_cell(cell, tmp_path).parent).rank("pickup g2").candidates
+    assert not row.feasible
+    assert says in row.reasons[0]
+    assert "measures 269 m, its `size` 0.326 m: perhaps it is in millimetres, say `scale: 0.001`" in row.reasons[0]
+    assert not searched

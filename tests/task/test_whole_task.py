@@ -1,0 +1,155 @@
+"""Tasks of several steps: which choices go together, and figures over the whole."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.ask.api.cell import OpenCell, open_cell
+from sqrp_cli.ask.api.program import open_program
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from sqrp_cli.program.file import load_program, stale
+from sqrp_cli.show.documents.programs import ProgramDocument
+from sqrp_cli.study.result import Ranking
+from sqrp_cli.task.task import read_task
+
+CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
+TASK = "pickup peg then insert peg socket yaw=0"
+
+
+@pytest.fixture(scope="module")
+def cell() -> OpenCell:
+    return open_cell(CELL)
+
+
+@pytest.fixture(scope="module")
+def ranking(cell: OpenCell) -> Ranking:
+    return cell.rank(TASK)
+
+
+@pytest.fixture(scope="module")
+def by_hand(cell: OpenCell, tmp_path_factory: pytest.TempPathFactory) -> list[Ranking]:
+    """The same steps for peg2, each ranked from the program of those before it."""
+    file = tmp_path_factory.mktemp("by_hand") / "program.yaml"
+    first = cell.rank("pickup peg2")
+    first.write(file)
+    return [first, cell.rank("insert peg2 socket yaw=0", after=file)]
+
+
+def test_only_choices_whose_preconditions_hold_one_after_the_other_are_candidates(cell: OpenCell) -> None:
+    found = read_task(TASK, cell.workspace)
+    assert [one.name for one in found.candidates] == [
+        f"pickup {one} then insert {one} socket" for one in ("peg1", "peg2")
+    ]
+    assert found.candidates[0].parameters["2.into"] == "socket"
+    assert [one.feasible for one in cell.check(TASK).candidates] == [True, True]
+
+
+def test_a_task_whose_steps_do_not_go_together_says_what_is_missing(cell: OpenCell) -> None:
+    (one,) = cell.rank("pickup peg1 then pickup peg2").candidates
+    assert not one.feasible
+    assert one.reasons[0].startswith("step 2, pickup peg2: `pickup` needs `hand_empty`")
+
+
+def test_the_figures_of_the_whole_are_those_of_the_steps_by_hand(ranking: Ranking, by_hand: list[Ranking]) -> None:
+    whole = next(one for one in ranking.candidates if one.parameters["1.object"] == "peg2")
+    steps = [one.best for one in by_hand]
+    assert whole.steps is not None
+    for found, alone in zip(whole.steps, steps, strict=True):
+        assert alone is not None
+        assert (found.time, found.q_avg, found.q_eoi, found.states) == pytest.approx(
+            (alone.time, alone.q_avg, alone.q_eoi, alone.states), rel=1e-9
+        )
+    times, covered = (
+        [one.time or 0 for one in whole.steps],
+        [(one.q_avg or 0) * (one.t_total or 0) for one in whole.steps],
+    )
+    assert whole.time == pytest.approx(sum(times))
+    assert whole.t_total == pytest.approx(sum(one.t_total or 0 for one in whole.steps))
+    assert whole.q_avg == pytest.approx(sum(covered) / (whole.t_total or 1))
+    assert set(whole.faults) == {"1.slip", "2.dropped", "2.missed"}
+    slip = whole.steps[0].faults["slip"]
+    assert whole.faults["1.slip"].delay_worst == slip.delay_worst
+    assert whole.faults["1.slip"].expected_time == pytest.approx(slip.expected_time + times[1])
+
+
+def test_a_program_of_the_whole_has_its_steps_and_each_can_be_explained(
+    ranking: Ranking, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "program.yaml"
+    ranking.write(file)
+    program = open_program(file)
+    assert [step.short_task for step in program.program.steps] == ["pickup peg1", "insert peg1 socket"]
+    second = program.explain(2)
+    assert second.task == "insert peg1 socket"
+    assert second.time == pytest.approx(program.program.steps[1].time)
+    assert second.q_avg == pytest.approx(program.program.steps[1].q_avg)
+    second.show()
+    assert capsys.readouterr().out.startswith("Step 2 of 2, insert peg1 socket\ntime ")
+    with pytest.raises(InputError, match=r"^step is 3, but .* has 2 steps; expected 1 to 2"):
+        program.explain(3)
+
+
+def test_the_explanation_of_a_step_says_which_it_is_and_the_place_of_the_whole(
+    cell: OpenCell, ranking: Ranking, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = ranking.candidates[1]
+    assert (whole.parameters["1.object"], whole.rank, whole.pareto) == ("peg2", 2, False)
+    second = cell.explain(TASK, step=2)
+    assert (second.task, second.samples[0].held) == ("insert peg1 socket", "peg1"), "in the world that the first leaves"
+    found = cell.explain(TASK, "2", step=1)
+    found.show()
+    title, figures = " ".join(capsys.readouterr().out.split()).replace(" way ", "\nway ", 1).split("\n")
+    assert title == "Step 1 of 2, pickup peg2; the whole, pickup peg2 then insert peg2 socket, is rank 2"
+    assert figures.startswith("way ")
+    assert "rank" not in figures
+    document = json.loads(found.to_json())
+    assert (document["task"], document["step"], document["rank"], document["pareto"]) == ("pickup peg2", 1, 2, False)
+    assert whole.steps is not None
+    assert document["time"] == whole.steps[0].time
+
+
+def test_a_program_names_a_workspace_file_as_other_commands_do(ranking: Ranking, tmp_path: Path) -> None:
+    """A file that is not `workspace.yaml` cannot be asked for by its folder."""
+    file = tmp_path / "program.yaml"
+    ranking.write(file)
+    program = load_program(file)
+    document = ProgramDocument.of(program, file, stale=False)
+    listed = str(document)
+    assert listed.startswith("program.yaml for peg: 2 steps")
+    words = shlex.split(listed.splitlines()[-1])
+    assert words[:2] == ["sqrp", "rank"]
+    assert Path(words[2]).resolve() == CELL
+    assert document.workspace == "peg"
+    changed = stale(program.model_copy(update={"digest": "0"}), file, load_workspace(CELL))
+    assert changed is not None
+    assert changed.mend is not None
+    assert f"sqrp rank {CELL} 'pickup peg1'" in changed.mend
+
+
+def test_a_listed_task_that_needs_another_first_is_planned_and_scored_as_a_whole(cell: OpenCell) -> None:
+    first, second = cell.score().results
+    assert (first.task, first.status) == (TASK, "passed")
+    assert (second.task, second.status) == ("insert peg2 socket yaw=0", "passed")
+    assert second.best is not None
+    assert second.best.parameters["1.object"] == "peg2"
+    assert second.best.time == pytest.approx(cell.rank("pickup peg2 then insert peg2 socket yaw=0").candidates[0].time)
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        ("{}", "expected exactly one of the keys `task`, `steps`"),
+        ("{task: pickup peg1, steps: [pickup peg1]}", "expected exactly one of the keys `task`, `steps`"),
+        ("{steps: [pickup peg1, inset peg1]}", "found `inset`, which is no skill of this workspace"),
+    ],
+)
+def test_a_listed_task_that_is_wrong_is_named(task: str, message: str) -> None:
+    text = CELL.read_text(encoding="utf-8").split("\ntasks:")[0] + f"\ntasks: [{task}]\n"
+    with pytest.raises(InputError) as caught:
+        load_workspace(CELL, text.encode())
+    assert message in str(caught.value)
