@@ -12,6 +12,7 @@ from sqrp_cli.cell.edits import NewCamera, with_cameras
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from tests.cells import shipped_cell, write_cell
+from tests.cli.pages import overview_of
 from tests.conftest import Once
 
 
@@ -84,9 +85,11 @@ def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, t
     assumed = "no latency of cam1, cam4 is stated: 0 ms is assumed"
     checked = sqrp("check", workspace, columns=200)
     assert checked.err.count(assumed) == 1
-    for command in ("rank", "explain"):
-        shown = sqrp(command, workspace, "pickup g2", "--ways", "fastest", columns=200)
+    page = tmp_path / "page.html"
+    for command, more in (("rank", ["--report", page]), ("explain", [])):
+        shown = sqrp(command, workspace, "pickup g2", "--ways", "fastest", *more, columns=200)
         assert f"Delays: {assumed}." in shown.out
+    assert ["delays", f"{assumed}."] in overview_of(page)["about"]
     show = sqrp("show", workspace, "--json").document["cameras"]
     assert (show["cam1"]["latency"], show["cam2"]["latency"]) == (0.0, 0.05)
     for name, is_stated in (("cam1", False), ("cam2", True)):

@@ -48,6 +48,8 @@ def write_ranking(
     if found.feasible:
         about.append(("accuracy", sentences.accuracy(found.sampling, found.feasible)))
         said += f" {sentences.why_first(found.feasible, found.by)}"
+    if found.assumed:
+        about.append(("delays", f"{found.assumed}."))
     title = f"{found.task} in {cell.workspace.name}"
     write_page(PageContent(title, said, "Candidates", about, entries, [cell_scene(cell)]), path)
 

@@ -47,6 +47,8 @@ def write_advice(
     about = origin(arguments, original.cell.workspace)
     if feasible := [row.found for row in rows if row.found.feasible]:
         about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
+    if document.assumed:
+        about.append(("delays", f"{document.assumed}."))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
     count = len(document.advice)
     met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
@@ -129,6 +131,8 @@ def write_placement(
     if document.candidates:
         judged = [one.found for one in document.candidates]
         about.append(("accuracy", accuracy(sampling_done(question.sampling, judged), judged)))
+    if document.assumed:
+        about.append(("delays", f"{document.assumed}."))
     taken = {one.mount: one.name for one in document.cameras}
     mounts = [
         MountShown(
