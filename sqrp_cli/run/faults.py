@@ -14,8 +14,7 @@ from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.interface import RunnableCell
-from sqrp_cli.run.monitor.attempt import Attempt, predicted_delay
-from sqrp_cli.run.monitor.step_monitor import Alarm
+from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt, predicted_delay
 from sqrp_cli.run.perception.streams import ImageStreams, Streams
 from sqrp_cli.run.record.events import EventPublisher, FaultHappened, FaultInjected, FaultSeen
 from sqrp_cli.run.record.report import FaultRecord, MonitoringLost

@@ -17,9 +17,8 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
 from sqrp_cli.run.cell.interface import CellState, RunnableCell, StoppableReference
-from sqrp_cli.run.monitor.attempt import Attempt
 from sqrp_cli.run.monitor.nominal_step import NominalStep, Situation, holds, planned_joints
-from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.monitor.step_monitor import Attempt, StepMonitor
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.events import (
     AskedBox,

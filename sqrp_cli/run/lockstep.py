@@ -19,9 +19,8 @@ from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker
 from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder
-from sqrp_cli.run.monitor.attempt import Attempt
-from sqrp_cli.run.perception.detections import BelievedState, Detection
-from sqrp_cli.run.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
+from sqrp_cli.run.monitor.step_monitor import Attempt
+from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, EvidenceBuffer, Exposure, FusedTruth
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import ContactFelt, EventPublisher, EvidenceSeen, ShownAtom, Stopping
 from sqrp_cli.run.record.images import ImageRecorder

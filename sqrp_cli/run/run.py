@@ -20,9 +20,16 @@ from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
 from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder, step_began
 from sqrp_cli.run.lockstep import SAME_INSTANT, CommandedRobot, EvidenceCollector, Lockstep
-from sqrp_cli.run.monitor.attempt import Attempt, PredictionCheck
 from sqrp_cli.run.monitor.nominal_step import NominalStep
-from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, StepMonitor, condition_atoms, condition_value
+from sqrp_cli.run.monitor.step_monitor import (
+    PATIENCE,
+    Alarm,
+    Attempt,
+    PredictionCheck,
+    StepMonitor,
+    condition_atoms,
+    condition_value,
+)
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import (
     EventPublisher,

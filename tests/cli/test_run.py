@@ -13,7 +13,7 @@ import yaml
 
 from sqrp_cli.run.record.events import Event, StepBegan
 from sqrp_cli.run.record.report import FaultRecord, RunReport
-from sqrp_cli.run.simulation import Simulation
+from sqrp_cli.run.start import Simulation
 from sqrp_cli.show.terminal.run_view import LiveView
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
@@ -259,14 +259,14 @@ def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[...
 def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(
     sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch, finished: int
 ) -> None:
-    def run_in(*_: object) -> RunReport:
+    def run(*_: object, **__: object) -> RunReport:
         if len(done) == finished:
             press_ctrl_c()
         t = 5.0 + len(done)
         done.append(t)
         return RunReport(faults=[FaultRecord("slip", t, t, t + 0.1, None, 14.0, 0.2)])
 
-    monkeypatch.setattr(Simulation, "run_in", run_in)
+    monkeypatch.setattr(Simulation, "run", run)
     done: list[float] = []
     arguments = ("run", cell.program, "--sim", "--sweep", "slip@a4", "--n", 3)
     found = sqrp(*arguments)

@@ -14,15 +14,13 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.record import Step
-from sqrp_cli.run.cell.engine import mujoco
-from sqrp_cli.run.cell.mujoco_model import build_model, quaternion
+from sqrp_cli.run.cell.mujoco_model import build_model, mujoco, quaternion
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.run.monitor.step_monitor import StepMonitor
-from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
-from sqrp_cli.run.perception.evidence_buffer import fuse
+from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets, fuse
 from sqrp_cli.run.perception.image_detector import ImageDetector
 from sqrp_cli.run.record.report import Confusion
 from sqrp_cli.run.robot_body import RobotBody

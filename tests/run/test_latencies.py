@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.lockstep import EvidenceCollector, Moment
-from sqrp_cli.run.monitor.attempt import Attempt, PredictionCheck, predicted_delay
-from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, StepMonitor, predicted_delay
 from sqrp_cli.run.perception.detections import BoxDetection, Detection
 from sqrp_cli.run.perception.streams import ImageStreams
 from sqrp_cli.run.record.events import EventPublisher, EvidenceSeen

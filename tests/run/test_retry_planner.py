@@ -12,8 +12,7 @@ from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import ProgramResponse
 from sqrp_cli.robot.robot import JointLimits, StopLimits
 from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.monitor.attempt import Attempt
-from sqrp_cli.run.monitor.step_monitor import Alarm
+from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt
 from sqrp_cli.run.record.events import MovingOn
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.run.run import LOOK_AGAIN, RetryPlanner

@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
-from sqrp_cli.run.robot_run import SlowedReplanner, slowed
+from sqrp_cli.run.start import SlowedReplanner, slowed
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))

@@ -30,7 +30,7 @@ from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
 from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.run.record.report import RunReport
-from sqrp_cli.run.simulation import Simulation, slip_at
+from sqrp_cli.run.start import Simulation, slip_at
 from sqrp_cli.study.assessment import Study, study
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
@@ -124,7 +124,7 @@ def slips(folder: Path, seed: int, count: int) -> tuple[dict[str, Study], list[S
             x = float(rng.uniform(onset.x[0], onset.x[-1]))
             if number < len(done):
                 continue
-            done.append(_slip(name, x, simulation.run_in(simulated, [slip_at(x)])))
+            done.append(_slip(name, x, simulation.run([slip_at(x)], cell=simulated)))
             print(f"{folder.name}: slip {number + 1} of {count}", file=sys.stderr, flush=True)
             with kept.open("a") as file:
                 file.write(json.dumps(done[-1]) + "\n")

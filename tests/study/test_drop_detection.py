@@ -14,8 +14,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.files.frames import WORLD, FrameName
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.perception.background import Background
-from sqrp_cli.run.perception.color_detector import ColorDetector
+from sqrp_cli.run.perception.detectors import Background, ColorDetector
 from sqrp_cli.run.perception.projected import ExpectedView, PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.run.perception.vision import filled
 from sqrp_cli.run.robot_body import Surface

@@ -24,7 +24,7 @@ from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.run.run import Recording
-from sqrp_cli.run.simulation import Simulation, header, instants, slip_at
+from sqrp_cli.run.start import Simulation, header, instants, slip_at
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.program_update import make_step
 from sqrp_cli.study.ranking import rank
@@ -150,7 +150,7 @@ def run(job: Job, folder: Path) -> dict[str, Any]:
         simulation = _simulation(program, job.seed)
         if job.seed:
             return _kept(simulation.run(job.faults))
-        return _kept(simulation.run_in(_cell(folder), job.faults))
+        return _kept(simulation.run(job.faults, cell=_cell(folder)))
     except Exception as error:
         return {"crash": repr(error)}
 

@@ -11,8 +11,8 @@ from sqrp_cli.ask.requests import CalibrateRequest
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 
 if TYPE_CHECKING:
+    from sqrp_cli.field.calibrating.fit import CalibrateDocument
     from sqrp_cli.field.calibrating.labelled import LabelledImages
-    from sqrp_cli.field.calibrating.report import CalibrateDocument
 
 
 def learned(ask: CalibrateRequest) -> CalibrateDocument:
@@ -27,9 +27,8 @@ def learned(ask: CalibrateRequest) -> CalibrateDocument:
     check_packages()
     from sqrp_cli.cell.edits import with_curve
     from sqrp_cli.cell.workspace_file import read_workspace_document
-    from sqrp_cli.field.calibrating.fit import LEAST_LOOKS, fit, held_out, judge
-    from sqrp_cli.field.calibrating.look import look_at_frames
-    from sqrp_cli.field.calibrating.report import CalibratedDetector, CalibrateDocument
+    from sqrp_cli.field.calibrating.fit import LEAST_LOOKS, CalibratedDetector, CalibrateDocument, fit, held_out, judge
+    from sqrp_cli.field.calibrating.labelled import look_at_frames
     from sqrp_cli.files.yaml_edit import patch
 
     cell, labelled = _labelled(ask)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sqrp_cli.run.record.images import ImageRecorder, Screen
     from sqrp_cli.run.record.report import RunReport, SweepDocument
     from sqrp_cli.run.run import Recording, Spectator
-    from sqrp_cli.run.simulation import Simulation
+    from sqrp_cli.run.start import Simulation
     from sqrp_cli.show.documents.explanation import Explanation
     from sqrp_cli.study.program_update import StepReplanner
 
@@ -258,7 +258,7 @@ class OpenProgram:
         outputs.check_not_read(self.files)
         perform = elsewhere or partial(self._simulation().run, injected)
         from sqrp_cli.run.run import Recording
-        from sqrp_cli.run.simulation import header
+        from sqrp_cli.run.start import header
 
         for path in filter(None, (outputs.film, outputs.log)):
             check_writable(path)
@@ -298,7 +298,7 @@ class OpenProgram:
         values.count(1).read(count, "count")
         values.PROGRESS.read(progress, "progress")
         simulation = self._simulation()
-        from sqrp_cli.run.simulation import sweep
+        from sqrp_cli.run.start import sweep
 
         place, primitive = parse_sweep(slip, self.program.steps, "slip")
         runs: list[SweptRun] = []
@@ -334,7 +334,7 @@ class OpenProgram:
         from sqrp_cli.run.cell.requirements import check_simulator
 
         check_simulator()
-        from sqrp_cli.run.simulation import Simulation
+        from sqrp_cli.run.start import Simulation
 
         return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
 

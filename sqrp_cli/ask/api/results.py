@@ -26,7 +26,7 @@ KINDS: Mapping[str, str] = {
     "run": "sqrp_cli.run.record.report:RunReport",
     "run --sweep": "sqrp_cli.run.record.report:SweepDocument",
     "audit": "sqrp_cli.field.audit.report:AuditDocument",
-    "calibrate": "sqrp_cli.field.calibrating.report:CalibrateDocument",
+    "calibrate": "sqrp_cli.field.calibrating.fit:CalibrateDocument",
     "score": "sqrp_cli.score.scorecard:Scorecard",
     "diff": "sqrp_cli.score.scorecard:Scorecard",
     "score --vary": "sqrp_cli.score.sweep:Sweep",

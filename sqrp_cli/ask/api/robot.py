@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
     from sqrp_cli.run.cell.robot_file import RobotFile
     from sqrp_cli.run.record.events import Listener
-    from sqrp_cli.run.robot_run import ConnectedRobot
+    from sqrp_cli.run.start import ConnectedRobot
 
 LOOPBACK = "127.0.0.1"
 """The network on which a cell is served if nobody says otherwise: this computer alone."""
@@ -50,7 +50,7 @@ def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[
     """
     from sqrp_cli.run.cell.requirements import check_packages
     from sqrp_cli.run.cell.robot_file import read_robot_file
-    from sqrp_cli.run.robot_run import connected
+    from sqrp_cli.run.start import connected
 
     check_packages()
     file = read_robot_file(path, opened.workspace, opened.program)
@@ -60,7 +60,7 @@ def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[
 
 def served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
     """How `run --robot` reaches a cell that is served; domain, network: of ROS 2, by default a free one on loopback."""
-    from sqrp_cli.field.serve.cell_server import served_file
+    from sqrp_cli.field.cell_server import served_file
 
     return served_file(cell.workspace, joints, _free_domain() if domain is None else domain, network or LOOPBACK)
 
@@ -83,7 +83,7 @@ def serve(
     from sqrp_cli.run.cell.requirements import check_simulator
 
     check_simulator()
-    from sqrp_cli.field.serve.cell_server import CellServer, Faults
+    from sqrp_cli.field.cell_server import CellServer, Faults
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 

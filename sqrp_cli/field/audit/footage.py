@@ -70,6 +70,9 @@ class Footage(ImageSource, Protocol):
         """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
 
 
+FARTHEST = 3.0
+"""Largest offset of a clock that is looked for [s]."""
+
 _APART = 1000.0
 """Time between the steps of a folder of frames, whose times are those of the step [s]."""
 

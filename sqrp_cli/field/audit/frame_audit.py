@@ -10,15 +10,13 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.field.audit.clock import FARTHEST
-from sqrp_cli.field.audit.footage import Footage, Frame, ImageSource
+from sqrp_cli.field.audit.footage import FARTHEST, Footage, Frame, ImageSource
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.monitor.attempt import PredictionCheck
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.monitor.step_monitor import PredictionCheck, StepMonitor
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
 from sqrp_cli.run.robot_body import RobotBody

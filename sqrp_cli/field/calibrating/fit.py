@@ -1,14 +1,19 @@
-"""Fits the curve of a detector to what it saw and did not see, and judges it on frames that it did not learn from."""
+"""Fits the curve of a detector to what it saw and did not see, and judges it on frames that it did not learn from.
+
+The document of `calibrate` has both.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve, Detector
+from sqrp_cli.document import Record, WorkspaceDocument, how_many, live
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
 
@@ -202,3 +207,46 @@ def _fitted(features: Array, seen: Array) -> tuple[Array, float]:
         found.append((loss_of(weights, most), len(found), weights, most))
     _, _, weights, most = min(found, key=lambda one: one[:2])
     return weights, most
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibratedDetector(Record):
+    """What frames say about one detector."""
+
+    looks: int
+    """How often it looked at a box that was in range, in the image and not all hidden."""
+    seen: float
+    """Share of them in which it said what was true, in 0..1."""
+    curve: Curve | None
+    """Learned from all frames; null where these are too few."""
+    held_out: Judged | None
+    """The probabilities of each fifth of the poses by the curve that the others teach, compared with what was seen."""
+    limits: Judged | None
+    """The limits of the workspace, as probabilities of 1 and 0, compared with what was seen; null without looks."""
+    reason: str | None
+    """Why there is no curve."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class CalibrateDocument(WorkspaceDocument):
+    """What `sqrp calibrate` finds."""
+
+    VIEW = "sqrp_cli.show.terminal.audit_view:print_calibration"
+
+    document: Literal["calibrate"] = "calibrate"
+    images: int
+    """How many were looked at."""
+    detectors: Mapping[str, CalibratedDetector]
+    """By name, those that looked for anything."""
+    patch: str
+    """A unified diff that gives the workspace these curves; empty where there are none."""
+    cell: Any = live()
+    """The cell of the frames, as `open_cell` gives it."""
+    looked: Any = live()
+    """What each detector saw, by its name, as `calibrating.fit` has it."""
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        curves = [one for one in self.detectors.values() if one.curve is not None]
+        return f"{self.workspace}: {how_many(curves, 'curve')} from {self.images} images"

@@ -1,4 +1,7 @@
-"""The cell as a MuJoCo model: robot and tool from their URDFs, fixed objects, and movable ones as free bodies."""
+"""The cell as a MuJoCo model: robot and tool from their URDFs, fixed objects, and movable ones as free bodies.
+
+MuJoCo is imported here, once it is certain that it can be; other modules have it from this one.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,17 @@ from sqrp_cli.cell.scene import FLOOR_DEPTH, SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.robot.urdf import UrdfJoint, UrdfLink, UrdfModel
-from sqrp_cli.run.cell.engine import mujoco
+from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
+
+check_simulator()
+
+with interrupts_later():
+    import mujoco as mujoco  # reads its environment here; other modules import it from this one
+
 
 TIME_STEP = 0.002
 """Of the physics [s]."""

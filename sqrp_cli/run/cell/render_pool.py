@@ -16,7 +16,7 @@ from sqrp_cli.platform.processes import Pool, fresh
 from sqrp_cli.run.image import NEEDED
 
 if TYPE_CHECKING:
-    from sqrp_cli.run.cell.engine import mujoco
+    from sqrp_cli.run.cell.mujoco_model import mujoco
 
 Memory: TypeAlias = "ctypes.Array[ctypes.c_uint8]"
 """Memory that processes share."""

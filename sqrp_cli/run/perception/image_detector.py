@@ -23,8 +23,6 @@ from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.processes import Context, Worker, WorkerDied, fresh
 from sqrp_cli.run.image import NEEDED, CameraImage, ImageArray
-from sqrp_cli.run.perception.background import Background
-from sqrp_cli.run.perception.color_detector import ColorDetector
 from sqrp_cli.run.perception.detections import (
     NO_OUTLINE,
     BelievedState,
@@ -38,7 +36,7 @@ from sqrp_cli.run.perception.detections import (
     load_detector,
     named,
 )
-from sqrp_cli.run.perception.marker_detector import MarkerDetector
+from sqrp_cli.run.perception.detectors import Background, ColorDetector, MarkerDetector
 from sqrp_cli.run.perception.projected import ExpectedView
 from sqrp_cli.run.perception.vision import dilated, filled
 from sqrp_cli.skill.target_box import TargetBox

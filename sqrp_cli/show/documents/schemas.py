@@ -19,7 +19,7 @@ from sqrp_cli.cell.mounts import PlaceFile
 from sqrp_cli.cell.workspace import WorkspaceFile
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.field.audit.report import AuditDocument
-from sqrp_cli.field.calibrating.report import CalibrateDocument
+from sqrp_cli.field.calibrating.fit import CalibrateDocument
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.record.events import Event

@@ -7,7 +7,7 @@ from math import degrees, hypot
 
 from sqrp_cli.errors import first_names
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
-from sqrp_cli.field.calibrating.report import CalibrateDocument
+from sqrp_cli.field.calibrating.fit import CalibrateDocument
 from sqrp_cli.run.record.events import listed
 from sqrp_cli.show.terminal.console import Cell, Column, numbers, plain, print_table, say
 from sqrp_cli.show.terminal.run_view import print_disagreements, print_prediction

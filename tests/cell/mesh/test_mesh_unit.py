@@ -20,8 +20,7 @@ from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.run.cell.engine import mujoco
-from sqrp_cli.run.cell.mujoco_model import build_model
+from sqrp_cli.run.cell.mujoco_model import build_model, mujoco
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.show.documents.scene import ShowDocument

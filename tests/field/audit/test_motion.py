@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.field.audit.motion import JointTracks, found_steps
+from sqrp_cli.field.audit.bag_footage import JointTracks, found_steps
 from sqrp_cli.trajectory import Trajectory
 from tests.run.steps import played
 

@@ -16,7 +16,7 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.run.cell.engine import mujoco
+from sqrp_cli.run.cell.mujoco_model import mujoco
 from sqrp_cli.run.cell.simulated_cell import Physics, SimulatedCell
 from sqrp_cli.shapes import Mesh
 from sqrp_cli.sight.solids import load_solid

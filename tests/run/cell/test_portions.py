@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sqrp_cli.field.serve.cell_server import FollowedTrajectory, RefusedTrajectory
+from sqrp_cli.field.cell_server import FollowedTrajectory, RefusedTrajectory
 from sqrp_cli.run.cell.portions import EVERY, LEAD, SETTLES, Portion, Portions
 from tests.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 

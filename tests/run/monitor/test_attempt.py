@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.monitor.attempt import Attempt, PredictionCheck
-from sqrp_cli.run.monitor.step_monitor import StepMonitor
-from sqrp_cli.run.perception.evidence_buffer import Evidence, Exposure, FusedTruth
+from sqrp_cli.run.monitor.step_monitor import Attempt, PredictionCheck, StepMonitor
+from sqrp_cli.run.perception.detections import Evidence, Exposure, FusedTruth
 from tests.run.steps import FixedNominalStep, formula, step
 
 START, TIME = 5.0, 2.0

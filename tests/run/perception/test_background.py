@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.geometry import Mask
 from sqrp_cli.run.image import ImageArray
-from sqrp_cli.run.perception.background import Background
+from sqrp_cli.run.perception.detectors import Background
 
 GREY, WHITE, RED, BLUE = (60, 60, 66), (200, 200, 200), (200, 30, 30), (30, 30, 200)
 EVERYWHERE = (slice(0, 60), slice(0, 80))

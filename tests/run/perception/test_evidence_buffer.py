@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.perception.detections import BoxDetection, Detection
-from sqrp_cli.run.perception.evidence_buffer import fuse
+from sqrp_cli.run.perception.detections import BoxDetection, Detection, fuse
 from tests.run.steps import box
 
 

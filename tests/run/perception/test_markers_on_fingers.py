@@ -13,9 +13,9 @@ from sqrp_cli.camera.markers import Marker
 from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.perception import marker_detector
+from sqrp_cli.run.perception import detectors
 from sqrp_cli.run.perception.detections import BoxDetection
-from sqrp_cli.run.perception.marker_detector import MarkerDetector
+from sqrp_cli.run.perception.detectors import MarkerDetector
 from sqrp_cli.run.perception.vision import Crop, FoundMarker, corners_of
 from sqrp_cli.skill.target_box import TargetBox
 
@@ -68,7 +68,7 @@ def detected(
         ),
     )  # fmt: skip
     background: Any = None
-    with patch.object(marker_detector, "markers_beside", lambda *_: beside):
+    with patch.object(detectors, "markers_beside", lambda *_: beside):
         return MarkerDetector(view, background).detect("open", BOX)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from sqrp_cli.field.serve.cell_server import CellServer, Faults
+from sqrp_cli.field.cell_server import CellServer, Faults
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.run.cell.robot_file import RobotFile
 from tests.run.cell.test_ros_cell import FILE, WORKSPACE, Wire

@@ -1,29 +1,111 @@
-"""Running a program in a cell that is reached by messages, at its speed or a share of it."""
+"""Starts runs of a program: in a simulated cell, once or many times with a fault at other instants, or on a robot.
+
+A robot is reached by messages, at the speed of the program or a share of it.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.logic.image_time import Window
-from sqrp_cli.program.record import Program, Replanner, Step
+from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.cell.ros_cell import RosCell
 from sqrp_cli.run.cell.ros_checks import CellCheck, check_cell
+from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
-from sqrp_cli.run.perception.streams import ReceivedStreams
-from sqrp_cli.run.record.report import RunReport
+from sqrp_cli.run.perception.streams import ImageStreams, ReceivedStreams
+from sqrp_cli.run.record.events import VERSION, ProgramStep, RunBegan
+from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.run.run import Recording, Run
 from sqrp_cli.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What runs of a program in a simulated cell need; `replanner` plans retries."""
+
+    program: Program
+    workspace: Workspace
+    replanner: Replanner
+    seed: int
+
+    def cell(self) -> SimulatedCell:
+        """A cell at the start of the program. Raises InputError where the simulator cannot be used."""
+        from sqrp_cli.run.cell.simulated_cell import SimulatedCell  # MuJoCo is not needed to command a real cell
+
+        return SimulatedCell(self.workspace, self.program.steps[0].before, self.seed)
+
+    def run(
+        self,
+        faults: Sequence[InjectedFault] = (),
+        recording: Recording | None = None,
+        cell: SimulatedCell | None = None,
+    ) -> RunReport:
+        """One run; cell: that `cell` made and which is used again, which saves the time to make it."""
+        if cell is None:
+            with self.cell() as cell:
+                return self.run(faults, recording, cell)
+        cell.reset(self.program.steps[0].before)
+        body, cameras = RobotBody.load(self.workspace.robot), self.workspace.cameras
+        with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
+            streams = ImageStreams(cameras, detectors)
+            return Run(self.program, self.workspace, body, cell, streams, self.replanner, faults, recording).run()
+
+
+def sweep(
+    simulation: Simulation, step: int, primitive: ProgramPrimitive, count: int, step_done: Callable[[], None]
+) -> Iterator[SweptRun]:
+    """Runs with a slip at `count` instants, in the middle of as many equal parts of a primitive.
+
+    step: its number, from 1. step_done: called after each run.
+    """
+    with simulation.cell() as cell:
+        for x in instants(primitive.start, primitive.end, count):
+            report = simulation.run([slip_at(x, step)], cell=cell)
+            step_done()
+            # A run may see a fault that was not injected, or stop, before the step begins.
+            slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
+            yield SweptRun(**vars(slip), x=x, outcome=report.outcome, reason=report.reason, time=report.time)
+
+
+def instants(start: float, end: float, count: int) -> list[float]:
+    """The middles of `count` equal parts of a time [s]."""
+    return [start + (index + 0.5) / count * (end - start) for index in range(count)]
+
+
+def slip_at(x: float, step: int = 1) -> InjectedFault:
+    """A slip at time x [s] of a step; step: its number, from 1."""
+    return InjectedFault("slip", f"{'' if step == 1 else f'{step}:'}slip@{x:.3f}", x, step=step)
+
+
+def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> RunBegan:
+    """What a log begins with."""
+    steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
+    return RunBegan(
+        t=0.0,
+        sqrp_log=VERSION,
+        workspace=workspace.name,
+        digest=workspace.digest,
+        seed=seed,
+        cameras=list(workspace.cameras),
+        rates={name: camera.rate for name, camera in workspace.cameras.items()},
+        faults=[fault.text for fault in faults],
+        steps=steps,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,14 @@
-"""Looks for coloured objects in an image: which of the boxes in which an object may be shows it.
+"""Looks for coloured objects and ArUco markers in an image, before a background that proves that they are absent.
 
-It is at the tool if the patch of its colour lies where the tool would show it, to a few pixels; otherwise it rests
-where its patch is seen. Background counts as such only where the object itself would be seen, if it is what the camera
-is known to show there and the robot's own silhouette, known from its encoders, is not in the way. What is neither
-object nor background is not judged.
+A coloured object is at the tool if the patch of its colour lies where the tool would show it, to a few pixels;
+otherwise it rests where its patch is seen. Background counts as such only where the object itself would be seen, if it
+is what the camera is known to show there and the robot's own silhouette, known from its encoders, is not in the way.
+What is neither object nor background is not judged. Markers on fingers show how far these are closed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +18,110 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.perception.background import Background
+from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.run.perception.projected import ExpectedView, ProjectedBox, ProjectedObject
-from sqrp_cli.run.perception.vision import Crop, blobs, color_mask, dilated, direction, displacement
+from sqrp_cli.run.perception.vision import (
+    Crop,
+    FoundMarker,
+    blobs,
+    color_mask,
+    dilated,
+    direction,
+    displacement,
+    filled,
+    inpainted,
+    markers_beside,
+    same_color,
+    shade_of,
+)
+from sqrp_cli.run.robot_body import OPEN_SHARE
 from sqrp_cli.skill.target_box import TargetBox
+
+TOLERANCE = 24
+"""Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
+
+SHADE_TOLERANCE = 0.12
+"""How much of a pixel's brightness may be of another hue in a shade of the background."""
+
+COLOR_BITS = 4
+"""Bits per channel of the coarse colours that make up the robot's palette."""
+
+LEAST_PALETTE_SHARE = 5e-4
+"""Share of the robot's pixels that a coarse colour must have to belong to its palette."""
+
+
+class Background:
+    """Learns, from the images of one camera, the picture of what never moves, and the colours of the robot.
+
+    What the robot or a watched object covers in the first image is guessed from its surroundings until it is seen.
+    For a camera that moves there is no such picture: colours of what surrounds the robot stand for it.
+    """
+
+    def __init__(
+        self, image: ImageArray, robot: Mask, sought: Mask, movables: Mask, *, moving: bool, shadows: bool = False
+    ) -> None:
+        """robot, sought, movables: what the robot, watched and movable objects cover in the first image.
+
+        shadows: whether shadows may fall on the background, so that a darker or lighter shade of it is background too.
+        Objects may stand before the robot: their colours are not the robot's. What looks like the watched one in one
+        place must not count as surroundings in another.
+        """
+        objects, self._shadows = sought | movables, shadows
+        self._palette = _palette(image[robot & ~dilated(objects, 2)])
+        self._surroundings = _palette(image[~(robot | objects)]) if moving else None
+        self._unknown = dilated(robot | sought, 3)
+        self._picture = image if moving else inpainted(image, self._unknown)
+        self._news = np.zeros_like(self._unknown)
+
+    def learn(self, image: ImageArray, covered: Mask) -> None:
+        """Take from an image what was still unknown and is not covered in it."""
+        if self._surroundings is not None:
+            return
+        fresh: Mask = self._unknown & ~covered
+        self._picture[fresh] = image[fresh]
+        self._unknown &= covered
+        self._news |= fresh
+
+    def guess_again(self, crop: Crop) -> None:
+        """Guess what is still unknown in a crop by what was learned there since it was guessed last."""
+        if self._news[crop].any() and self._unknown[crop].any():
+            self._picture[crop] = inpainted(self._picture[crop], self._unknown[crop])
+            self._news[crop] = False
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is left to learn."""
+        return self._surroundings is not None or not self._unknown.any()
+
+    def matches(self, image: ImageArray, crop: Crop) -> Mask:
+        """Which pixels of a crop show the background."""
+        part = image[crop]
+        if self._surroundings is not None:
+            return self._surroundings[_coarse(part)]
+        same = same_color(part, self._picture[crop], TOLERANCE)
+        return same | shade_of(part, self._picture[crop], SHADE_TOLERANCE, TOLERANCE / 4) if self._shadows else same
+
+    def has_hue(self, image: ImageArray, crop: Crop, color: str) -> Mask:
+        """Where, in a crop, the background has the hue of a colour: a shade of it there may be the background's own."""
+        if self._surroundings is not None:
+            return self.matches(image, crop) & color_mask(image[crop], color)
+        return color_mask(self._picture[crop], color)
+
+    def robot_colored(self, image: ImageArray, crop: Crop) -> Mask:
+        """Which pixels of a crop have a colour of the robot."""
+        return self._palette[_coarse(image[crop])]
+
+
+def _coarse(pixels: ImageArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+    r, g, b = (pixels[..., channel].astype(np.int64) >> (8 - COLOR_BITS) for channel in range(3))
+    return (r << 2 * COLOR_BITS) | (g << COLOR_BITS) | b
+
+
+def _palette(pixels: ImageArray) -> Mask:
+    counts = np.bincount(_coarse(pixels).ravel(), minlength=2 ** (3 * COLOR_BITS))
+    found: Mask = counts > LEAST_PALETTE_SHARE * max(counts.sum(), 1)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,3 +302,84 @@ class ColorDetector:
         if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)
+
+
+ABSENT_SHARE = 0.9
+"""Share of a marker's outline in which the background must be seen for the marker to be absent."""
+
+AROUND = 0.5
+"""How much of the image around a marker is looked at again, as a share of the marker's size in it."""
+
+
+class MarkerDetector:
+    """The search for markers in one image."""
+
+    def __init__(self, view: ExpectedView, background: Background) -> None:
+        self._view, self._background = view, background
+
+    def detect(self, atom: str, box: TargetBox) -> BoxDetection:
+        """What is seen of a box with a marker."""
+        view = self._view
+        outline = view.posed_camera.outline(view.pose(box), box.size)
+        if outline is None:
+            return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
+        wanted = view.marker(atom, box)
+        on_finger = box.frame in view.cell.markers
+        opened, step = self._finger_way(box, outline) if on_finger else (outline.center, np.zeros(2))
+
+        def closure(marker: FoundMarker) -> float:
+            """How far the fingers are closed by a marker that they carry: 0 open, 1 closed."""
+            return float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
+
+        def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
+            """The marker of the box among several: that on a finger lies where the fingers can carry it."""
+            found = [marker for marker in markers if wanted is not None and marker.id == wanted.id]
+            if on_finger:  # to half the size of the outline
+                ways = [opened + np.clip(closure(marker), 0.0, 1.0) * step for marker in found]
+                off = [np.hypot(*(marker.center - way)) for marker, way in zip(found, ways, strict=True)]
+                found = [marker for marker, far in zip(found, off, strict=True) if far <= 0.5 * outline.area**0.5]
+            return min(found, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
+
+        found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
+        crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
+        if crop is not None:
+            # What of the robot is before the box, other than what carries the marker, may touch this in the image.
+            others = {surface.parent for surface in view.cell.robot.surfaces} - {box.frame, *box.encloses}
+            hiding = dilated(view.robot.mask(crop, outline, links=others), 1)
+            if (hiding & filled(crop, [outline.corners])).any():
+                if wanted is not None:
+                    beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
+                    found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
+                because = MissReason.MASK if found is None else because
+        share = 0.0 if found is None else 1.0
+        if on_finger:
+            sought, robot, evidence = view.sought, view.cell.robot, Truth.UNKNOWN
+            about_object = any(view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
+            if found is not None and (about_object or robot.fingers is None):
+                evidence = Truth.TRUE
+            elif found is not None and np.hypot(*step) * OPEN_SHARE >= 1.0:  # else too small to tell open from closed
+                is_open = closure(found) <= OPEN_SHARE
+                evidence = Truth.TRUE if is_open == sought.when_open[atom] else Truth.FALSE
+        elif found is not None:
+            near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
+            evidence = Truth.TRUE if near else Truth.FALSE
+        else:
+            # The share of the outline in which the background is seen and the robot is not.
+            if (crop := view.crop(outline.polygon, 2)) is not None:
+                background = filled(crop, [outline.corners]) & self._background.matches(view.image, crop)
+                background &= ~dilated(view.robot.mask(crop, outline), 1)
+                share = min(1.0, float(background.sum()) / max(outline.area, 1.0))
+            evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
+        return BoxDetection(box.name, evidence, share, outline.polygon, because)
+
+    def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> tuple[Array, Array]:
+        """Where open fingers carry a marker in the image, and the way to where closed ones do, (2,) [pixels] each.
+
+        The way is 0 where they do not move it, or nobody can tell how far they are closed.
+        """
+        robot, ends = self._view.cell.robot, list[ProjectedBox | None]()
+        for fingers in (robot.fingers.open, robot.fingers.closed) if robot.fingers is not None else ():
+            X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
+            ends.append(self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size))
+        centers = [end.center for end in ends if end is not None]
+        return (centers[0], centers[1] - centers[0]) if len(centers) == 2 else (outline.center, np.zeros(2))

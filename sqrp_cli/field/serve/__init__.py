@@ -1,1 +1,0 @@
-"""The simulated cell as a process of its own, reached by messages alone."""
