@@ -278,7 +278,7 @@ def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypa
     baseline = tmp_path / "baseline.json"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
 
-    module = "report.pages.candidate_page" if where == "write_scores" else "api.scores"
+    module = "show.pages.candidate_page" if where == "write_scores" else "ask.api.scores"
     monkeypatch.setattr(f"sqrp_cli.{module}.{where}", press_ctrl_c)
     outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
     outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)

@@ -114,7 +114,7 @@ def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch: Path) -> No
 
 
 def test_every_sign_of_the_terminal_has_a_look_alike() -> None:
-    files = [*(PACKAGE / "terminal").glob("*.py"), *(PACKAGE / "cli").rglob("*.py")]
+    files = [*(PACKAGE / "show" / "terminal").glob("*.py"), *(PACKAGE / "cli").rglob("*.py")]
     texts = [
         node.value
         for file in files

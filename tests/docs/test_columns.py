@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = (ROOT / "docs" / "reference" / "numbers.md").read_text(encoding="utf-8")
-TABLES = sorted((ROOT / "sqrp_cli" / "terminal").glob("*.py"))
+TABLES = sorted((ROOT / "sqrp_cli" / "show" / "terminal").glob("*.py"))
 UNNAMED = {"#"}
 """A column without a figure to define."""
 

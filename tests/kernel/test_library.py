@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 def checkout(tmp_path: Path) -> Path:
     """A checkout's sources without a library."""
     package = tmp_path / "checkout" / "sqrp_cli"
-    shutil.copytree(ROOT / "sqrp_cli" / "sight", package / "sight", ignore=shutil.ignore_patterns("kernel-*"))
+    shutil.copytree(ROOT / "sqrp_cli" / "kernel", package / "kernel", ignore=shutil.ignore_patterns("kernel-*"))
     shutil.copy(ROOT / "sqrp_cli" / "errors.py", package)
     return package.parent
 
@@ -40,16 +40,16 @@ def test_a_checkout_builds_once_in_the_cache_and_again_after_an_edit(checkout: P
     before = Path(first).stat().st_mtime_ns
     assert loaded(checkout, CXX="no-such-compiler") == first
     assert Path(first).stat().st_mtime_ns == before
-    with (checkout / "sqrp_cli" / "sight" / "sight.cpp").open("a") as source:
+    with (checkout / "sqrp_cli" / "kernel" / "sight.cpp").open("a") as source:
         source.write("// another one\n")
     assert loaded(checkout) != first
 
 
 def test_a_library_beside_the_sources_needs_no_compiler(checkout: Path) -> None:
-    sight = checkout / "sqrp_cli" / "sight"
-    shutil.copy(loaded(checkout), sight)
+    kernel = checkout / "sqrp_cli" / "kernel"
+    shutil.copy(loaded(checkout), kernel)
     shutil.rmtree(checkout.parent / "cache")
-    assert Path(loaded(checkout, CXX="no-such-compiler")).parent == sight
+    assert Path(loaded(checkout, CXX="no-such-compiler")).parent == kernel
 
 
 def test_a_checkout_that_cannot_be_written_to_is_left_alone(checkout: Path) -> None:

@@ -30,7 +30,7 @@ def test_a_change_of_any_file_is_another_program(package: Path, file: Path) -> N
 
 
 def test_a_folder_with_another_name_is_digested_like_every_other(package: Path) -> None:
-    moved = (package / "programming").rename(package / "planning")
+    moved = (package / "motion").rename(package / "planning")
     renamed = code_digest(package)
     assert renamed != code_digest(PACKAGE)
     (moved / "quality.py").write_text("")
