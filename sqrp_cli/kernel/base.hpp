@@ -78,7 +78,19 @@ inline double norm(V3 a) { return sqrt(dot(a, a)); }
 inline V3 unit(V3 a) { return (1 / norm(a)) * a; }
 inline V3 lowest(V3 a, V3 b) { return {least(a.x, b.x), least(a.y, b.y), least(a.z, b.z)}; }
 inline V3 highest(V3 a, V3 b) { return {most(a.x, b.x), most(a.y, b.y), most(a.z, b.z)}; }
+inline V3 times(V3 a, V3 b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
+inline V3 size_of(V3 a) { return {fabs(a.x), fabs(a.y), fabs(a.z)}; }
 inline double clamp(double v, double low, double high) { return least(high, most(low, v)); }
+
+// A point in the plane z = 1, or a pixel; z is 0.
+using Point = V3;
+inline Point flat(V3 p) { return {p.x / p.z, p.y / p.z, 0}; }
+
+// The box along the axes around points.
+struct Bounds {
+    V3 low{ENDLESS, ENDLESS, ENDLESS}, high{-ENDLESS, -ENDLESS, -ENDLESS};
+    void add(V3 p) { low = lowest(low, p), high = highest(high, p); }
+};
 
 // The corners in order of the convex outline of n points in the plane z = 0, with room for 2 n of them
 // (A. M. Andrew 1979); sorts the points. Returns how many corners there are.
@@ -134,6 +146,9 @@ struct Pose {
     V3 turn_back(V3 v) const {
         return {m[0] * v.x + m[4] * v.y + m[8] * v.z, m[1] * v.x + m[5] * v.y + m[9] * v.z, m[2] * v.x + m[6] * v.y + m[10] * v.z};
     }
+    // Half the sides of a box along the axes of A around one along those of B.
+    V3 around(V3 half) const { return size_of(half.x * axis(0)) + size_of(half.y * axis(1)) + size_of(half.z * axis(2)); }
+    V3 around_back(V3 half) const { return {dot(size_of(axis(0)), half), dot(size_of(axis(1)), half), dot(size_of(axis(2)), half)}; }
     V3 operator()(V3 p) const { return turn(p) + origin(); }  // of a point
     V3 back(V3 p) const { return turn_back(p - origin()); }
     Pose operator*(const Pose& X_BC) const {

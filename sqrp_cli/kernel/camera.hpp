@@ -9,16 +9,13 @@ constexpr double PI = 3.14159265358979323846;
 constexpr double STEEPEST = 80 * PI / 180;  // the largest angle at which markers are read [rad]
 constexpr double LEAST_SIDE = 0.011;        // of a marker's outline that is looked at, as a share of the image's longer side
 
-// A point in the plane z = 1, or a pixel; z is 0.
-using Point = V3;
-
 // A camera as `kernel.py` writes it.
 struct Camera {
     double model;         // of the lens: 0 none, 1 equidistant, 2 polynomial (plumb_bob and rational_polynomial)
     double D[8], radius;  // its coefficients; up to where in the plane z = 1 it is monotonic
     double K[6];          // the upper rows of the intrinsic matrix [pixels]
     double width, height, near, far, gain;
-    double X_FC[16];      // its optical frame in its frame
+    Pose X_FC;            // its optical frame in its frame
     double frame;         // by number
 
     bool shows(Point p) const { return p.x * p.x + p.y * p.y <= radius * radius; }
@@ -39,7 +36,7 @@ struct Camera {
 
     // Whether a direction is in the image.
     bool has(V3 direction) const {
-        Point p{direction.x / direction.z, direction.y / direction.z, 0};
+        Point p = flat(direction);
         if (!shows(p)) return false;
         p = pixel(bend(p));
         return !(p.x < -0.5 || p.y < -0.5 || p.x > width - 0.5 || p.y > height - 0.5);
@@ -48,17 +45,21 @@ struct Camera {
 
 // A box of a target, with the limits of its detector, as `kernel.py` writes it.
 struct Box {
-    double half[3];                         // half its sides
-    double shrunk[3], middle[3];            // of the box without its skin: half its sides, and its centre in the box's frame
-    double normal[3], has_normal;
+    V3 half;                                // half its sides
+    V3 shrunk, middle;                      // of the box without its skin: half its sides, and its centre in the box's frame
+    V3 normal;
+    double has_normal;
     double nearest, farthest, incidence, pixels, visible;
     double judges_rest;                     // whether what the image's edge leaves counts as what an occluder leaves
     double reads;                           // of a marker by what images usually show: the factor of its least size; else 0
     double least_light, most_light, whole;  // between which intensities it is told at gain 1, and whether only all of it is
-    double frame, X_FB[16];
+    double frame;
+    Pose X_FB;
 };
 
-struct Verdict { int cause = NONE, side = -1; double figure = 0; };
+// What a camera makes of a box: `by`, the side of the image, the solid, or the light, -1 of none; `figure`: by how much a
+// limit of camera or detector is missed; `visible`: the share of the box.
+struct Verdict { int cause = NONE, by = -1; double figure = 0, visible = NAN; };
 
 // The image of a box.
 struct Image {
@@ -69,14 +70,13 @@ struct Image {
     double outside() const { return beyond[side]; }
 
     Image(const Camera& camera, const V3* corners_C) {
-        double low_u = ENDLESS, high_u = -ENDLESS, low_v = ENDLESS, high_v = -ENDLESS;
+        Bounds all;
         for (int i = 0; i < 8; i++) {
-            Point p{corners_C[i].x / corners_C[i].z, corners_C[i].y / corners_C[i].z, 0};
+            Point p = flat(corners_C[i]);
             if (camera.model != 0) shown &= camera.shows(p), p = camera.bend(p);
-            pixel[i] = p = camera.pixel(p);
-            low_u = least(low_u, p.x), high_u = most(high_u, p.x), low_v = least(low_v, p.y), high_v = most(high_v, p.y);
+            all.add(pixel[i] = camera.pixel(p));
         }
-        double found[4] = {-0.5 - low_u, high_u - (camera.width - 0.5), -0.5 - low_v, high_v - (camera.height - 0.5)};
+        double found[4] = {-0.5 - all.low.x, all.high.x - (camera.width - 0.5), -0.5 - all.low.y, all.high.y - (camera.height - 0.5)};
         for (int i = 0; i < 4; i++) beyond[i] = found[i], side = found[i] > found[side] ? i : side;
     }
 
@@ -90,7 +90,7 @@ struct Image {
 
     // The share of the image that the camera's edges leave.
     double share_within(const Camera& camera) const {
-        Point points[8], rest[CUT];
+        Point points[8], rest[24];
         memcpy(points, pixel, sizeof points);
         int n = outline(points, 8, rest);
         double whole = double_area(rest, n).z, w = camera.width - 0.5, h = camera.height - 0.5;
@@ -98,9 +98,6 @@ struct Image {
         n = cut(rest, n, [&](Point p) { return -0.5 - p.y; }), n = cut(rest, n, [&](Point p) { return p.y - h; });
         return whole > 0 ? double_area(rest, n).z / whole : 0;
     }
-
-private:
-    static constexpr int CUT = 24;
 };
 
 // The smallest image of a box that its detector reads [pixels]; of markers: `knowledge/camera/detector.py`.
@@ -112,21 +109,18 @@ inline double least_size(const Camera& camera, const Box& box, double incidence)
 
 inline double incidence_of(const Box& box, const Pose& X_CB, double distance) {
     if (!box.has_normal) return 0;
-    double cosine = -dot(X_CB.turn({box.normal[0], box.normal[1], box.normal[2]}), X_CB.origin()) / most(distance, 1e-12);
+    double cosine = -dot(X_CB.turn(box.normal), X_CB.origin()) / most(distance, 1e-12);
     return acos(clamp(cosine, -1, 1));
 }
 
 // The first limit that fails, and by how much [m, pixels or rad].
 inline Verdict check(const Camera& camera, const Box& box, const Pose& X_CB) {
     V3 corners[8];
-    double low = ENDLESS, high = -ENDLESS;
-    for (int i = 0; i < 8; i++) {
-        corners[i] = X_CB(corner(i, {box.half[0], box.half[1], box.half[2]}));
-        low = least(low, corners[i].z), high = most(high, corners[i].z);
-    }
-    if (!(low > 0)) return {BEHIND, -1, -low};
-    if (!(low >= camera.near)) return {TOO_NEAR, -1, camera.near - low};
-    if (!(high <= camera.far)) return {TOO_FAR, -1, high - camera.far};
+    Bounds all;
+    for (int i = 0; i < 8; i++) all.add(corners[i] = X_CB(corner(i, box.half)));
+    if (!(all.low.z > 0)) return {BEHIND, -1, -all.low.z};
+    if (!(all.low.z >= camera.near)) return {TOO_NEAR, -1, camera.near - all.low.z};
+    if (!(all.high.z <= camera.far)) return {TOO_FAR, -1, all.high.z - camera.far};
     Image image(camera, corners);
     bool inside = image.shown && image.outside() <= 0;
     if (image.shown && !inside && box.judges_rest) inside = image.share_within(camera) >= box.visible;

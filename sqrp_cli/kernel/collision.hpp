@@ -21,18 +21,16 @@ struct Boxes {
 
 // At least how far two boxes are apart, along the axes of either; X_AB: of the second one's axes in the first one's.
 inline double gap(const Node& a, const Node& b, const Pose& X_AB) {
-    auto outside = [](V3 d, V3 e) { return V3{most(0.0, fabs(d.x) - e.x), most(0.0, fabs(d.y) - e.y), most(0.0, fabs(d.z) - e.z)}; };
-    const double* m = X_AB.m;
-    V3 d = X_AB(b.center) - a.center, e = a.extent, f = b.extent;
-    V3 in_a{fabs(m[0]) * f.x + fabs(m[1]) * f.y + fabs(m[2]) * f.z, fabs(m[4]) * f.x + fabs(m[5]) * f.y + fabs(m[6]) * f.z, fabs(m[8]) * f.x + fabs(m[9]) * f.y + fabs(m[10]) * f.z};
-    V3 in_b{fabs(m[0]) * e.x + fabs(m[4]) * e.y + fabs(m[8]) * e.z, fabs(m[1]) * e.x + fabs(m[5]) * e.y + fabs(m[9]) * e.z, fabs(m[2]) * e.x + fabs(m[6]) * e.y + fabs(m[10]) * e.z};
-    V3 p = outside(d, e + in_a), q = outside(X_AB.turn_back(d), f + in_b);
+    V3 d = X_AB(b.center) - a.center, none{0, 0, 0};
+    V3 p = highest(size_of(d) - a.extent - X_AB.around(b.extent), none);
+    V3 q = highest(size_of(X_AB.turn_back(d)) - b.extent - X_AB.around_back(a.extent), none);
     return sqrt(most(dot(p, p), dot(q, q)));
 }
 
 inline Node around(const Triangle& t) {
-    V3 low = lowest(t.a, lowest(t.b, t.c)), high = highest(t.a, highest(t.b, t.c));
-    return {0.5 * (low + high), 0.5 * (high - low), 0, 1};
+    Bounds all;
+    t.widen(all);
+    return {0.5 * (all.low + all.high), 0.5 * (all.high - all.low), 0, 1};
 }
 
 // The distance of two solids if it is at most `limit`, otherwise ENDLESS: of forms as they are, of meshes' surfaces.
@@ -65,7 +63,7 @@ inline double distance(const Solid& A, const Solid& B, const Pose& X_AB, double 
             }
             const Pose& X_box = second.surface ? still : X;
             auto is_far = [&](const Node& a) {
-                double off = fabs(dot(normal, a.center - two.t.a)), reach = fabs(normal.x) * a.extent.x + fabs(normal.y) * a.extent.y + fabs(normal.z) * a.extent.z;
+                double off = fabs(dot(normal, a.center - two.t.a)), reach = dot(size_of(normal), a.extent);
                 return off - reach > limit || gap(a, box, X_box) > limit;
             };
             int bottom = size;

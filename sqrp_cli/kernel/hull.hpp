@@ -7,7 +7,11 @@ constexpr int PLANES = 12;           // of a hull: at most 5 faces of the box, a
 constexpr int CORNERS = 24;          // room for a triangle cut by all of them, which has 3 + 12 corners
 constexpr double TOUCH = 1e-9;       // bounds that are nearer than this count as touching [m]
 
-struct Polygon { V3 p[CORNERS]; int n = 0; };
+struct Polygon {
+    V3 p[CORNERS];
+    int n = 0;
+    Polygon() {}  // the corners are not zeros
+};
 
 // A hull as half spaces: points p with n . p <= offset are inside.
 struct Hull {
@@ -15,6 +19,7 @@ struct Hull {
     int count = 0;
     uint32_t far = 0;                // which planes are faces of the box that are turned away from the eye: its far side
     V3 point[9];                     // the box's corners, x slowest, and the eye
+    Bounds bounds;
 
     V3 eye() const { return point[8]; }
     uint32_t all() const { return (1u << count) - 1; }
@@ -53,8 +58,7 @@ struct Hull {
             V3 n = used ? X_WB.turn(normal[i]) : V3{0, 0, 0};
             H.x[i] = n.x, H.y[i] = n.y, H.z[i] = n.z, H.offset[i] = used ? reach[i] + dot(n, center) : 1;
         }
-        for (int i = 0; i < 8; i++) H.point[i] = X_WB(corner(i, half) + middle);
-        H.point[8] = eye_W;
+        for (int i = 0; i < 9; i++) H.bounds.add(H.point[i] = i < 8 ? X_WB(corner(i, half) + middle) : eye_W);
         return H;
     }
 
@@ -68,7 +72,7 @@ struct Hull {
             L.z[i] = m[2] * x[i] + m[6] * y[i] + m[10] * z[i], L.offset[i] = offset[i] - (x[i] * t.x + y[i] * t.y + z[i] * t.z);
         }
         L.count = count, L.far = far;
-        for (int i = 0; i < 9; i++) L.point[i] = X_WP.back(point[i]);
+        for (int i = 0; i < 9; i++) L.bounds.add(L.point[i] = X_WP.back(point[i]));
         return L;
     }
 
@@ -88,27 +92,10 @@ struct Hull {
         return out;
     }
 
-    // Whether the bounds of a solid may reach in: its ball into each half space, then its box.
-    bool may_meet(const Solid& solid, const Pose& X_WP) const {
-        if (outside(X_WP(solid.center), solid.radius)) return false;
-        const Node& root = solid.root();
-        V3 middle = X_WP(root.center), side[3] = {root.extent.x * X_WP.axis(0), root.extent.y * X_WP.axis(1), root.extent.z * X_WP.axis(2)};
-        for (V3 s : side) {
-            double low = ENDLESS, high = -ENDLESS, reach = dot(s, s), slack = TOUCH * sqrt(reach);
-            for (V3 p : point) low = least(low, dot(p - middle, s)), high = most(high, dot(p - middle, s));
-            if (low > reach + slack || high < -reach - slack) return false;
-        }
-        uint32_t out = 0;
-        for (int i = 0; i < PLANES; i++) {
-            double reach = 0;
-            for (V3 s : side) reach += fabs(x[i] * s.x + y[i] * s.y + z[i] * s.z);
-            out |= uint32_t(height(i, middle) - reach > TOUCH) << i;
-        }
-        return !out;
-    }
-
     // Whether a node may reach in. `planes` loses those of which all of the node is inside.
     bool may_meet(const Node& n, uint32_t& planes) const {
+        V3 below = n.center - n.extent - bounds.high, above = bounds.low - n.center - n.extent;
+        if (most(most(below.x, below.y), below.z) > 0 || most(most(above.x, above.y), above.z) > 0) return false;
         double low[PLANES], high[PLANES];
         for (int i = 0; i < PLANES; i++) {
             double d = height(i, n.center), r = fabs(x[i]) * n.extent.x + fabs(y[i]) * n.extent.y + fabs(z[i]) * n.extent.z;
@@ -120,14 +107,27 @@ struct Hull {
         return !out;
     }
 
-    // The part of a triangle that is inside some of the planes.
+    // The part of a triangle that is inside some of the planes, or all.
     Polygon clip(const Triangle& t, uint32_t planes) const {
-        Polygon rest{{t.a, t.b, t.c}, 3};
+        Polygon rest;
+        rest.p[0] = t.a, rest.p[1] = t.b, rest.p[2] = t.c, rest.n = 3;
         for (int i = 0; i < count && rest.n; i++)
             if (planes >> i & 1) rest.n = cut(rest.p, rest.n, [&](V3 p) { return height(i, p); });
         return rest;
     }
+    Polygon clip(const Triangle& t) const {
+        uint32_t a = outside(t.a), b = outside(t.b), c = outside(t.c);
+        return a & b & c ? Polygon() : clip(t, a | b | c);
+    }
 };
+
+// Where a ray enters and leaves a box about the origin; fmin and fmax pass over NAN, of a ray in a face.
+inline void slab(V3 start, V3 ray, V3 half, double& enter, double& leave) {
+    V3 a = -1.0 * (half + start), b = half - start;
+    double from[3] = {a.x / ray.x, a.y / ray.y, a.z / ray.z}, to[3] = {b.x / ray.x, b.y / ray.y, b.z / ray.z};
+    enter = -INFINITY, leave = INFINITY;
+    for (int k = 0; k < 3; k++) enter = fmax(enter, fmin(from[k], to[k])), leave = fmin(leave, fmax(from[k], to[k]));
+}
 
 constexpr int BOX_FACES[6][4] = {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}};
 
@@ -149,23 +149,16 @@ template <class Enter, class Leaf> bool walk(const Surface& s, uint32_t planes, 
 
 // Whether a surface reaches into a hull, both in the frame of the solid's parent. full: whether the solid is full inside.
 inline bool meets_surface(const Surface& s, const Hull& H, bool full) {
-    V3 low = H.point[0], high = low;
-    for (V3 p : H.point) low = lowest(low, p), high = highest(high, p);
     bool inside = false;
     auto enter = [&](const Node& n, uint32_t& planes) {
-        V3 from = n.center - n.extent, to = n.center + n.extent;
-        if (from.x > high.x || from.y > high.y || from.z > high.z || to.x < low.x || to.y < low.y || to.z < low.z) return false;
         if (inside || !H.may_meet(n, planes)) return false;
         inside |= !planes;  // all of the node
         return true;
     };
     auto leaf = [&](const Node& n, uint32_t) {
-        for (int i = n.first; i < n.first + n.count; i++) {
-            const Triangle& t = s.triangles[i];
-            uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
-            if (!(a & b & c) && (!a || !b || !c || H.clip(t, a | b | c).n)) return true;
-        }
-        return false;
+        bool found = false;
+        for (int i = n.first; !found && i < n.first + n.count; i++) found = H.clip(s.triangles[i]).n;
+        return found;
     };
     if (walk(s, H.all(), enter, leaf) || inside) return true;
     for (int i = 0; full && i < s.count(); i++)  // or it is around all of the hull
@@ -182,13 +175,10 @@ inline bool meets(const Solid& solid, const Hull& H) {
 // The least factor of a ray, below `best`, at which it meets a surface. A line meets a triangle if its products with all
 // three sides have one sign (K. Shoemake 1998).
 inline double first_hit(const Surface& s, V3 from, V3 ray, double best) {
-    auto turned = [](double v) { return 1 / (v == 0 ? 1e-300 : v); };
-    V3 by{turned(ray.x), turned(ray.y), turned(ray.z)};
     auto enter = [&](const Node& n, uint32_t) {
-        V3 a = n.center - n.extent - from, b = n.center + n.extent - from;
-        a = {a.x * by.x, a.y * by.y, a.z * by.z}, b = {b.x * by.x, b.y * by.y, b.z * by.z};
-        V3 in = lowest(a, b), out = highest(a, b);
-        return most(most(in.x, in.y), most(in.z, 0.0)) <= least(least(out.x, out.y), least(out.z, best));
+        double in, out;
+        slab(from - n.center, ray, n.extent, in, out);
+        return most(in, 0.0) <= least(out, best);
     };
     auto leaf = [&](const Node& n, uint32_t) {
         for (int i = n.first; i < n.first + n.count; i++) {
@@ -207,16 +197,12 @@ inline double first_hit(const Surface& s, V3 from, V3 ray, double best) {
 // The least distance from the eye, below `best`, of the part of a surface that is inside a hull.
 inline double nearest_inside(const Surface& s, const Hull& H, double best) {
     auto enter = [&](const Node& n, uint32_t) {
-        V3 d = H.eye() - n.center, e = n.extent;
         uint32_t planes = H.all();
-        return norm({most(0.0, fabs(d.x) - e.x), most(0.0, fabs(d.y) - e.y), most(0.0, fabs(d.z) - e.z)}) < best && H.may_meet(n, planes);
+        return norm(highest(size_of(H.eye() - n.center) - n.extent, {0, 0, 0})) < best && H.may_meet(n, planes);
     };
     auto leaf = [&](const Node& n, uint32_t) {
         for (int i = n.first; i < n.first + n.count; i++) {
-            const Triangle& t = s.triangles[i];
-            uint32_t a = H.outside(t.a), b = H.outside(t.b), c = H.outside(t.c);
-            if (a & b & c) continue;
-            Polygon rest = H.clip(t, a | b | c);
+            Polygon rest = H.clip(s.triangles[i]);
             V3 eye = H.eye();
             if (rest.n) best = least(best, distance(Piece::of(&eye, 1), Piece::of(rest.p, rest.n), ENDLESS, 0));
         }

@@ -23,7 +23,7 @@ from sqrp_cli.records import dataclass
 CAMERA = np.dtype(
     [
         ("model", "f8"), ("distortion", "f8", 8), ("radius", "f8"), ("matrix", "f8", (2, 3)), ("width", "f8"),
-        ("height", "f8"), ("near", "f8"), ("far", "f8"), ("gain", "f8"), ("X_FC", "f8", (4, 4)), ("frame", "f8"),
+        ("height", "f8"), ("near", "f8"), ("far", "f8"), ("gain", "f8"), ("X_FC", "f8", (3, 4)), ("frame", "f8"),
     ]
 )  # fmt: skip
 """A camera: see `Camera` in `camera.hpp`."""
@@ -33,7 +33,7 @@ BOX = np.dtype(
         ("half", "f8", 3), ("shrunk", "f8", 3), ("middle", "f8", 3), ("normal", "f8", 3), ("has_normal", "f8"),
         ("nearest", "f8"), ("farthest", "f8"), ("incidence", "f8"), ("pixels", "f8"), ("visible", "f8"),
         ("judges_rest", "f8"), ("reads", "f8"), ("least_light", "f8"), ("most_light", "f8"), ("whole", "f8"),
-        ("frame", "f8"), ("X_FB", "f8", (4, 4)),
+        ("frame", "f8"), ("X_FB", "f8", (3, 4)),
     ]
 )  # fmt: skip
 """A box of a target with the limits of its detector: see `Box` in `camera.hpp`."""

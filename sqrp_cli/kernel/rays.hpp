@@ -17,24 +17,22 @@ inline int up(double v) { int t = int(v); return t + (v > t); }
 inline int first_row(double v) { return up(clamp(v, 0, ROWS)); }
 inline int first_column(double v) { return up(clamp(v, 0, COLUMNS)); }
 
-// How many bits are set (Warren, Hacker's Delight, 2012, 5-1); not every processor has an instruction for it.
-inline int bits(uint32_t x) {
-    x -= x >> 1 & 0x55555555u, x = (x & 0x33333333u) + (x >> 2 & 0x33333333u), x = (x + (x >> 4)) & 0x0f0f0f0fu;
-    return int(x * 0x01010101u >> 24);
-}
-
 // A set of rays: one bit for each column in each row.
 struct Rays {
     uint32_t row[ROWS] = {};
     int count() const { return count_without({}); }
-    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
+    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += __builtin_popcount(row[i] & ~o.row[i]); return n; }
 
-    // Adds the rays inside a convex polygon with these places of its corners in the grid.
-    void add_polygon(const double* c, const double* r, int n) {
-        double low = r[0], high = r[0], left = c[0], right = c[0];
-        for (int i = 1; i < n; i++) low = least(low, r[i]), high = most(high, r[i]), left = least(left, c[i]), right = most(right, c[i]);
-        int from = first_row(low), to = first_row(high);
-        if (from >= to || right <= 0 || left >= COLUMNS) return;
+    // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
+    void add(const Pose& map, const V3* p, int n) {
+        V3 q[CORNERS];
+        double c[CORNERS], r[CORNERS];
+        Bounds all;
+        for (int i = 0; i < n; i++) q[i] = map(p[i]);
+        n = cut(q, n, [](V3 v) { return AHEAD - v.z; });
+        for (int i = 0; i < n; i++) c[i] = q[i].x / q[i].z, r[i] = q[i].y / q[i].z, all.add({c[i], r[i], 0});
+        int from = first_row(all.low.y), to = first_row(all.high.y);
+        if (!n || from >= to || all.high.x <= 0 || all.low.x >= COLUMNS) return;
         uint32_t rising[ROWS], falling[ROWS];  // the rays left of either flank
         for (int i = 0; i < n; i++) {
             int j = i + 1 == n ? 0 : i + 1;
@@ -45,16 +43,6 @@ struct Rays {
             for (int k = start; k < end; k++) (rises ? rising : falling)[k] = uint32_t((1ull << first_column(at + k * slope - shift(k))) - 1);
         }
         for (int k = from; k < to; k++) row[k] |= rising[k] ^ falling[k];
-    }
-
-    // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
-    void add(const Pose& map, const V3* p, int n) {
-        V3 q[CORNERS];
-        double c[CORNERS], r[CORNERS];
-        for (int i = 0; i < n; i++) q[i] = map(p[i]);
-        n = cut(q, n, [](V3 v) { return AHEAD - v.z; });
-        for (int i = 0; i < n; i++) c[i] = q[i].x / q[i].z, r[i] = q[i].y / q[i].z;
-        if (n) add_polygon(c, r, n);
     }
 };
 
@@ -81,34 +69,25 @@ struct Grid {
     Pose map;         // from the world into column and row, both times depth, and depth
     Rays silhouette;  // those that run to the box
     int total = 0;    // how many these are
-    double low_u, low_v, step_u, step_v, sine, cosine;
+    V3 low;           // the rectangle's corner
+    double step_u, step_v, sine, cosine;
 
     static Grid of(const Hull& H, const Pose& X_WC) {
         Grid G;
-        double u[8], v[8], middle_u = 0, middle_v = 0, along = 0, across = 0, mixed = 0;
-        for (int i = 0; i < 8; i++) {
-            V3 p = X_WC.back(H.point[i]);
-            u[i] = p.x / p.z, v[i] = p.y / p.z, middle_u += u[i] / 8, middle_v += v[i] / 8;
-        }
-        for (int i = 0; i < 8; i++) {
-            double a = u[i] - middle_u, b = v[i] - middle_v;
-            along += a * a, across += b * b, mixed += a * b;
-        }
+        double along = 0, across = 0, mixed = 0;
+        V3 seen[8], middle{0, 0, 0};
+        for (int i = 0; i < 8; i++) seen[i] = flat(X_WC.back(H.point[i])), middle = middle + 0.125 * seen[i];
+        for (V3 p : seen) p = p - middle, along += p.x * p.x, across += p.y * p.y, mixed += p.x * p.y;
         double spread = hypot(along - across, 2 * mixed);
         bool is_long = along + across + spread > LONG * LONG * (along + across - spread);
         double angle = is_long ? 0.5 * atan2(2 * mixed, along - across) : USUAL_AXIS;
         G.sine = sin(angle), G.cosine = cos(angle);
         V3 o = X_WC.origin(), x = X_WC.axis(0), y = X_WC.axis(1), z = X_WC.axis(2);
         V3 right = G.sine * x - G.cosine * y, down = G.cosine * x + G.sine * y;
-        double high_u = -ENDLESS, high_v = -ENDLESS;
-        G.low_u = G.low_v = ENDLESS;
-        for (int i = 0; i < 8; i++) {
-            V3 p = H.point[i] - o;
-            double depth = dot(z, p), a = dot(right, p) / depth, b = dot(down, p) / depth;
-            G.low_u = least(G.low_u, a), high_u = most(high_u, a), G.low_v = least(G.low_v, b), high_v = most(high_v, b);
-        }
-        G.step_u = (high_u - G.low_u) / COLUMNS, G.step_v = (high_v - G.low_v) / ROWS;
-        V3 c = (1 / G.step_u) * (right - G.low_u * z), r = (1 / G.step_v) * (down - G.low_v * z) - 0.5 * z;
+        Bounds all;
+        for (int i = 0; i < 8; i++) all.add(flat({dot(right, H.point[i] - o), dot(down, H.point[i] - o), dot(z, H.point[i] - o)}));
+        G.low = all.low, G.step_u = (all.high.x - all.low.x) / COLUMNS, G.step_v = (all.high.y - all.low.y) / ROWS;
+        V3 c = (1 / G.step_u) * (right - G.low.x * z), r = (1 / G.step_v) * (down - G.low.y * z) - 0.5 * z;
         G.map = {{c.x, c.y, c.z, -dot(c, o), r.x, r.y, r.z, -dot(r, o), z.x, z.y, z.z, -dot(z, o)}};
         for (auto& face : BOX_FACES) {
             V3 p[4] = {H.point[face[0]], H.point[face[1]], H.point[face[2]], H.point[face[3]]};
@@ -120,7 +99,7 @@ struct Grid {
 
     // Where a ray is in the plane z = 1 of the camera, not turned.
     V3 direction(int row, int column) const {
-        double u = low_u + step_u * (column + shift(row)), v = low_v + step_v * (row + 0.5);
+        double u = low.x + step_u * (column + shift(row)), v = low.y + step_v * (row + 0.5);
         return {sine * u + cosine * v, -cosine * u + sine * v, 1};
     }
 
@@ -139,8 +118,7 @@ struct Scratch {
 template <class Whole, class Part> void for_blocking(const Surface& s, const Hull& H, const Pose& map, Whole whole, Part part) {
     auto enter = [&](const Node& n, uint32_t& planes) { return !planes || H.may_meet(n, planes); };
     auto leaf = [&](const Node& n, uint32_t planes) {
-        const double* m = map.m;
-        bool ahead = map(n.center).z - (fabs(m[8]) * n.extent.x + fabs(m[9]) * n.extent.y + fabs(m[10]) * n.extent.z) > AHEAD;
+        bool ahead = map(n.center).z - map.around(n.extent).z > AHEAD;
         for (int i = n.first; i < n.first + n.count; i++) {
             const Triangle& t = s.triangles[i];
             int8_t side = dot(s.normals[i], H.eye() - t.a) > 0 ? 1 : -1;

@@ -12,7 +12,9 @@ constexpr double ROUGH = 0.02;      // share of a box up to which it counts as w
 // A light as `kernel.py` writes it.
 struct Light {
     double kind;  // 0: from everywhere, 1: from a direction, 2: a lamp
-    double intensity, heading[3], position[3], cosine;  // in which it shines; from where; of half its beam
+    double intensity;
+    V3 heading, position;  // in which it shines; from where
+    double cosine;         // of half its beam
 };
 
 // The arguments of a call, as `kernel.py` writes them.
@@ -36,14 +38,16 @@ struct Near { int solid; Hull hull; };  // the hull is in the frame of the solid
 
 struct Scene : Request {
     List<int> scenery, resting, moving;  // solids
+    List<V3> place;                      // the centre of each one that rests
     List<uint8_t> has_alike;             // of each box, whether anything looks like what it seeks
     Scratch scratch;
 
     explicit Scene(const Request& request) : Request(request) {
-        has_alike.resize(int(box_count));
+        has_alike.resize(int(box_count)), place.resize(int(solid_count));
         for (int s = 0; s < solid_count; s++) {
             if (is_scenery[s]) scenery.add(s);
             (rests(s) ? resting : moving).add(s);
+            if (rests(s)) place[s] = pose_of(s, 0)(solids[s]->center);
             for (int b = 0; b < box_count; b++) has_alike[b] |= is(alike, s, b);
         }
     }
@@ -52,13 +56,15 @@ struct Scene : Request {
     bool rests(int solid) const { return is_still(int(solid_frame[solid])); }
     Pose pose(int frame, int64_t state) const { return Pose::of(X_WF[frame] + (is_still(frame) ? 0 : 16 * state)); }
     Pose pose_of(int solid, int64_t state) const { return pose(int(solid_frame[solid]), state); }
+    V3 center(int solid, int64_t state) const { return rests(solid) ? place[solid] : pose_of(solid, state)(solids[solid]->center); }
 
     // Adds those of some solids that may reach into the hull of a box.
     void find_near(const List<int>& some, const Hull& H, int box, int64_t state, List<Near>& found) const {
         for (int s : some) {
-            if (!is(opaque, s, box)) continue;
-            Pose X_WP = pose_of(s, state);
-            if (H.may_meet(*solids[s], X_WP)) found.add({s, H.in(X_WP)});
+            if (!is(opaque, s, box) || H.outside(center(s, state), solids[s]->radius)) continue;
+            Near near{s, H.in(pose_of(s, state))};
+            uint32_t planes = H.all();
+            if (near.hull.may_meet(solids[s]->surface.nodes[0], planes)) found.add(near);
         }
     }
 
@@ -122,11 +128,11 @@ public:
         int lights = int(scene.light_count), darkest_face = -1, darkest_light = -1;
         double ambient = 0, lowest_told = b.least_light / gain, highest_told = b.most_light / gain;
         for (int l = 0; l < lights; l++) ambient += scene.lights[l].kind == 0 ? scene.lights[l].intensity : 0;
-        V3 h{b.shrunk[0], b.shrunk[1], b.shrunk[2]}, eye = X_WB.back(eye_W) - V3{b.middle[0], b.middle[1], b.middle[2]};
+        V3 h = b.shrunk, eye = X_WB.back(eye_W) - b.middle;
         double sum = 0, most_missing = 0, sums[MOST_LIGHTS] = {};
         Lighting found;
         for (int side = 0; side < 6; side++) {
-            V3 out = normal(side), way = eye - V3{out.x * h.x, out.y * h.y, out.z * h.z};
+            V3 out = normal(side), way = eye - times(out, h);
             double areas[3] = {h.y * h.z, h.x * h.z, h.x * h.y}, away = norm(way);
             double weight = areas[side / 2] * most(dot(way, out), 0.0) / (away * away * away);  // as large as it is in the image
             if (!(weight > 0)) continue;
@@ -174,8 +180,7 @@ private:
 
     // The middle of a face in the frame of its box.
     static V3 middle(const Box& b, int side, double further = 0) {
-        V3 n = normal(side);
-        return V3{b.middle[0], b.middle[1], b.middle[2]} + V3{n.x * (b.shrunk[0] + further), n.y * (b.shrunk[1] + further), n.z * (b.shrunk[2] + further)};
+        return b.middle + times(normal(side), b.shrunk + V3{further, further, further});
     }
 
     // What reaches a point from a light, if nothing is in the way.
@@ -183,11 +188,10 @@ private:
         V3 towards;
         double distance, strength;
         Ray(const Light& light, V3 point) {
-            V3 heading{light.heading[0], light.heading[1], light.heading[2]};
-            if (light.kind == 1) { towards = -1.0 * heading, distance = INFINITY, strength = light.intensity; return; }
-            V3 way = V3{light.position[0], light.position[1], light.position[2]} - point;
+            if (light.kind == 1) { towards = -1.0 * light.heading, distance = INFINITY, strength = light.intensity; return; }
+            V3 way = light.position - point;
             distance = most(norm(way), 1e-6), towards = (1 / distance) * way;
-            strength = -dot(towards, heading) >= light.cosine ? light.intensity / (distance * distance) : 0;
+            strength = -dot(towards, light.heading) >= light.cosine ? light.intensity / (distance * distance) : 0;
         }
     };
 
@@ -209,7 +213,7 @@ private:
         List<Near> near;
         Plate(const LitBox& lit, Scene& scene, int side, const Light& light) {
             const Box& b = scene.boxes[lit.box];
-            V3 point = lit.X_WB(middle(b, side)), n = normal(side), half{n.x ? 0.5 * PLATE : b.shrunk[0], n.y ? 0.5 * PLATE : b.shrunk[1], n.z ? 0.5 * PLATE : b.shrunk[2]};
+            V3 point = lit.X_WB(middle(b, side)), n = normal(side), half{n.x ? 0.5 * PLATE : b.shrunk.x, n.y ? 0.5 * PLATE : b.shrunk.y, n.z ? 0.5 * PLATE : b.shrunk.z};
             Ray ray(light, point);
             V3 forward = -1.0 * ray.towards, across = unit(cross(forward, fabs(forward.z) < 0.9 ? V3{0, 0, 1} : V3{1, 0, 0}));
             V3 down = cross(forward, across), at = point + least(ray.distance, FAR_LIGHT) * ray.towards;
@@ -223,7 +227,7 @@ private:
     void cast_shadows(Scene& scene, Face& face, int side) const {
         face.knows_shadows = true;
         const Box& b = scene.boxes[box];
-        double width = 2 * norm({b.shrunk[0], b.shrunk[1], b.shrunk[2]});
+        double width = 2 * norm(b.shrunk);
         for (int l = 0; l < scene.light_count; l++) {
             const Light& light = scene.lights[l];
             // Between a face and a lamp that is closer to it than it is wide nothing is taken to be.

@@ -102,13 +102,10 @@ void judge(const Request* request, int n, const int64_t* box, const int64_t* sta
             size_t at = size_t(c) * n + i, all = size_t(request->camera_count) * n;
             View& view = views[c];
             view.look(scene, request->cameras[c], request->cameras[c].X_FC, int(box[i]), state[i]);
-            cause[at] = int8_t(view.limit.cause), by[at] = view.limit.side, figure[at] = view.limit.figure;
-            if (visible) visible[at] = NAN;
+            Verdict found = view.limit;
             if (facing) view.face(scene, facing[at], facing[all + at], facing[2 * all + at]);
-            if (view.limit.cause != NONE || facing) continue;
-            view.find_near(scene);
-            Judgement found = view.judge(scene, lit, visible);
-            cause[at] = int8_t(found.cause), by[at] = found.by;
+            else if (found.cause == NONE) view.find_near(scene), found = view.judge(scene, lit, visible);
+            cause[at] = int8_t(found.cause), by[at] = found.by, figure[at] = found.figure;
             if (visible) visible[at] = found.visible;
         }
     }
@@ -146,7 +143,7 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
                 const Camera& camera = request->cameras[lens];
                 bool good = !asked || asked[size_t(p) * items + i];
                 for (int b = int(first[i]); good && b < last; b++) {
-                    view(lens, b).look(scene, camera, X_FC + 16 * p, b, state[i]);
+                    view(lens, b).look(scene, camera, Pose::of(X_FC + 16 * p), b, state[i]);
                     good = view(lens, b).limit.cause == NONE;
                 }
                 // What hides a box does not depend on the lens; what light and the image's edge leave of it does.

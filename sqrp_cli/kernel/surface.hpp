@@ -2,7 +2,10 @@
 #pragma once
 #include "base.hpp"
 
-struct Triangle { V3 a, b, c; };
+struct Triangle {
+    V3 a, b, c;
+    void widen(Bounds& all) const { all.add(a), all.add(b), all.add(c); }
+};
 
 // A box along the axes around all triangles below it. Of a leaf: `count` triangles from `first` on, in the order of the
 // tree; else `count` is 0, and its two children are the nodes `first` and `first + 1`.
@@ -75,24 +78,20 @@ private:
     void grow(List<int32_t>& order) {
         List<V3> middle;
         for (int i = 0; i < count(); i++) {
-            const Triangle& t = triangles[i];
-            order.add(i), middle.add(lowest(t.a, lowest(t.b, t.c)) + highest(t.a, highest(t.b, t.c)));
+            Bounds all;
+            triangles[i].widen(all), order.add(i), middle.add(all.low + all.high);
         }
         struct Range { int node, from, to; };
         List<Range> open;
         open.add({0, 0, count()}), nodes.add({});
         while (!open.empty()) {
             Range now = open.take();
-            V3 low{ENDLESS, ENDLESS, ENDLESS}, high = -1.0 * low, from = low, to = high;
-            for (int i = now.from; i < now.to; i++) {
-                const Triangle& t = triangles[order[i]];
-                low = lowest(low, lowest(t.a, lowest(t.b, t.c))), high = highest(high, highest(t.a, highest(t.b, t.c)));
-                from = lowest(from, middle[order[i]]), to = highest(to, middle[order[i]]);
-            }
+            Bounds all, middles;
+            for (int i = now.from; i < now.to; i++) triangles[order[i]].widen(all), middles.add(middle[order[i]]);
             // A trifle wider than its triangles, so that no rounding leaves them outside.
-            Node node{0.5 * (low + high), (0.5 * (1 + 1e-14)) * (high - low) + V3{1e-12, 1e-12, 1e-12}, now.from, now.to - now.from};
+            Node node{0.5 * (all.low + all.high), (0.5 * (1 + 1e-14)) * (all.high - all.low) + V3{1e-12, 1e-12, 1e-12}, now.from, now.to - now.from};
             if (node.count > LEAF) {
-                V3 size = to - from;
+                V3 size = middles.high - middles.low;
                 double V3::*along = size.x >= size.y && size.x >= size.z ? &V3::x : size.y >= size.z ? &V3::y : &V3::z;
                 int half_way = (now.from + now.to) / 2;
                 int32_t* all = order.begin();
@@ -122,5 +121,4 @@ struct Solid {
 
     // A mesh is its surface, other forms are full.
     bool is_full() const { return form != Form::mesh; }
-    const Node& root() const { return surface.nodes[0]; }
 };

@@ -6,9 +6,6 @@ constexpr double BACK = 1e-3;          // how far before the far side of a box i
 constexpr double LEAST_TELLING = 0.5;  // share of a box that must be told from what is behind it, unless its detector needs less
 constexpr int BEHIND_RAYS = 16;        // across the image of a box, to what is behind it
 
-// What a camera makes of a box beyond its limits.
-struct Judgement { int cause, by; double visible; };
-
 // Views are looked at one state after the other: what depends only on what stands still is kept for the next one.
 class View {
 public:
@@ -16,13 +13,13 @@ public:
     double cut = 0;  // the share of the box that the image's edge takes, where that counts as hidden
 
     // Turns to a state: by a camera at a pose in its frame. Any verdict on its limits is `limit`.
-    void look(const Scene& scene, const Camera& camera_, const double* X_FC, int box_, int64_t state_) {
+    void look(const Scene& scene, const Camera& camera_, const Pose& X_FC, int box_, int64_t state_) {
         state = state_;
         if (known && still) return;
         known = true, box = box_, camera = &camera_;
         const Box& b = scene.boxes[box];
         still = scene.is_still(int(camera->frame)) && scene.is_still(int(b.frame));
-        X_WC = scene.pose(int(camera->frame), state) * Pose::of(X_FC), X_WB = scene.pose(int(b.frame), state) * Pose::of(b.X_FB);
+        X_WC = scene.pose(int(camera->frame), state) * X_FC, X_WB = scene.pose(int(b.frame), state) * b.X_FB;
         limit = check(*camera, b, X_WC.inverse() * X_WB);
         has_hull = has_grid = has_resting = has_rays = has_scenery = behind_moved = false;
         still_met = behind_by = -1, cut = behind = 0;
@@ -35,7 +32,7 @@ public:
         const Box& b = scene.boxes[box];
         Pose X_CB = X_WC.inverse() * X_WB;
         V3 corners[8];
-        for (int k = 0; k < 8; k++) corners[k] = X_CB(corner(k, vector(b.half)));
+        for (int k = 0; k < 8; k++) corners[k] = X_CB(corner(k, b.half));
         distance = norm(X_CB.origin()), incidence = incidence_of(b, X_CB, distance);
         size = limit.cause == BEHIND ? NAN : Image(*camera, corners).size();
     }
@@ -44,9 +41,14 @@ public:
     int find_near(const Scene& scene) {
         if (!has_hull) {
             const Box& b = scene.boxes[box];
-            H = Hull::of(X_WB, vector(b.shrunk), vector(b.middle), X_WC.origin());
+            H = Hull::of(X_WB, b.shrunk, b.middle, X_WC.origin());
             has_hull = true;
-            if (b.judges_rest) cut_by_image();
+            if (b.judges_rest) {
+                V3 corners[8];
+                for (int i = 0; i < 8; i++) corners[i] = X_WC.back(H.point[i]);
+                Image image(*camera, corners);
+                cut = image.outside() > 0 ? 1 - image.share_within(*camera) : 0;
+            }
         }
         if (!has_resting || !still) near.clear(), scene.find_near(scene.resting, H, box, state, near), resting = near.size();
         has_resting = true, near.resize(resting);
@@ -66,30 +68,28 @@ public:
     bool sees(Scene& scene, double needed_share) {
         if (needed_share + cut > 1) return false;
         if (near.empty()) return true;
-        if (cut > 0) return share_within_image(scene) >= needed_share;
-        return scene.boxes[box].visible >= 1 ? !met(scene) : share(scene, needed_share) >= needed_share;
+        if (scene.boxes[box].visible >= 1 && cut == 0) return !met(scene);
+        return share(scene, needed_share, cut > 0) >= needed_share;
     }
 
     // What hides it, is behind it, or lights it badly, in this order; after `find_near`. shares: whether `visible` counts.
-    Judgement judge(Scene& scene, LitBox& lit, bool shares) {
+    Verdict judge(Scene& scene, LitBox& lit, bool shares) {
         const Box& b = scene.boxes[box];
-        Judgement found{NONE, -1, 1};
+        Verdict found{NONE, -1, 0, 1};
         if (b.visible < 1) {
             found.visible = share(scene, NAN);
-            if (found.visible < b.visible) {
-                found.cause = HIDDEN, found.by = scene.largest(rays(), near, state);
-            }
+            if (found.visible < b.visible) found.cause = HIDDEN, found.by = scene.largest(rays(), near, state);
         } else if ((found.by = first_met(scene)) >= 0) {
             found.cause = HIDDEN;
             if (shares) found.visible = share(scene, NAN);
         }
         if (found.cause == HIDDEN) return found;
-        if (found.visible < needed(scene)) return {SAME_COLOUR, behind_by, found.visible};
+        if (found.visible < needed(scene)) return {SAME_COLOUR, behind_by, 0, found.visible};
         if (!scene.light_count) return found;
         Lighting light = lighting(scene, lit, true);
         if (!(found.visible < needed(scene, light.lost))) return found;
-        if (light.bright > light.dark) return {TOO_BRIGHT, light.brightest, found.visible};
-        return {TOO_DARK, light.shading, found.visible};
+        if (light.bright > light.dark) return {TOO_BRIGHT, light.brightest, 0, found.visible};
+        return {TOO_DARK, light.shading, 0, found.visible};
     }
 
     Lighting lighting(Scene& scene, LitBox& lit, bool shadows = false) const {
@@ -138,25 +138,14 @@ private:
     int64_t behind_state = 0;
     List<int> behind_resting;
 
-    static V3 vector(const double* v) { return {v[0], v[1], v[2]}; }
-
-    void cut_by_image() {
-        V3 corners[8];
-        for (int i = 0; i < 8; i++) corners[i] = X_WC.back(H.point[i]);
-        Image image(*camera, corners);
-        cut = image.outside() > 0 ? 1 - image.share_within(*camera) : 0;
-    }
-
-    bool meets_box(const Scene& scene, const Near& n) const { return meets(*scene.solids[n.solid], n.hull); }
-
     // Whether any solid reaches into the hull.
     bool met(const Scene& scene) {
         if (still_met < 0) {
             still_met = 0;
-            for (int i = 0; !still_met && i < resting; i++) still_met = meets_box(scene, near[i]);
+            for (int i = 0; !still_met && i < resting; i++) still_met = meets(*scene.solids[near[i].solid], near[i].hull);
         }
         bool found = still_met;
-        for (int i = resting; !found && i < near.size(); i++) found = meets_box(scene, near[i]);
+        for (int i = resting; !found && i < near.size(); i++) found = meets(*scene.solids[near[i].solid], near[i].hull);
         return found;
     }
 
@@ -165,7 +154,7 @@ private:
     int first_met(const Scene& scene) const {
         List<const Near*> hit;
         for (const Near& n : near)
-            if (meets_box(scene, n)) hit.add(&n);
+            if (meets(*scene.solids[n.solid], n.hull)) hit.add(&n);
         if (hit.size() < 2) return hit.empty() ? -1 : hit[0]->solid;
         sort(hit.begin(), hit.end(), [](const Near* a, const Near* b) { return a->solid < b->solid; });
         double best = ENDLESS;
@@ -189,29 +178,19 @@ private:
         return grid;
     }
 
-    const Rays& blocked_by_resting(Scene& scene) {
-        if (!has_rays) {
-            still_blocked = {};
-            for (int i = 0; i < resting; i++) scene.block(still_blocked, rays(), near[i], state);
-            has_rays = true;
-        }
-        return still_blocked;
-    }
-
-    // The share that is visible; once it is less than `enough`, any other one that is. NAN: it must be exact.
-    double share(Scene& scene, double enough) {
+    // The share that is visible; once it is less than `enough`, any other one that is. NAN: it must be exact. within_image:
+    // whether the image's edge counts.
+    double share(Scene& scene, double enough, bool within_image = false) {
         if (near.empty()) return 1;
         const Grid& g = rays();
-        Rays blocked = blocked_by_resting(scene);
+        if (!has_rays) {
+            has_rays = true, still_blocked = {};
+            for (int i = 0; i < resting; i++) scene.block(still_blocked, g, near[i], state);
+        }
+        Rays blocked = still_blocked;
         double seen = g.seen(blocked);
         for (int i = resting; i < near.size() && !(seen < enough); i++) scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
-        return seen;
-    }
-
-    double share_within_image(Scene& scene) {
-        const Grid& g = rays();
-        Rays blocked = blocked_by_resting(scene);
-        for (int i = resting; i < near.size(); i++) scene.block(blocked, g, near[i], state);
+        if (!within_image) return seen;
         int count = 0;
         for (int k = 0; k < ROWS; k++)
             for (uint32_t left = g.silhouette.row[k] & ~blocked.row[k]; left; left &= left - 1) count += camera->has(g.direction(k, __builtin_ctz(left)));
@@ -233,7 +212,7 @@ private:
             bool rests = scene.rests(s);
             if ((rests && !fresh) || scene.is(scene.own, s, box)) continue;
             // In the cone around the box, and not before it.
-            V3 center = scene.pose_of(s, state)(scene.solids[s]->center);
+            V3 center = scene.center(s, state);
             double radius = scene.solids[s]->radius;
             if (H.outside(center, radius) & ~H.far || norm(center - eye) + radius + TOUCH <= nearest) continue;
             back.add(s);
@@ -250,19 +229,17 @@ private:
 
     void count_behind(const Scene& scene, List<int>& back) {
         sort(back.begin(), back.end(), [](int a, int b) { return a < b; });
-        V3 eye = X_WC.origin(), half = vector(scene.boxes[box].shrunk), from = X_WB.back(eye) - vector(scene.boxes[box].middle);
-        double low_u = ENDLESS, high_u = -ENDLESS, low_v = ENDLESS, high_v = -ENDLESS;
-        for (int i = 0; i < 8; i++) {
-            V3 p = X_WC.back(H.point[i]);
-            low_u = least(low_u, p.x / p.z), high_u = most(high_u, p.x / p.z), low_v = least(low_v, p.y / p.z), high_v = most(high_v, p.y / p.z);
-        }
+        V3 eye = X_WC.origin(), half = scene.boxes[box].shrunk, from = X_WB.back(eye) - scene.boxes[box].middle;
+        Bounds all;
+        for (int i = 0; i < 8; i++) all.add(flat(X_WC.back(H.point[i])));
+        double u = all.low.x, v = all.low.y;
         List<Pose> X_WP;
         List<int> hits;
         for (int s : back) X_WP.add(scene.pose_of(s, state)), hits.add(0);
         int inside = 0;
         for (int i = 0; i < BEHIND_RAYS; i++)
             for (int j = 0; j < BEHIND_RAYS; j++) {
-                V3 ray = unit(X_WC.turn({low_u + (j + 0.5) / BEHIND_RAYS * (high_u - low_u), low_v + (i + 0.5) / BEHIND_RAYS * (high_v - low_v), 1}));
+                V3 ray = unit(X_WC.turn({u + (j + 0.5) / BEHIND_RAYS * (all.high.x - u), v + (i + 0.5) / BEHIND_RAYS * (all.high.y - v), 1}));
                 double enter, leave, best = ENDLESS;
                 slab(from, X_WB.turn_back(ray), half, enter, leave);
                 if (!(enter < leave && leave > 0)) continue;
@@ -288,15 +265,5 @@ private:
             if (hits[k] > best) best = hits[k], behind_by = back[k];
         }
         behind = double(total) / most(inside, 1);
-    }
-
-    // Where a ray enters and leaves a box about the origin.
-    static void slab(V3 start, V3 ray, V3 half, double& enter, double& leave) {
-        enter = -INFINITY, leave = INFINITY;
-        double s[3] = {start.x, start.y, start.z}, r[3] = {ray.x, ray.y, ray.z}, h[3] = {half.x, half.y, half.z};
-        for (int k = 0; k < 3; k++) {  // fmin and fmax pass over NAN, of a ray in a face
-            double a = (-h[k] - s[k]) / r[k], b = (h[k] - s[k]) / r[k];
-            enter = fmax(enter, fmin(a, b)), leave = fmin(leave, fmax(a, b));
-        }
     }
 };

@@ -109,7 +109,7 @@ class SightScene:
         bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
         return (
             _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
-            one.far, one.brightness, one.X_FC, self._frame(one.frame),
+            one.far, one.brightness, one.X_FC[:3], self._frame(one.frame),
         )  # fmt: skip
 
     def _box_record(self, box: SoughtBox) -> tuple[object, ...]:
@@ -123,7 +123,7 @@ class SightScene:
         return (
             0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
             *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, limits.judges_rest, reads,
-            *told, box.color is None, self._frame(box.frame), box.X_FB,
+            *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
         )  # fmt: skip
 
     def _mask(self, box: SoughtBox) -> Array:
