@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.camera.light import Light
-from sqrp_cli.kernel import sight_memory
+from sqrp_cli.sight import sight_memory
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.sight_memory import SightMemory
 from tests.sight.test_laws import SEEDS, Watch, few, random_watch
