@@ -13,8 +13,8 @@ from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import Qualities
 from sqrp_cli.files.entries import completed
 from sqrp_cli.records import dataclass
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.moves import MOTION, Kind
-from sqrp_cli.search.wish import Wish
 from sqrp_cli.study.ranking import rank
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ class AdviceDocument(TaskDocument):
     VIEW = "sqrp_cli.show.terminal.search_tables:print_advice"
 
     document: Literal["advise"] = "advise"
-    want: Wish
+    want: Goal
     """What is to be met; null where anything will do."""
     candidate: str
     """Name of the candidate that the advice is about."""

@@ -16,7 +16,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.wish import Wish
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
@@ -42,12 +42,12 @@ class WishedSamples:
 
     cell: Cell
     study: WholeStudy
-    wish: Wish
+    wish: Goal
     samples: tuple[Samples, ...]
     """Of each step; m of them in all."""
 
     @classmethod
-    def of(cls, cell: Cell, study: WholeStudy, wish: Wish) -> WishedSamples:
+    def of(cls, cell: Cell, study: WholeStudy, wish: Goal) -> WishedSamples:
         """The samples of a study that the wish is about, thinned."""
         of_steps = []
         for step in study.steps:
@@ -242,7 +242,7 @@ class CameraLook:
         return covered
 
 
-def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:
+def _wished(study: Study, samples: Samples, wish: Goal) -> Mask:
     """Which samples a wish is about."""
     wished = np.zeros(len(samples), dtype=bool)
     if wish.q_avg is not None:

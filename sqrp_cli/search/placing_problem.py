@@ -15,8 +15,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.sites import JudgedWay
-from sqrp_cli.search.wish import Wish
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 
 Objective = Literal["least", "mean"]
@@ -40,7 +40,7 @@ class FewestPossible:
 class Requirements:
     """What is wanted of the cameras."""
 
-    wish: Wish | None = None
+    wish: Goal | None = None
     """What every candidate has to reach; then as few cameras as possible."""
     most: int | None = None
     """Most cameras on mounts; None: no limit."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, live
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import AdvisedFigures
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_problem import FewestPossible, Objective
-from sqrp_cli.search.wish import Wish
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
@@ -179,7 +179,7 @@ class PlaceDocument(WorkspaceDocument):
     """As they were asked for."""
     mounts: int
     """Places for a camera to choose from."""
-    want: Wish
+    want: Goal
     """What every candidate is to reach; null where anything will do."""
     met: bool = True
     """Whether the cameras are as they were wanted."""

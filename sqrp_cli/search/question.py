@@ -14,8 +14,8 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import Margin, TaskEffect
 from sqrp_cli.search.aiming import Aim
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.moves import Kind, ProposedChange
-from sqrp_cli.search.wish import Wish
 from sqrp_cli.study.assessment import observed_again
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
@@ -83,7 +83,7 @@ def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = F
     return replace(found, steps=tuple(steps))
 
 
-def finely_met(wish: Wish, cell: Cell, found: WholeStudy, sampling: Sampling) -> bool:
+def finely_met(wish: Goal, cell: Cell, found: WholeStudy, sampling: Sampling) -> bool:
     """Whether a motion meets a wish with the samples of `explain`, too: where the verdict of any camera changes."""
     return wish.met(seen_by(cell, found, sampling, full=True).assessment)
 
@@ -134,7 +134,7 @@ class Question:
     """The candidate by its best way; by the fastest one where the motion is fixed."""
     assessments: Sequence[CandidateResult]
     """Of all candidates of the task, `best` among them."""
-    wish: Wish
+    wish: Goal
     aims: Mapping[str, Aim]
     """What cameras look at, by name, where the workspace says so."""
     effects: Effects

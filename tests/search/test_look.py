@@ -9,10 +9,10 @@ import pytest
 
 from sqrp_cli.geometry import displacement
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.search.goal import read_goal
 from sqrp_cli.search.look import CameraLook, WishedSamples
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import seen_by
-from sqrp_cli.search.wish import read_wish
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -60,7 +60,7 @@ def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateRe
 )
 def test_what_meets_a_wish_passes_the_look(cell, studied, elsewhere, wish):
     camera, poses, found = elsewhere
-    wanted, index = read_wish(wish), list(cell.workspace.cameras).index(camera)
+    wanted, index = read_goal(wish), list(cell.workspace.cameras).index(camera)
     look = CameraLook(WishedSamples.of(cell, studied, wanted), cell.workspace.cameras[camera], index)
     for figures, passes in zip(found, look.passes(poses), strict=True):
         assert passes or not wanted.met(figures)
@@ -69,13 +69,13 @@ def test_what_meets_a_wish_passes_the_look(cell, studied, elsewhere, wish):
 @pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
 def test_some_poses_pass_and_some_do_not(cell, studied, wish):
     entry = cell.workspace.cameras["cam2"]
-    look = CameraLook(WishedSamples.of(cell, studied, read_wish(wish)), entry, 1)
+    look = CameraLook(WishedSamples.of(cell, studied, read_goal(wish)), entry, 1)
     passes = look.passes(moved(entry, np.random.default_rng(0), 100))
     assert 0 < passes.sum() < 100
 
 
 def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
-    wish = read_wish("q_eoi 100 %")
+    wish = read_goal("q_eoi 100 %")
     scene = WishedSamples.of(cell, studied, wish)
     (samples,) = scene.samples
     few = replace(scene, samples=(Samples(samples.piece[:1], samples.t[:1]),))
@@ -89,7 +89,7 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
 @pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
-    scene = WishedSamples.of(cell, studied, read_wish("q_avg 100 %"))
+    scene = WishedSamples.of(cell, studied, read_goal("q_avg 100 %"))
     target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), scene.count)))
     poses = moved(entry, rng, 6)
     sees = cell.observer.seen_from([entry], poses, scene.targets, scene.states, state, target)[0]

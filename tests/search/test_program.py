@@ -10,6 +10,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 import pytest
 
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_problem import (
     OBJECTIVES,
     CoveredWay,
@@ -23,7 +24,6 @@ from sqrp_cli.search.placing_problem import (
     Selection,
 )
 from sqrp_cli.search.placing_program import Limits, LinearProgram, PlacementProgram
-from sqrp_cli.search.wish import Wish
 
 
 def knapsack(count: int, seed: int = 0) -> tuple[LinearProgram, np.ndarray, np.ndarray]:
@@ -158,7 +158,7 @@ def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, 
     )
 
 
-def meets(problem: Problem, wish: Wish, one: Selection) -> bool:
+def meets(problem: Problem, wish: Goal, one: Selection) -> bool:
     covered = problem.covered(one.options)
     pairs = [
         pair for way in one.ways for pair in zip((wish.q_eoi, wish.q_avg), problem.qualities(way, covered), strict=True)
@@ -182,7 +182,7 @@ def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(s
     if known and seed % 3:  # a wish that the best just meets, or that is hard
         best = min(known, key=lambda one: key(problem, wanted, one))
         q_avg = min(problem.qualities(way, problem.covered(best.options))[1] or 0.0 for way in best.ways)
-        wish = Wish(q_avg=q_avg) if seed % 3 == 1 else Wish(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
+        wish = Goal(q_avg=q_avg) if seed % 3 == 1 else Goal(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
         wanted = replace(wanted, wish=wish)
         known = [one for one in known if meets(problem, wish, one)]
     program = PlacementProgram(problem, wanted, lambda *_: None, Limits())

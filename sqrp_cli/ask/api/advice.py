@@ -23,10 +23,10 @@ from sqrp_cli.score.work.results import KeptSearches, Results
 from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, AdvisedFigures, KindOutcome
 from sqrp_cli.search.advise import Adviser
 from sqrp_cli.search.aiming import Aim
+from sqrp_cli.search.goal import Goal, goal_of, read_goal
 from sqrp_cli.search.moves import KINDS, ProposedChange
 from sqrp_cli.search.question import Effects, Question, TaskWays, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
-from sqrp_cli.search.wish import Wish, read_wish, wish_of
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.pipeline import assess_all
 from sqrp_cli.study.ranking import rank
@@ -48,7 +48,7 @@ class AdvisedCell:
     session: Session
     content: bytes | None
     """The text of the workspace file where it was not read from the disk."""
-    wish: Wish
+    wish: Goal
     candidate: Candidate
     """That advice is about."""
 
@@ -128,7 +128,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     with closing(Results(ask.out)) as results:
         check_choice(session.task, ask.choose)
         expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
-        wish = wish_of(expected) if ask.want is None else read_wish(ask.want)
+        wish = goal_of(expected) if ask.want is None else read_goal(ask.want)
         assessments = list(assess(session, ask.jobs, ask.progress))
         chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
         best = next(one for one in assessments if one.candidate is chosen)

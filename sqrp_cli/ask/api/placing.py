@@ -15,13 +15,13 @@ from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.score.work.results import Results
+from sqrp_cli.search.goal import Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import OBJECTIVES, FewestPossible, Requirements
 from sqrp_cli.search.placing_program import Watch, check_solver
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
 from sqrp_cli.search.sites import LocalVerdicts, Verdicts
 from sqrp_cli.search.visibility_table import PlaceQuestion
-from sqrp_cli.search.wish import Wish, read_wish
 from sqrp_cli.task.candidate import split_steps
 from sqrp_cli.task.task import read_task
 
@@ -127,9 +127,9 @@ def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int
     if request.cameras is not None and request.cameras + kept <= request.survive:
         message = f"of a single camera nothing is left if it fails, so that {request.given('survive', 1)} needs two"
         raise bad_option(message, mend=request.given("cameras", 2))
-    wish = None if request.want is None else read_wish(request.want)
+    wish = None if request.want is None else read_goal(request.want)
     if wish is None and request.cameras is None:
-        wish = Wish(q_eoi=1.0)
+        wish = Goal(q_eoi=1.0)
     return Requirements(
         wish=wish,
         most=request.cameras,

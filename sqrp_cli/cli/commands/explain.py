@@ -132,7 +132,7 @@ def _explain_program(ask: ExplainCommand) -> ExitCode:
 
 def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path | None, ask: ExplainCommand) -> None:
     """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
-    from sqrp_cli.search.wish import wish_of
+    from sqrp_cli.search.goal import goal_of
     from sqrp_cli.show.terminal.console import say_command
     from sqrp_cli.study.quality import falls_short
     from sqrp_cli.study.verdict import HELP
@@ -142,7 +142,7 @@ def _say_more(found: Explanation, cell: Workspace, workspace: Path, after: Path 
     lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
     listed = next((one for one in cell.tasks if one.task == ask.task), None)
     words = ["sqrp", "advise", str(workspace), ask.task]
-    if listed is None or wish_of(listed).met(found):  # else advice is about the thresholds that are missed
+    if listed is None or goal_of(listed).met(found):  # else advice is about the thresholds that are missed
         words += ["--want", f"{lost} 100 %"]
     if found.step is not None:  # it begins where no program ends
         words += ["--choose", str(ask.choose)] if ask.choose != "best" else []

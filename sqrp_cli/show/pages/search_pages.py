@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from sqrp_cli.score.scorecard import Progress
 from sqrp_cli.search.advice_result import AdviceDocument
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
 from sqrp_cli.search.question import is_fastest
-from sqrp_cli.search.wish import Wish
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.show.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
@@ -80,7 +80,7 @@ def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
         yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
 
 
-def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Wish | None) -> PageRow:
+def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Goal | None) -> PageRow:
     """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.

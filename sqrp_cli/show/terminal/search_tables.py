@@ -6,9 +6,9 @@ from itertools import groupby
 from time import monotonic
 
 from sqrp_cli.search.advice_result import AdviceDocument, AdvisedFigures
+from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.moves import MOTION, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
-from sqrp_cli.search.wish import Wish
 from sqrp_cli.show.sentences import KIND_WORDS
 from sqrp_cli.show.terminal.console import (
     Column,
@@ -101,7 +101,7 @@ def _conclude(found: AdviceDocument, *, written: bool) -> None:
         say(f"No patch: {one.unwritten}.")
 
 
-def _figures(found: AdvisedFigures, want: Wish) -> str:
+def _figures(found: AdvisedFigures, want: Goal) -> str:
     """The figures of a candidate; how late faults are seen only where that is wished for."""
     if found.time is None:
         return "no feasible motion"

@@ -1,4 +1,4 @@
-"""What a candidate is to reach: the wish of an advice, and by how much figures miss it."""
+"""The goal of a candidate: least qualities and longest times, and by how much figures miss them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish(Record):
+class Goal(Record):
     """Least qualities and longest times; null where anything will do."""
 
     q_eoi: float | None = None
@@ -110,8 +110,8 @@ def figure(found: CandidateResult, name: str) -> float | None:
     return found.latest if name == "delay" else getattr(found, name)
 
 
-def read_wish(text: str) -> Wish:
-    """A wish such as `q_eoi 100 %, time 20 s`; a plain quality is in 0..1.
+def read_goal(text: str) -> Goal:
+    """A goal such as `q_eoi 100 %, time 20 s`; a plain quality is in 0..1.
 
     Raises InputError for anything else.
     """
@@ -132,15 +132,15 @@ def read_wish(text: str) -> Wish:
         if name.lower() in found:
             raise _refused(text, f"`{name}` is wished for twice")
         found[name.lower()] = quantity.value
-    return Wish(**found)
+    return Goal(**found)
 
 
-def wish_of(expected: ExpectedTask | None) -> Wish:
+def goal_of(expected: ExpectedTask | None) -> Goal:
     """The thresholds of a task that a workspace lists; Q_eoi 100 % where there are none."""
     if expected is None:
-        return Wish(q_eoi=1.0)
-    wish = Wish(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
-    return wish if str(wish) else Wish(q_eoi=1.0)
+        return Goal(q_eoi=1.0)
+    wish = Goal(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
+    return wish if str(wish) else Goal(q_eoi=1.0)
 
 
 def _refused(text: str, why: str) -> InputError:

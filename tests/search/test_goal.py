@@ -8,21 +8,21 @@ import pytest
 
 from sqrp_cli.cell.workspace import ExpectedTask
 from sqrp_cli.errors import InputError
-from sqrp_cli.search.wish import Wish, read_wish, wish_of
+from sqrp_cli.search.goal import Goal, goal_of, read_goal
 
 
 @pytest.mark.parametrize(
     ("text", "wish"),
     [
-        ("q_eoi 100 %", Wish(q_eoi=1.0)),
-        ("q_eoi 100%, time 20 s", Wish(q_eoi=1.0, time=20.0)),
-        ("Q_avg 0.9,delay 500 ms", Wish(q_avg=0.9, delay=0.5)),
-        ("time=20", Wish(time=20.0)),
+        ("q_eoi 100 %", Goal(q_eoi=1.0)),
+        ("q_eoi 100%, time 20 s", Goal(q_eoi=1.0, time=20.0)),
+        ("Q_avg 0.9,delay 500 ms", Goal(q_avg=0.9, delay=0.5)),
+        ("time=20", Goal(time=20.0)),
     ],
 )
 def test_wishes_are_read(text, wish):
-    assert read_wish(text) == wish
-    assert read_wish(str(wish)) == wish
+    assert read_goal(text) == wish
+    assert read_goal(str(wish)) == wish
 
 
 @pytest.mark.parametrize(
@@ -42,16 +42,16 @@ def test_wishes_are_read(text, wish):
 )
 def test_others_are_refused_with_what_was_expected(text, word):
     with pytest.raises(InputError, match=word):
-        read_wish(text)
+        read_goal(text)
 
 
 def test_without_thresholds_all_events_are_to_be_seen():
-    assert wish_of(None) == Wish(q_eoi=1.0)
-    assert wish_of(ExpectedTask(task="pickup green")) == Wish(q_eoi=1.0)
-    assert wish_of(ExpectedTask(task="pickup green", max_delay=1.0)) == Wish(delay=1.0)
+    assert goal_of(None) == Goal(q_eoi=1.0)
+    assert goal_of(ExpectedTask(task="pickup green")) == Goal(q_eoi=1.0)
+    assert goal_of(ExpectedTask(task="pickup green", max_delay=1.0)) == Goal(delay=1.0)
 
 
 @pytest.mark.parametrize(("delay", "nearer"), [(0.4099, False), (0.40, True), (0.43, False)])
 def test_only_what_shows_in_the_figures_comes_nearer(delay, nearer):
     start, found = (SimpleNamespace(feasible=True, latest=worst, unseen=0.0) for worst in (0.4132, delay))
-    assert Wish(delay=0.2).is_nearer(found, start) is nearer
+    assert Goal(delay=0.2).is_nearer(found, start) is nearer
