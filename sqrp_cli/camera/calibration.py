@@ -50,17 +50,9 @@ The first three are ROS's; radtan and equi Kalibr's; fisheye OpenCV's; the other
 _OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
 
-P_KEYS = ("projection_matrix", "P", "p")
-"""Names of the projection matrix of the rectified image."""
-
-MOST_SCALED = 5.0
-"""Largest factor by which rectification scales the focal lengths."""
-
-MOST_MOVED = 0.2
-"""Largest shift of the principal point by rectification, as a share of the image."""
-
-MOST_CAMERAS_NESTED = 3
-"""Levels of a file in which cameras are looked for."""
+MOST_SCALED = 5.0  # largest factor by which rectification scales the focal lengths
+MOST_MOVED = 0.2  # largest shift of the principal point by rectification, as a share of the image
+MOST_CAMERAS_NESTED = 3  # levels of a file in which cameras are looked for
 
 
 class CameraCalibration(NamedTuple):
@@ -84,9 +76,9 @@ def read_calibration(
     and where file and workspace contradict each other.
     """
     wanted = wanted or CalibrationFile(file=str(path))
-    text = formats.read_calibration_text(path, formats.TOP_KEYS)
-    part, title, model = _chosen(text, wanted, asked)
-    camera = validate(part, model)
+    text = formats.read_calibration_text(path)
+    part, known, name = _chosen(text.document, wanted, asked)
+    camera = validate(part, known)
     width, height = _size(camera, part, wanted, asked)
     stated = camera.lens(part)
     K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
@@ -96,6 +88,11 @@ def read_calibration(
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
         raise part.error("wrong-value", stated.K_at, message)
+    title = known.title
+    if known is formats.CameraInfo:  # which is said in several syntaxes, by OpenCV too
+        matrix = next(part.data[key] for key in formats.K_KEYS if key in part.data)
+        of_opencv = text.syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
+        title = f"OpenCV FileStorage ({text.syntax})" if of_opencv else f"{title} ({text.syntax})"
     distortion_model, coefficients = _distortion(part, stated)
     intrinsics = Intrinsics(
         width=width,
@@ -103,80 +100,53 @@ def read_calibration(
         matrix=read_only(K),
         distortion_model=distortion_model,
         distortion=read_only(coefficients),
-        lens_file=title,
+        lens_file=title if name is None else f"{title}: {name}",
     )
     _check_principal_point(part, stated.K_at, intrinsics)
     return CameraCalibration(intrinsics, text.document, part)
 
 
-class _Found(NamedTuple):
-    """A camera of a file."""
+def _chosen(
+    document: SourceDocument, wanted: CalibrationFile, asked: str
+) -> tuple[SourceDocument, type[formats.StatedCamera], str | None]:
+    """The wanted camera of a file, its format, and its name if the file has several."""
 
-    part: SourceDocument
-    title: str
-    """Of its format, and its name."""
-    model: type[formats.StatedCamera]
+    def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, type[formats.StatedCamera]]]:
+        if isinstance(data, dict) and (known := formats.format_of(data)) is not None:
+            yield at, known
+        elif len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
+            for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+                yield from cameras(value, (*at, key))
 
+    def own_name(camera: Mapping[str, Any]) -> str | None:
+        keys = ("camera_name", "name", "id")
+        return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
 
-def _chosen(text: formats.CalibrationText, wanted: CalibrationFile, asked: str) -> _Found:
-    """The wanted camera of a file."""
-    document, found = text.document, dict(_cameras(text.document.data, ()))
-    if () in found or not found:
-        if not found and not any(key in document.data for key in formats.TOP_KEYS):
-            raise InputError(formats.no_calibration(document.path))
-        known, own = found.get((), formats.CAMERA_INFO), _own_name(document.data)
-        if wanted.camera not in (None, own):
-            raise InputError(_unknown_camera(document, str(wanted.camera), [] if own is None else [own], asked))
-        return _Found(document, _title(known, document, text.syntax), known.model)
-    names = {}  # a camera of a list is called by its own name, any other by its key
-    for at in found:
-        own = _own_name(document.at(at)) if isinstance(at[-1], int) else None
+    found, names = dict(cameras(document.data, ())), dict[str, KeyPath]()
+    is_one = () in found or not found
+    if not found and not any(key in document.data for key in formats.TOP_KEYS):
+        raise InputError(formats.no_calibration(document.path))
+    if is_one:
+        own = own_name(document.data)
+        names = {} if own is None else {own: ()}
+    for at in () if is_one else found:  # a camera of a list is called by its own name, any other by its key
+        own = own_name(document.at(at)) if isinstance(at[-1], int) else None
         names[own or str(at[-1])] = at
+    if wanted.camera is not None and wanted.camera not in names:
+        held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
+        close = nearest(wanted.camera, names)
+        hint = f"; did you mean `{close}`?" if close else ""
+        mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
+        message = f"`{asked}.camera`: found `{wanted.camera}`, but {held}{hint}"
+        raise bad_input("unknown-camera", message, Place(document.path), mend=mend)
+    if is_one:
+        return document, found.get((), formats.CameraInfo), None
     if wanted.camera is None and len(names) > 1:
         message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
         mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
         raise bad_input("ambiguous-entry", message, Place(document.path), mend=mend)
     name = wanted.camera or next(iter(names))
-    if name not in names:
-        raise InputError(_unknown_camera(document, name, list(names), asked))
-    part = formats.part_of(document, names[name])
-    known = found[names[name]]
-    return _Found(part, f"{_title(known, part, text.syntax)}: {name}", known.model)
-
-
-def _unknown_camera(document: SourceDocument, name: str, names: Sequence[str], asked: str) -> Problem:
-    held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
-    close = nearest(name, names)
-    message = f"`{asked}.camera`: found `{name}`, but {held}" + (f"; did you mean `{close}`?" if close else "")
-    mend = "leave `camera` out, or name the file of that camera" if len(names) < 2 else None
-    return Problem("unknown-camera", message, Place(document.path), mend=mend)
-
-
-def _cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, formats.CalibrationFormat]]:
-    """The cameras in a file, with the path of each."""
-    if isinstance(data, dict):
-        known = formats.format_of(data)
-        if known is not None:
-            yield at, known
-            return
-    if len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
-        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _cameras(value, (*at, key))
-
-
-def _title(known: formats.CalibrationFormat, part: SourceDocument, syntax: str) -> str:
-    """The name of a format as people know it."""
-    if known is not formats.CAMERA_INFO:
-        return known.title
-    matrix = next((part.data[key] for key in formats.K_KEYS if key in part.data), None)
-    of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
-    return f"OpenCV FileStorage ({syntax})" if of_opencv else f"ROS camera_info ({syntax})"
-
-
-def _own_name(camera: Mapping[str, Any]) -> str | None:
-    """What a camera calls itself."""
-    keys = ("camera_name", "name", "id")
-    return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
+    return document.part(names[name]), found[names[name]], name
 
 
 def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
@@ -206,7 +176,7 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
     lengths to keep more or less of the image, and hardly moves its centre.
     """
     document, K = found.part, found.intrinsics.matrix
-    key = next((key for key in P_KEYS if key in document.data), "")
+    key = next((key for key in ("projection_matrix", "P", "p") if key in document.data), "")
     entry = document.data.get(key)
     numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
     if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):

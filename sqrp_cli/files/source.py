@@ -32,6 +32,16 @@ class SourceDocument:
     """Place of each key; for items of a list, of the item."""
     values: Mapping[KeyPath, Place]
     """Start of each value's text."""
+    within: KeyPath = ()
+    """Of a part of a file, its path, which messages put before those of keys."""
+
+    def part(self, at: KeyPath) -> SourceDocument:
+        """The mapping at a path, as a document of its own."""
+        keys, values = (
+            {path[len(at) :]: place for path, place in places.items() if path[: len(at)] == at}
+            for places in (self.keys, self.values)
+        )
+        return SourceDocument(self.path, self.content, self.at(at), keys, values, (*self.within, *at))
 
     @property
     def folder(self) -> Path:
@@ -60,7 +70,7 @@ class SourceDocument:
 
     def name(self, path: KeyPath) -> str:
         """How messages name a key."""
-        return dotted(path)
+        return dotted((*self.within, *path))
 
     def key_place(self, path: KeyPath) -> Place:
         """The place of a key; for a missing key, that of the mapping that should have it."""
