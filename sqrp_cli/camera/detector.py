@@ -32,8 +32,7 @@ from sqrp_cli.records import dataclass
 Steepness = Annotated[float, In(None, 0.0, 1000.0)]
 MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
 
-LEAST_FEATURE = 1e-3
-"""A size in pixels and a cosine below this count as this, so that they have logarithms."""
+LEAST_FEATURE = 1e-3  # a size in pixels and a cosine below this count as this, so that they have logarithms
 
 
 class BoxSights(NamedTuple):
@@ -94,8 +93,7 @@ class Curve(Stored):
         return self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
 
 
-COEFFICIENTS = BoxSights._fields
-"""The terms that a curve may have."""
+COEFFICIENTS = BoxSights._fields  # the terms that a curve may have
 
 
 MODULE_PIXELS, PER_BIT = 1.59, 0.19
@@ -106,8 +104,7 @@ LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
 outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
 
-STEEPEST = radians(80.0)
-"""The largest angle at which markers are read [rad]."""
+STEEPEST = radians(80.0)  # the largest angle at which markers are read [rad]
 
 
 class MarkerRange(NamedTuple):
@@ -181,14 +178,12 @@ def package_of(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else entry.module
 
 
-LEAST_VISIBLE = 0.001
-"""A box of which less than this share is visible is never seen."""
+LEAST_VISIBLE = 0.001  # a box of which less than this share is visible is never seen
 
 BESIDE = 0.95
 """Share of a marker's box from which on images usually show it, though a part of the robot covers some of its edge."""
 
-BUILT_IN = ("aruco", "color")
-"""The kinds of detectors that need no other package."""
+BUILT_IN = ("aruco", "color")  # the kinds of detectors that need no other package
 
 
 def _kind(value: object) -> str:
@@ -331,8 +326,7 @@ class Detector(DetectorTraits):
         )
 
 
-LEAST_PIXELS = 4.0
-"""Least square root of the area of a silhouette that can be judged by colour [pixels]."""
+LEAST_PIXELS = 4.0  # least square root of the area of a silhouette that can be judged by colour [pixels]
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
 """Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its

@@ -38,18 +38,15 @@ from sqrp_cli.ros.bag import Bag, is_bag
 
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
 
-MOST_MESSAGES = 10_000
-"""Most messages that are read; each node that publishes static transforms sends one."""
+MOST_MESSAGES = 10_000  # most messages that are read; each node that publishes static transforms sends one
 
 PUBLISHER = "static_transform_publisher"
 
-LARGEST_TRANSLATION = 1e4
-"""Largest coordinate [m]."""
+LARGEST_TRANSLATION = 1e4  # largest coordinate [m]
 
 _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
 
-_SHELL = ("&", "&&", ";", "|", "||")
-"""What ends a command."""
+_SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
 
 _POSITION = ("x", "y", "z")
 _RPY = ("roll", "pitch", "yaw")

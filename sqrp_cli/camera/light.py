@@ -22,8 +22,7 @@ from sqrp_cli.files.units import ANGLE, SHORTEST_DIRECTION
 from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
 
-Rgb = tuple[float, float, float]
-"""Red, green and blue, 0 to 1."""
+Rgb = tuple[float, float, float]  # red, green and blue, 0 to 1
 
 COLORS: Mapping[str, Rgb] = {
     "red": (0.85, 0.08, 0.08),
@@ -44,14 +43,9 @@ COLORS: Mapping[str, Rgb] = {
 }
 """Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
 
-HUES = 180
-"""How many hues there are, as OpenCV counts: steps of two degrees."""
-
-HUE_TOLERANCE = 12
-"""How far a hue may be from that of the paint that is looked for."""
-
-LEAST_SATURATION = 0.3
-"""Below it, in 0..1, a paint has no hue to look for."""
+HUES = 180  # how many hues there are, as OpenCV counts: steps of two degrees
+HUE_TOLERANCE = 12  # how far a hue may be from that of the paint that is looked for
+LEAST_SATURATION = 0.3  # below it, in 0..1, a paint has no hue to look for
 
 LEAST_SEEN_SATURATION, LEAST_VALUE = 90 / 255, 40 / 255
 """Below these, in 0..1, a detector of colours counts a pixel as grey or black, not as coloured."""
@@ -84,11 +78,8 @@ def detected_as(color: str, pixel: Sequence[float]) -> bool:
     return _are_near(round(hue * HUES), sought)
 
 
-MOST_LIGHTS = 8
-"""Lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw."""
-
-MOST_INTENSITY = 1000.0
-"""Of a light, and most gain of a camera."""
+MOST_LIGHTS = 8  # lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw
+MOST_INTENSITY = 1000.0  # of a light, and most gain of a camera
 
 Intensity = Annotated[float, In(None, 0.0, MOST_INTENSITY)]
 Beam = Annotated[float, In(ANGLE, radians(1.0), radians(160.0))]
@@ -168,8 +159,7 @@ class Brightness(NamedTuple):
     most: float
 
 
-_ROUNDED = 0.5 / 255
-"""By how much a pixel's value may be rounded up."""
+_ROUNDED = 0.5 / 255  # by how much a pixel's value may be rounded up
 
 ANY_BRIGHTNESS = Brightness(0.0, inf)
 

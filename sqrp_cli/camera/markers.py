@@ -34,8 +34,7 @@ _ARUCO = {
     for count, wrong in zip((50, 100, 250, 1000), corrected, strict=True)
 }
 
-ORIGINAL = "aruco_original"
-"""The dictionary of markers that do not name one."""
+ORIGINAL = "aruco_original"  # the dictionary of markers that do not name one
 
 DICTIONARIES: Mapping[str, MarkerDictionary] = {
     ORIGINAL: MarkerDictionary(7, 1024),

@@ -20,11 +20,8 @@ from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.records import dataclass
 
-_SAME = 1e-9
-"""Numbers that differ by less are the same."""
-
-_LEAST = ("min_q_eoi", "min_q_avg")
-"""The thresholds of tasks that are least shares; the others are longest times."""
+_SAME = 1e-9  # numbers that differ by less are the same
+_LEAST = ("min_q_eoi", "min_q_avg")  # the thresholds of tasks that are least shares; the others are longest times
 
 
 class LookAt(NamedTuple):
@@ -196,8 +193,7 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
     return content
 
 
-_THEN = " then "
-"""Between the steps of a task of several."""
+_THEN = " then "  # between the steps of a task of several
 
 
 def _text_of(entry: Mapping[str, Any]) -> str | None:

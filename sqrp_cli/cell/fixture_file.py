@@ -22,8 +22,7 @@ from sqrp_cli.files.xml_file import MAX_BYTES
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
 from sqrp_cli.shapes import Box, Shape, shape_of
 
-MAX_OBJECTS = 500
-"""Most objects of a file."""
+MAX_OBJECTS = 500  # most objects of a file
 
 
 class FixturesEntry(Entry):
@@ -34,11 +33,8 @@ class FixturesEntry(Entry):
     pose: Pose = Field(default=Pose(), description="Pose of the file's frame in the world.")
 
 
-_FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
-"""How many figures a shape has."""
-
-MOST_NUMBERS = 300_000
-"""Most vertices or triangles of a mesh."""
+_FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}  # how many figures a shape has
+MOST_NUMBERS = 300_000  # most vertices or triangles of a mesh
 
 
 def read_scene(path: Path, content: bytes, roots: Sequence[Path]) -> FixturesRead:  # noqa: ARG001 - it names no files

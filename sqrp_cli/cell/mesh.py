@@ -29,23 +29,12 @@ from sqrp_cli.shapes import Mesh, Part, Triangles
 
 Integers = NDArray[np.int64]
 
-MAX_BYTES = 200_000_000
-"""Largest STL file that is read."""
-
-MAX_TEXT_BYTES = 64_000_000
-"""Largest OBJ and DAE file: its words take ten times as much memory."""
-
-MAX_TRIANGLES = 500_000
-"""Largest mesh that is accepted."""
-
-MAX_CORNERS = 1000
-"""Most corners of a polygon."""
-
-MAX_CUTS = 200_000
-"""Most corners to try when polygons that are not convex are cut into triangles, some seconds of work."""
-
-MAX_NODES = 10_000
-"""Most nodes and placed geometries of a COLLADA file."""
+MAX_BYTES = 200_000_000  # largest STL file that is read
+MAX_TEXT_BYTES = 64_000_000  # largest OBJ and DAE file: its words take ten times as much memory
+MAX_TRIANGLES = 500_000  # largest mesh that is accepted
+MAX_CORNERS = 1000  # most corners of a polygon
+MAX_CUTS = 200_000  # most corners to try when polygons that are not convex are cut into triangles, some seconds of work
+MAX_NODES = 10_000  # most nodes and placed geometries of a COLLADA file
 
 _CONVERSIONS = (
     "make triangles of it, such as by `gmsh part.step -2 -o part.stl` (pip install gmsh) or in FreeCAD; such files are"
@@ -340,8 +329,7 @@ def _ears(rim: Array, normal: Array) -> tuple[list[tuple[int, int, int]], int]:
 
 # DAE
 
-_NUMBERS = {"matrix": 16, "rotate": 4, "translate": 3, "scale": 3}
-"""Transformations of a node, and their numbers."""
+_NUMBERS = {"matrix": 16, "rotate": 4, "translate": 3, "scale": 3}  # transformations of a node, and their numbers
 
 _TEXTS = frozenset(("float_array", "p", "vcount", *_NUMBERS))
 _UNSUPPORTED = {"instance_controller": "skins and morphs", "skew": "skewed nodes", "lookat": "nodes with <lookat>"}

@@ -39,20 +39,11 @@ from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.records import dataclass
 
-PLACE_FILE = "place.yaml"
-"""Name of the file beside a workspace."""
-
-LEAST_LENGTH = 1e-9
-"""A direction whose components are all smaller has no length."""
-
-SAME = 1e-6
-"""Points that are closer to each other are one [m]."""
-
-MOST_SPOTS = 20_000
-"""Most places for a camera in one file."""
-
-MOST_AIMS = 200
-"""Most directions at one of them."""
+PLACE_FILE = "place.yaml"  # name of the file beside a workspace
+LEAST_LENGTH = 1e-9  # a direction whose components are all smaller has no length
+SAME = 1e-6  # points that are closer to each other are one [m]
+MOST_SPOTS = 20_000  # most places for a camera in one file
+MOST_AIMS = 200  # most directions at one of them
 
 Price = Annotated[float, In(None, 0.0, 1e8)]
 Weight = Annotated[float, In(None, 0.0, 1e6)]

@@ -29,8 +29,7 @@ from sqrp_cli.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.shapes import Mesh, Part
 
-MAX_ARM_JOINTS = 20
-"""Most joints that move the tool frame; each makes inverse kinematics and motion slower."""
+MAX_ARM_JOINTS = 20  # most joints that move the tool frame; each makes inverse kinematics and motion slower
 
 
 class RobotDescription(NamedTuple):

@@ -34,14 +34,9 @@ from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, i
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 
-NO_SIZE = (0.0, 0.0, 0.0)
-"""The size of an object that is as large as its parts."""
-
-FLOOR_DEPTH = 0.7
-"""Of the floor below the lowest fixed object: the height of a table [m]."""
-
-MOST_TURNS = 64
-"""Most turns of a stated symmetry."""
+NO_SIZE = (0.0, 0.0, 0.0)  # the size of an object that is as large as its parts
+FLOOR_DEPTH = 0.7  # of the floor below the lowest fixed object: the height of a table [m]
+MOST_TURNS = 64  # most turns of a stated symmetry
 
 
 def _symmetry(value: object) -> int | Literal["round"]:
@@ -66,8 +61,7 @@ def _without_default(schema: dict[str, Any]) -> None:
     schema.pop("default", None)
 
 
-BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-"""A side of a box, by its outward axis."""
+BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]  # a side of a box, by its outward axis
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,19 +31,13 @@ Plain = str | bool | int | float | tuple[float, ...] | None
 Understood = Mapping[str, Mapping[str, Plain]]
 """By what it is about, such as `camera cam1`, and by the name of each value; a pose is x, y, z [m] and a quaternion."""
 
-DIGITS = 12
-"""Significant digits of a number: the notations of one quantity, such as `5 cm` and `50 mm`, differ less."""
-
-DECIMALS = 9
-"""Decimals of poses [m], which come from sines and cosines."""
-
-_LONGEST = 40
-"""Most characters of a value that a sentence shows."""
+DIGITS = 12  # significant digits of a number: the notations of one quantity, such as `5 cm` and `50 mm`, differ less
+DECIMALS = 9  # decimals of poses [m], which come from sines and cosines
+_LONGEST = 40  # most characters of a value that a sentence shows
 
 _POSE = re.compile(r"X_[A-Z]{2}")
 
-_UNSAID = (Place, Problem, Path)
-"""Kinds of values without a meaning for the cell."""
+_UNSAID = (Place, Problem, Path)  # kinds of values without a meaning for the cell
 
 _LEFT_OUT = {
     "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks"},

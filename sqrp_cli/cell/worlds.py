@@ -62,8 +62,7 @@ class FixtureReader:
 
 _TEXTS = frozenset({"name", "pose", "size", "radius", "length", "uri", "scale"})
 
-MOST_NESTED = 8
-"""Most files of which each includes the next."""
+MOST_NESTED = 8  # most files of which each includes the next
 
 
 def read_sdf(path: Path, content: bytes, roots: Sequence[Path]) -> FixturesRead:
@@ -183,14 +182,9 @@ def _parsed(element: Element, words: Sequence[str], count: int, least: float) ->
     return numbers
 
 
-_SIZES = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}
-"""How many sizes a shape has, halves of its lengths."""
-
-_PARALLEL = 1e-9
-"""Length below which a vector has no direction."""
-
-_INCLUDED = ("mujoco", "mujocoinclude")
-"""What the root of an included file is called."""
+_SIZES = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}  # how many sizes a shape has, halves of its lengths
+_PARALLEL = 1e-9  # length below which a vector has no direction
+_INCLUDED = ("mujoco", "mujocoinclude")  # what the root of an included file is called
 
 
 def read_mjcf(path: Path, content: bytes, roots: Sequence[Path]) -> FixturesRead:

@@ -14,14 +14,12 @@ import numpy as np
 from sqrp_cli.files.entries import Text, Written
 from sqrp_cli.geometry import Array, read_only
 
-WORLD = "world"
-"""The cell's world, wherever a frame is named."""
+WORLD = "world"  # the cell's world, wherever a frame is named
 
 WORLD_LINK = "robot/world"
 """Name of a URDF's link `world`, which is at the robot's base and need not be the cell's world."""
 
-TOOL = "tool"
-"""In a skill: the tool frame, or all parts of the tool."""
+TOOL = "tool"  # in a skill: the tool frame, or all parts of the tool
 
 _START = "@start"
 
@@ -49,8 +47,7 @@ class FrameName(str):
         return self.removesuffix(_START)
 
 
-StoredFrame = Annotated[FrameName, Written(Text, FrameName, str)]
-"""A frame as a field of a record that a file holds."""
+StoredFrame = Annotated[FrameName, Written(Text, FrameName, str)]  # a frame as a field of a record that a file holds
 
 
 def link_called(name: str, links: Collection[str]) -> str:

@@ -18,11 +18,8 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest
 from sqrp_cli.records import dataclass
 
-LARGEST = 200_000_000
-"""Most bytes of any input file, meshes included."""
-
-NOT_THERE = "no such file or folder"
-"""What messages say of a path at which there is nothing."""
+LARGEST = 200_000_000  # most bytes of any input file, meshes included
+NOT_THERE = "no such file or folder"  # what messages say of a path at which there is nothing
 
 YAML_ENDINGS = (".yaml", ".yml")
 

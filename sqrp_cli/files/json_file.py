@@ -16,14 +16,9 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite, too_deep
 from sqrp_cli.files.units import as_number
 
-MAX_DEPTH = 32
-"""Deepest nesting of objects and lists."""
-
-MAX_DIGITS = 20
-"""Most characters of a whole number."""
-
-LONGEST_NAME = 60
-"""Most characters of a key in messages."""
+MAX_DEPTH = 32  # deepest nesting of objects and lists
+MAX_DIGITS = 20  # most characters of a whole number
+LONGEST_NAME = 60  # most characters of a key in messages
 
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
 _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)

@@ -11,13 +11,11 @@ from typing import Any
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.records import dataclass
 
-KeyPath = tuple[str | int, ...]
-"""Keys and list indices from the top of a document to a value."""
+KeyPath = tuple[str | int, ...]  # keys and list indices from the top of a document to a value
 
 LeafValue = str | float | int | bool | None
 
-Data = dict[str, Any]
-"""A mapping of a file: nested dicts, lists, text, numbers, booleans and None."""
+Data = dict[str, Any]  # a mapping of a file: nested dicts, lists, text, numbers, booleans and None
 
 
 @dataclass(frozen=True, eq=False)

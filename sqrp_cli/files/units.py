@@ -13,36 +13,20 @@ from math import pi
 
 from sqrp_cli.records import dataclass
 
-LARGEST = 1e6
-"""Largest number by default, in SI units."""
-
-LARGEST_LENGTH = 1000.0
-"""Largest coordinate, distance and extent [m]."""
-
-LARGEST_ANGLE = 20 * pi
-"""Largest angle: ten turns [rad]."""
-
-LONGEST = 3600.0
-"""Longest time [s]."""
-
-SMALLEST_SIZE = 1e-6
-"""Smallest extent of a shape [m]."""
-
-SHORTEST_DIRECTION = 1e-9
-"""A vector that is shorter has no direction."""
-
-SMALLEST_LIMIT = 1e-6
-"""Smallest velocity, acceleration and jerk; below it motions would never end."""
-
-NO_LIMIT = 1e18
-"""Largest joint limit in a URDF; some descriptions write huge numbers for "no limit"."""
+LARGEST = 1e6  # largest number by default, in SI units
+LARGEST_LENGTH = 1000.0  # largest coordinate, distance and extent [m]
+LARGEST_ANGLE = 20 * pi  # largest angle: ten turns [rad]
+LONGEST = 3600.0  # longest time [s]
+SMALLEST_SIZE = 1e-6  # smallest extent of a shape [m]
+SHORTEST_DIRECTION = 1e-9  # a vector that is shorter has no direction
+SMALLEST_LIMIT = 1e-6  # smallest velocity, acceleration and jerk; below it motions would never end
+NO_LIMIT = 1e18  # largest joint limit in a URDF; some descriptions write huge numbers for "no limit"
 
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(\S.*?)?\s*")
 
-TURN = 6.2832
-"""Slightly more than a turn [rad]. A larger angle without a unit was meant in degrees."""
+TURN = 6.2832  # slightly more than a turn [rad]. A larger angle without a unit was meant in degrees
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}

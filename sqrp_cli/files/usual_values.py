@@ -64,8 +64,7 @@ FIELD_OF_VIEW = Usual(
 FISHEYE_VIEW = Usual("", radians(1.0), radians(360), units.ANGLE, "an equidistant lens shows all around at most")
 """The angle that follows from `fx` of an equidistant lens, without its distortion; in no file."""
 
-MOST_STRETCHED = 2.0
-"""Largest usual ratio of a camera's two focal lengths."""
+MOST_STRETCHED = 2.0  # largest usual ratio of a camera's two focal lengths
 
 WORKSPACE = (
     *(

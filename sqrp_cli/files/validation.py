@@ -15,8 +15,7 @@ from sqrp_cli.files.source import KeyPath, SourceDocument, describe
 
 Model = TypeVar("Model", bound=BaseModel)
 
-_SPELLING = 0.85
-"""Likeness from which a key is taken for a misspelt one: `image_width` and `image_height` have 0.7."""
+_SPELLING = 0.85  # likeness from which a key is taken for a misspelt one: `image_width` and `image_height` have 0.7
 
 _QUOTED = re.compile(r"`(\w+)`")
 

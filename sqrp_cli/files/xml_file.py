@@ -15,20 +15,11 @@ from sqrp_cli.files.source import excerpt, too_deep
 from sqrp_cli.files.units import LARGEST, as_number
 from sqrp_cli.records import dataclass
 
-LONGEST_TAG = 60
-"""Most letters of a tag in messages."""
-
-MAX_BYTES = 10_000_000
-"""Largest XML file that is read."""
-
-MAX_DEPTH = 64
-"""Deepest nesting of elements."""
-
-MAX_ELEMENTS = 200_000
-"""Most elements of a file."""
-
-_BUFFER = 1 << 20
-"""Size of the parser's text buffer [bytes]."""
+LONGEST_TAG = 60  # most letters of a tag in messages
+MAX_BYTES = 10_000_000  # largest XML file that is read
+MAX_DEPTH = 64  # deepest nesting of elements
+MAX_ELEMENTS = 200_000  # most elements of a file
+_BUFFER = 1 << 20  # size of the parser's text buffer [bytes]
 
 _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 

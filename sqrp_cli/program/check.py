@@ -14,14 +14,12 @@ from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory
 
-SAME_TIME = 1e-6
-"""Tolerance of times [s]."""
+SAME_TIME = 1e-6  # tolerance of times [s]
 
 LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
 """Largest jumps of a joint's position, velocity and acceleration [rad or m, and per s, and per s^2]."""
 
-LARGEST_SKEW = 1e-6
-"""Largest deviation of the axes of a pose from unit length and right angles."""
+LARGEST_SKEW = 1e-6  # largest deviation of the axes of a pose from unit length and right angles
 
 Keys = tuple[str | int, ...]
 

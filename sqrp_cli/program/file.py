@@ -37,14 +37,9 @@ _MAKE = "name a file that does not exist yet, and it is made: sqrp rank WORKSPAC
 _NOT_SUMMED = {"checksum", "marks", "workspace", "made_for"}
 """Keys that the checksum leaves out; `digest`, which it includes, is that of `made_for`."""
 
-_CHANGES_NAMED = 4
-"""Most changes of a workspace in a message."""
-
-_LIKE_NUMBERS = re.compile(r"[-+.]?[0-9].*")
-"""Text that needs quotes, so that no reader takes it for a number."""
-
-_MOST_PLACES = 50
-"""Most folders in which a renamed workspace is looked for."""
+_CHANGES_NAMED = 4  # most changes of a workspace in a message
+_LIKE_NUMBERS = re.compile(r"[-+.]?[0-9].*")  # text that needs quotes, so that no reader takes it for a number
+_MOST_PLACES = 50  # most folders in which a renamed workspace is looked for
 
 _SIGNS = string.ascii_letters + string.digits + "+-"
 

@@ -19,8 +19,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Program, ProgramPrimitive
 from sqrp_cli.records import dataclass
 
-LEAST_GAP = 0.01
-"""Points closer than this to the beginning or end of a primitive are left out [periods]."""
+LEAST_GAP = 0.01  # points closer than this to the beginning or end of a primitive are left out [periods]
 
 YAML_MARK = "# trajectory_msgs/JointTrajectory"
 """First words of an exported YAML file."""

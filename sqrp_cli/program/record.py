@@ -128,8 +128,7 @@ class ProgramFormula(Entry):
     response: ProgramResponse
 
 
-Spans = tuple[tuple[Seconds, Seconds], ...]
-"""Intervals from the start of the step [s]."""
+Spans = tuple[tuple[Seconds, Seconds], ...]  # intervals from the start of the step [s]
 
 
 class ProgramTarget(Entry):

@@ -47,8 +47,7 @@ SKILL_FILE = "skill.yaml"
 FINGERS = "fingers"
 """The folder in that of a skill which has its two files for tools with fingers, where these do it differently."""
 
-PATH = "path"
-"""The parameter that every skill with joint moves has, unless they state their paths."""
+PATH = "path"  # the parameter that every skill with joint moves has, unless they state their paths
 
 
 def skill_folder(folder: Path, *, fingers: bool) -> Path:

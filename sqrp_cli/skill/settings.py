@@ -15,26 +15,13 @@ from sqrp_cli.files.entries import Entry, MappingOr, one_of, refused
 from sqrp_cli.files.source import describe
 from sqrp_cli.records import dataclass
 
-MotionValue = float | str
-"""Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""
-
-ANY = "any"
-"""The value that leaves a setting free: every choice is a way of doing the same."""
-
-FASTEST = "fastest"
-"""The value of a branch that leaves it to the time that the motion takes."""
-
-DIRECT = "direct"
-"""The path of a joint move that is straight in joint space, and the value of `via` without a stop."""
-
-SEEN = "seen"
-"""The path of a joint move that the cameras can follow."""
-
-FIRST_SIDE, FIRST_NUMBER = "+z", 0.0
-"""The first choices of a side and of a yaw that are left free."""
-
-MAX_VALUES = 1000
-"""Most values of one motion parameter."""
+MotionValue = float | str  # value of a motion parameter: a number in SI units, or a word such as `+z` or `up`
+ANY = "any"  # the value that leaves a setting free: every choice is a way of doing the same
+FASTEST = "fastest"  # the value of a branch that leaves it to the time that the motion takes
+DIRECT = "direct"  # the path of a joint move that is straight in joint space, and the value of `via` without a stop
+SEEN = "seen"  # the path of a joint move that the cameras can follow
+FIRST_SIDE, FIRST_NUMBER = "+z", 0.0  # the first choices of a side and of a yaw that are left free
+MAX_VALUES = 1000  # most values of one motion parameter
 
 
 @dataclass(frozen=True)
@@ -138,8 +125,7 @@ class Kind:
         return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
 
 
-PATHS = Kind(words=(DIRECT, SEEN, ANY))
-"""The paths of joint moves."""
+PATHS = Kind(words=(DIRECT, SEEN, ANY))  # the paths of joint moves
 
 Turn = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
 Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN, words=(ANY,))]

@@ -25,8 +25,7 @@ from sqrp_cli.skill import settings
 from sqrp_cli.skill.settings import Kind, MotionParameter, MotionValue, MotionValues
 from sqrp_cli.skill.target_box import TargetSpec
 
-HOME = "home"
-"""The waypoint that every skill has: the robot's home configuration."""
+HOME = "home"  # the waypoint that every skill has: the robot's home configuration
 
 
 @dataclass(frozen=True)
@@ -347,8 +346,7 @@ class FormulaEntry(Entry):
 FormulaOrText = MappingOr[FormulaEntry, Text]
 
 
-MOST_ENTRIES = 200
-"""Of a kind in a skill."""
+MOST_ENTRIES = 200  # of a kind in a skill
 
 
 class SkillFile(Entry):
@@ -421,8 +419,7 @@ class Skill:
         return frozenset(name for name in retried if name is not None)
 
 
-FORMER_ENDING = "_two_finger"
-"""Ending of the names that skills for fingers had when they were skills of their own."""
+FORMER_ENDING = "_two_finger"  # ending of the names that skills for fingers had when they were skills of their own
 
 
 def named_skill(word: str, skills: Mapping[str, Skill]) -> Skill | None:
