@@ -113,7 +113,8 @@ def _xml_mapping(element: Element, at: KeyPath, places: dict[KeyPath, Place]) ->
 def _read_ini(path: Path, text: str, data: Data, places: dict[KeyPath, Place]) -> None:
     """`ost.txt`: sections in brackets; each value in the lines below its name. A camera is one with a matrix."""
     size: dict[str, tuple[object, Place]] = {}
-    section, name, camera = "", "", None
+    section, name = "", ""
+    camera: Data | None = None
     for number, line in enumerate(text.splitlines(), 1):
         words, place = line.split("#")[0].strip(), Place(path, number, 1)
         if words.startswith("["):

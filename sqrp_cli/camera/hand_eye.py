@@ -49,7 +49,6 @@ _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
 
 _POSITION = ("x", "y", "z")
-_RPY = ("roll", "pitch", "yaw")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 
 
@@ -149,12 +148,9 @@ class _File(_Result):
     parameters: _Parameters
 
 
-class _FlatFile(_Result, _Parameters):
-    """The format of early versions: the parameters beside the transformation."""
-
-
-_STAMPED = ("transforms", "child_frame_id")
-_KEYS = ("parameters", "transform", "transformation", "tracking_base_frame", "header", *_STAMPED)
+_KEYS = (
+    "parameters", "transform", "transformation", "tracking_base_frame", "header", "transforms", "child_frame_id",
+)  # fmt: skip
 
 
 def read_hand_eye(
@@ -183,19 +179,22 @@ def read_hand_eye(
                 "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
             )
             raise bad_input("unknown-calibration", message, Place(document.path))
-        if "tracking_base_frame" in document.data:
-            flat = validate(document, _FlatFile)
-            return _hand_eye(document, flat, flat, ())
-        file = validate(document, _File)
-        return _hand_eye(document, file, file.parameters, ("parameters",))
+        return _easy_handeye(document)
     seat = camera_seat(transforms, path, camera, carriers, asked)
     # A recording may be large: of that, what was read.
     read = content or repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     return replace(seat, pose_file=pose_file, content=read)
 
 
-def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
-    """A result of easy_handeye; owner: path of the parameters."""
+def _easy_handeye(document: SourceDocument) -> HandEye:
+    """A result of easy_handeye; in early versions the parameters stand beside the transformation."""
+    owner: KeyPath = ()
+    result: _Result
+    if "tracking_base_frame" in document.data:
+        parameters, result = validate(document, _Parameters), validate(document, _Result)
+    else:
+        result = file = validate(document, _File)
+        parameters, owner = file.parameters, ("parameters",)
 
     def lacks(owner: KeyPath, key: str) -> InputError:
         who = f"`{dotted(owner)}`" if owner else "the file"
@@ -210,24 +209,24 @@ def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters
     frame = parameters.robot_effector_frame if in_hand else parameters.robot_base_frame
     if frame is None:
         raise lacks(owner, f"`{key}`, the frame that carries the camera")
-    path: KeyPath
+    t: _Vector
+    at: KeyPath
     if result.transform is not None:
-        t, r = result.transform.translation, result.transform.rotation
-        position, quaternion, path = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w), ("transform", "rotation")
-    elif result.transformation is not None:
-        f = result.transformation
-        position, quaternion, path = (f.x, f.y, f.z), (f.qx, f.qy, f.qz, f.qw), ("transformation",)
+        t, r, at = result.transform.translation, result.transform.rotation, ("transform", "rotation")
+        quaternion = (r.x, r.y, r.z, r.w)
+    elif (f := result.transformation) is not None:
+        t, quaternion, at = f, (f.qx, f.qy, f.qz, f.qw), ("transformation",)
     else:
         raise lacks((), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
     R = unit_quaternion(quaternion)
     if R is None:
         length = sum(value * value for value in quaternion) ** 0.5
-        raise document.error("not-a-rotation", path, f"the quaternion has length {length:.3g}, expected 1")
+        raise document.error("not-a-rotation", at, f"the quaternion has length {length:.3g}, expected 1")
     return HandEye(
         frame=frame.lstrip("/"),
         place=document.value_place((*owner, key)),
         camera_frame=parameters.tracking_base_frame,
-        X_FC=read_only(pose(R, position)),
+        X_FC=read_only(pose(R, (t.x, t.y, t.z))),
         pose_file="easy_handeye",
         content=document.content,
         document=document,
@@ -270,15 +269,14 @@ def read_messages(path: Path, text: str) -> list[StaticTransform]:
     """Transforms of TF messages in YAML, one or several (`---`)."""
     found, line = list[StaticTransform](), 0
     for part in _DOCUMENTS.split(text):
-        if part.strip() and not all(row.lstrip().startswith("#") for row in part.split("\n") if row.strip()):
+        if any(row.strip() and not row.lstrip().startswith("#") for row in part.split("\n")):
             document = parse_yaml(path, ("\n" * line + part).encode())
-            stamped: list[tuple[KeyPath, _Stamped]] = []
+            stamped: dict[KeyPath, _Stamped] = {}
             if "transforms" in document.data:
-                listed = validate(document, _Message).transforms
-                stamped += [(("transforms", index), one) for index, one in enumerate(listed)]
+                stamped |= {("transforms", i): one for i, one in enumerate(validate(document, _Message).transforms)}
             else:
-                stamped.append(((), validate(document, _Stamped)))
-            for at, one in stamped:
+                stamped[()] = validate(document, _Stamped)
+            for at, one in stamped.items():
                 transform = StaticTransform.of(one, document.value_place((*at, "header", "frame_id")))
                 if transform is None:
                     message = "the quaternion is not of length 1 (order x, y, z, w)"
@@ -355,67 +353,60 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
         if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
             defaults[str(name.value)] = str(default.value)
         if "condition" in given:
-            for inner in ast.walk(call):
-                if isinstance(inner, ast.Call):
-                    around.setdefault(inner, []).append(given["condition"])
+            for inner in (inner for inner in ast.walk(call) if isinstance(inner, ast.Call)):
+                around.setdefault(inner, []).append(given["condition"])
+
+    def holds(condition: ast.expr, place: Place) -> bool:
+        """Whether `IfCondition(LaunchConfiguration(...))`, or the opposite, holds with the defaults of arguments."""
+        text = ast.unparse(condition)
+        for _ in range(2):  # both may be variables
+            text = re.sub(r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), text)
+        found = re.fullmatch(r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+", text)
+        if found is None:
+            return _holds(text, True, defaults, place)
+        asked = f"$(var {found[2]})" if "LaunchConfiguration" in text else found[2]
+        return _holds(asked, found[1] == "If", defaults, place)
+
+    def word(item: ast.expr) -> str:
+        negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
+        plain = item.operand if isinstance(item, ast.UnaryOp) and negative else item
+        if isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float):
+            return f"{'-' if negative else ''}{plain.value}"
+        message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
+        place = Place(path, item.lineno, item.col_offset + 1)
+        raise bad_input("wrong-value", message, place, mend="write the value itself")
+
     for call in calls:
         given = {keyword.arg: keyword.value for keyword in call.keywords}
         executable = given.get("executable", given.get("node_executable"))
-        if isinstance(executable, ast.Constant) and executable.value == PUBLISHER:
-            place = Place(path, call.lineno, call.col_offset + 1)
-            if not all(_python_holds(condition, assigned, defaults, place) for condition in around.get(call, ())):
-                continue
-            stated = given.get("arguments")
+        if not (isinstance(executable, ast.Constant) and executable.value == PUBLISHER):
+            continue
+        place, stated = Place(path, call.lineno, call.col_offset + 1), given.get("arguments")
+        if all(holds(condition, place) for condition in around.get(call, ())):
             if not isinstance(stated, ast.List | ast.Tuple):
                 message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
                 raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
-            yield _of_words([_word(path, item) for item in stated.elts], place)
-
-
-def _python_holds(
-    condition: ast.expr, assigned: Mapping[str, str], defaults: Mapping[str, str | None], place: Place
-) -> bool:
-    """Whether `IfCondition(LaunchConfiguration(...))`, or the opposite, holds with the defaults of the arguments."""
-    text = ast.unparse(condition)
-    for _ in range(2):  # both may be variables
-        text = re.sub(r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), text)
-    found = re.fullmatch(r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+", text)
-    if found is None:
-        return _holds(text, True, defaults, place)
-    asked = f"$(var {found[2]})" if "LaunchConfiguration" in text else found[2]
-    return _holds(asked, found[1] == "If", defaults, place)
-
-
-def _word(path: Path, item: ast.expr) -> str:
-    negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
-    plain = item.operand if isinstance(item, ast.UnaryOp) and negative else item
-    if isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float):
-        return f"{'-' if negative else ''}{plain.value}"
-    message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
-    place = Place(path, item.lineno, item.col_offset + 1)
-    raise bad_input("wrong-value", message, place, mend="write the value itself")
+            yield _of_words([word(item) for item in stated.elts], place)
 
 
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
     """The transform of the publisher's arguments: with options, or in its older order."""
+    numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
+    frames = [word for word in words if word not in numbers]
     if any(word.startswith("--frame-id") for word in words):
         split = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
-        options = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
+        values = {name[2:].replace("-", "_"): value for name, value in pairwise(split) if name.startswith("--")}
         for name in ("frame_id", "child_frame_id"):
-            if name not in options:
+            if name not in values:
                 raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
-        return _transform(options, options["frame_id"], options["child_frame_id"], place)
-    numbers = [word for word in words if re.fullmatch(r"[-+]?[\d.][\d.eE+-]*", word)]
-    count, frames = len(words) - 2, [word for word in words if word not in numbers]
-    if len(words) > 2 and len(frames) == 2 and words.index(frames[0]) in (6, 7):
-        count = words.index(frames[0])
+        frames = [values["frame_id"], values["child_frame_id"]]
+    elif len(words) > 2 and len(frames) == 2 and (count := words.index(frames[0])) in (6, 7):
         names = (*_POSITION, "yaw", "pitch", "roll") if count == 6 else (*_POSITION, *_QUATERNION)
-        return _transform(dict(zip(names, words, strict=False)), frames[0], frames[1], place)
-    message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
-    raise bad_input("wrong-length", message, place)
+        values = dict(zip(names, words, strict=False))
+    else:
+        message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
+        raise bad_input("wrong-length", message, place)
 
-
-def _transform(values: Mapping[str, str], parent: str, child: str, place: Place) -> StaticTransform:
     def number(name: str) -> float:
         text = values.get(name, "1" if name == "qw" else "0")
         value = as_number(text)
@@ -424,13 +415,13 @@ def _transform(values: Mapping[str, str], parent: str, child: str, place: Place)
             raise bad_input("wrong-value", message, place)
         return value
 
-    R: Array | None = rpy_to_matrix([number(name) for name in _RPY])
+    R: Array | None = rpy_to_matrix([number(name) for name in ("roll", "pitch", "yaw")])
     if any(name in values for name in _QUATERNION):
         R = unit_quaternion([number(name) for name in _QUATERNION])
     if R is None:
         raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
-    frames = (parent.lstrip("/"), child.lstrip("/"))
-    return StaticTransform(*frames, pose(R, [number(name) for name in _POSITION]), place)
+    parent, child = (frame.lstrip("/") for frame in frames)
+    return StaticTransform(parent, child, pose(R, [number(name) for name in _POSITION]), place)
 
 
 def read_bag(path: Path) -> list[StaticTransform]:

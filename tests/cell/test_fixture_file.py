@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.cell.fixture_file import read_fixtures
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.cell.worlds import read_mjcf
 from sqrp_cli.errors import InputError
 from sqrp_cli.shapes import Box, Cylinder, Mesh, Sphere
 
@@ -261,5 +261,5 @@ def test_an_order_of_angles_that_is_none_is_refused_with_its_line(tmp_path: Path
     body = '<body><geom type="box" size="1 1 1" euler="10 20 30"/></body>'
     path.write_text(f'<mujoco>\n<compiler eulerseq="{order}"/><worldbody>{body}</worldbody></mujoco>')
     with pytest.raises(InputError, match=r"`eulerseq` is .*, expected three of the letters") as caught:
-        read_mjcf(path, path.read_bytes(), ())
+        read_fixtures(path, ())
     assert caught.value.problems[0].place.line == 2
