@@ -28,12 +28,12 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_362),
-    "files": ("files", 2_394),
+    "files": ("files", 2_349),
     "robot": ("robot", 3_231),
-    "camera": ("camera", 2_288),
-    "cell": ("cell", 3_581),
+    "camera": ("camera", 2_167),
+    "cell": ("cell", 3_469),
     "logic": ("logic", 2_946),
-    "skill, program": ("skill program", 2_003),
+    "skill, program": ("skill program", 1_976),
     "task": ("task", 1_085),
     "motion": ("motion", 3_414),
     "sight": ("kernel sight", 1_532),
