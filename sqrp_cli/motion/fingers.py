@@ -69,7 +69,7 @@ def opened_to(fingers: FingerModel, width: float | None) -> Array | str:
 
 def move_fingers(fingers: FingerModel, start: Array, end: Array, duration: float) -> Trajectory:
     """The fingers moving from start to end, (f,) each, in `duration` [s], or longer if their limits require it."""
-    fastest = joint_move(start, end, MotionLimits(fingers.velocity, fingers.acceleration, fingers.jerk))
+    fastest = joint_move(start, end, MotionLimits.of(fingers))
     if fastest.duration <= 0.0:
         return Trajectory.standstill(end, duration)
     return Trajectory(fastest.path, fastest.law.stretched(max(1.0, duration / fastest.duration)))

@@ -15,7 +15,7 @@ from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.motion.placed_scene import NamePairs, pair
-from sqrp_cli.motion.tool_curve import ToolCurve, ToolLine, arc_through, helix_about
+from sqrp_cli.motion.tool_curve import ToolCurve, arc_through, helix_about, tool_line
 from sqrp_cli.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import BranchChoice
@@ -64,7 +64,7 @@ class GuardedLine:
 
     force: float
     """At the tool, what counts as contact [N]."""
-    beyond: ToolLine
+    beyond: ToolCurve
     """The line from where contact is expected to where the move ends without."""
 
 
@@ -145,11 +145,11 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
         curves, guard = _curves(primitive, X_WT, waypoints), None
         if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
             # Its first part ends where contact is expected; the rest is where it goes on without.
-            line, other = ToolLine(X_WT, curves[0].X_end), use.binding[primitive.until_contact]
+            line, other = tool_line(X_WT, curves[0].X_end), use.binding[primitive.until_contact]
             expected = other in world.X_WO and other != world.held
             share = _contact_share(scene, world, line, other) if expected else None
-            first = line if share is None else line.until(share)
-            guard = GuardedLine(setting_number(primitive.force, use.values), ToolLine(first.X_end, line.X_end))
+            first = line if share is None else tool_line(X_WT, line.poses(np.array([share]))[0])
+            guard = GuardedLine(setting_number(primitive.force, use.values), tool_line(first.X_end, line.X_end))
             curves = (first,)
         X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_WT
         after = _after(primitive, begun, X_end, scene)
@@ -180,7 +180,7 @@ def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGroun
     match primitive:
         case StraightMove(waypoints=names):
             poses = [X_start, *map(waypoints.pose, names)]
-            return tuple(ToolLine(one, other) for one, other in pairwise(poses))
+            return tuple(tool_line(one, other) for one, other in pairwise(poses))
         case ArcMove(to=[through, end]):
             return (arc_through(X_start, waypoints.pose(through)[:3, 3], waypoints.pose(end)),)
         case HelixMove(axis=axis, turn=turn, advance=advance, keep_orientation=keep):
@@ -327,7 +327,7 @@ ARM_OF_TURN = 0.5
 """No part of tool and held object is further from the tool frame [m]: bounds their motion while the tool turns."""
 
 
-def _contact_share(scene: CollisionScene, world: World, line: ToolLine, other: str) -> float | None:
+def _contact_share(scene: CollisionScene, world: World, line: ToolCurve, other: str) -> float | None:
     """The first s in [0, 1] at which the tool, or what it holds, touches an object on a line; None if it does not.
 
     Steps are as long as the distance allows (conservative advancement), so that no contact is stepped over.

@@ -1,33 +1,106 @@
-"""The joint moves between the branches of neighbouring sections: durations and collision checks."""
+"""The joint moves between sections: the fastest sequence of branches, and the moves of which it is made."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import heapq
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.blended_path import motion_through
-from sqrp_cli.motion.branch_search import Question
-from sqrp_cli.motion.ground_primitives import GroundPrimitive
-from sqrp_cli.motion.placed_scene import Contact, PlacedScene
-from sqrp_cli.motion.position_limits import near_limits
-from sqrp_cli.motion.sections import Branch, Failures, Section, Ways
+from sqrp_cli.motion.placed_scene import Contact
+from sqrp_cli.motion.sections import Branch, MotionProblem, Section, Ways
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import find_way
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import Trajectory
+
+TIE_DECIMALS = 6
+"""Total times equal to this many decimals of a second are ties; joint values are rounded alike."""
 
 TRIES_PER_WAY = 250
 """Most straight pieces that the search for one way around may check."""
 
 MOST_TRIES = 1500
 """Most straight pieces that all searches for one motion may check together."""
+
+
+@dataclass(frozen=True, order=True)
+class _Sequence:
+    """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end."""
+
+    bound: float
+    key: tuple[float, ...]
+    chosen: tuple[int, ...]
+    around: bool
+    """Whether the last move is to be a way around."""
+    spent: float
+
+
+def fastest_sequence(
+    starts: Sequence[Array],
+    durations: Sequence[Array],
+    move_durations: Sequence[Array],
+    works: Callable[[int, int, int], bool],
+    way_works: Callable[[int, int, int], bool] | None = None,
+) -> tuple[int, ...] | None:
+    """The branch of each section with which the whole takes the shortest time, ties by lexicographic joint values.
+
+    starts, durations: where each of the k branches of a section begins, shape (k, n), and how long it takes, (k,) [s].
+    move_durations: of the moves from each branch of a section to each of the next one, shape (k_i, k_i+1) [s] each.
+    works(i, previous, branch): whether a branch of section i and the move to it from one of the section before (-1 for
+    none) are feasible. It is called only for the most promising sequences, once for each argument. None when no
+    sequence works. way_works: likewise, whether there is a way around where `works` is false; in the search it counts
+    twice the time of the move that it replaces.
+
+    A* search: the remaining time, infeasibility ignored, is exact by dynamic programming, so sequences are completed in
+    the order of their total times.
+    """
+    to_go = list(durations)
+    for i in reversed(range(len(durations) - 1)):
+        to_go[i] = to_go[i] + (move_durations[i] + to_go[i + 1]).min(axis=1, initial=np.inf)
+    keys = [np.round(q, TIE_DECIMALS) for q in starts]
+    known: dict[tuple[int, int, int, bool], bool] = {}
+    heap: list[tuple[_Sequence, Iterator[_Sequence]]] = []
+
+    def longer(chosen: tuple[int, ...], key: tuple[float, ...], begun: Array) -> Iterator[_Sequence]:
+        """One section further, the most promising first; begun: when each of its branches would begin [s]."""
+        i = len(chosen)
+        bounds, spent = np.round(begun + to_go[i], TIE_DECIMALS), begun + durations[i]
+        for k in np.lexsort((*keys[i].T[::-1], bounds)).tolist():
+            if np.isinf(bounds[k]):
+                return
+            joints = (*key, *keys[i][k].tolist())
+            yield _Sequence(float(bounds[k]), joints, (*chosen, k), around=False, spent=float(spent[k]))
+
+    def push_next(siblings: Iterator[_Sequence]) -> None:
+        if (sequence := next(siblings, None)) is not None:
+            heapq.heappush(heap, (sequence, siblings))
+
+    push_next(longer((), (), np.zeros(len(to_go[0]))))
+    while heap:
+        sequence, siblings = heapq.heappop(heap)
+        push_next(siblings)
+        i, k = len(sequence.chosen) - 1, sequence.chosen[-1]
+        previous = sequence.chosen[-2] if i else -1
+        asked = (i, previous, k, sequence.around)
+        if asked not in known:
+            known[asked] = (way_works if sequence.around and way_works else works)(i, previous, k)
+        if known[asked]:
+            if i + 1 == len(durations):
+                return sequence.chosen
+            push_next(longer(sequence.chosen, sequence.key, sequence.spent + move_durations[i][k]))
+        elif way_works is not None and i and not sequence.around:
+            again = float(move_durations[i - 1][previous, k])
+            bound = round(sequence.bound + again, TIE_DECIMALS)
+            push_next(iter([replace(sequence, bound=bound, spent=sequence.spent + again, around=True)]))
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,157 +112,119 @@ class FoundMove:
 
 
 class JointMoves:
-    """Makes and checks moves, and the primitives tied to their ends, on demand.
+    """Makes and checks moves, and the primitives tied to their ends, on demand; notes what touches, and when.
 
-    tries: straight pieces that searches for ways around have checked.
+    Moves are named by the index i of the section that they lead to, of a way through the section before, and of the way
+    that is chosen.
     """
 
-    def __init__(
-        self,
-        model: RobotModel,
-        primitives: Sequence[GroundPrimitive],
-        scenes: Sequence[PlacedScene],
-        sections: Sequence[Section],
-        ways: Sequence[Ways],
-        q_start: Array,
-        failures: Failures,
-        seed: int,
-    ) -> None:
-        """scenes: the surroundings of each primitive. ways: those through each section."""
-        self._model, self._primitives, self._scenes, self._sections = model, primitives, scenes, sections
-        self._ways, self._failures, self._seed = ways, failures, seed
-        self._bounds = near_limits(model, np.stack([q_start, model.home]))
-        self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
-        self._moves: dict[Question, FoundMove] = {}
-        self._blocked: dict[Question, Contact] = {}
-        self._contacts: dict[tuple[int, Trajectory], Contact | None] = {}
-        self._tied_is_free = cache(self._check_tied)
-        self._direct = cache(self._direct_move)
-        self._through = cache(self._move_through)
+    def __init__(self, problem: MotionProblem, sections: Sequence[Section], ways: Sequence[Ways]) -> None:
+        """ways: those through each section."""
+        self._problem, self._sections, self._ways = problem, sections, ways
+        self._tied_is_free, self._direct = cache(self._check_tied), cache(self._make_direct)
+        self._through, self._around = cache(self._make_through), cache(self._make_around)
         self.tries = 0
-
-    @cached_property
-    def durations(self) -> list[Array]:
-        """Durations [s] of the direct moves from each way through a section to each of the next, (k_i, k_i+1) each."""
-        return [
-            self._move_durations(section.first - 1, before.q_end[:, None], after.q_start[None])
-            for before, after, section in zip(self._ways[:-1], self._ways[1:], self._sections[1:], strict=True)
-        ]
+        """Straight pieces that searches for ways around have checked."""
+        self.durations: list[Array] = []
+        """Of the direct moves from each way through a section to each of the next, shape (k_i, k_i+1) each [s]."""
+        for before, after, section in zip(ways[:-1], ways[1:], sections[1:], strict=True):
+            index, home = section.first - 1, problem.model.home
+            q0, q1, limits = before.q_end[:, None], after.q_start[None], self._limits(index)
+            stops = (q0, home, q1) if problem.primitives[index].via_home else (q0, q1)
+            self.durations.append(
+                np.asarray(sum(joint_move_duration(one, two, limits) for one, two in pairwise(stops)))
+            )
 
     def direct_works(self, i: int, previous: int, chosen: int) -> bool:
-        """Whether a way through section i and the direct move to it from one through the section before are free."""
+        """Whether a way through section i and the direct move to it are free."""
         if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
-        if self._sections[i].move is None:
-            return True
-        direct = self._direct(i, previous, chosen)
-        contact = self._contact(self._sections[i].first - 1, direct)
-        if contact is None:
-            self._moves[i, previous, chosen] = FoundMove(direct)
-        else:
-            self._blocked[i, previous, chosen] = contact
-        return contact is None
+        return self._sections[i].move is None or isinstance(self._direct(i, previous, chosen), FoundMove)
 
     def way_works(self, i: int, previous: int, chosen: int) -> bool:
         """Whether there is a way around the obstacle of that move, first by its vias; none for moves by home."""
-        contact = self._blocked.get((i, previous, chosen))
-        if contact is None:
-            return False  # The primitives tied to the branch are blocked, not the way to it.
-        if self._has_vias(i) and isinstance(self._through(i, previous, chosen), FoundMove):
-            return True
-        index = self._sections[i].first - 1
-        tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
-        if tries == 0 or self._primitives[index].via_home:
+        if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
-        limits, radii = self._move_limits(index), self._scenes[index].bound.radii
-        ends = self._ends(i, previous, chosen)
-        found = find_way(self._scenes[index], *ends, self._bounds, radii, limits, tries, self._seed)
-        self.tries += found.tries
-        if found.trajectory is not None:
-            self._moves[i, previous, chosen] = FoundMove(found.trajectory, contact.second)
-        return found.trajectory is not None
+        has_vias = self._problem.primitives[self._sections[i].first - 1].vias is not None
+        if has_vias and isinstance(self._through(i, previous, chosen), FoundMove):
+            return True
+        return self._around(i, previous, chosen) is not None
 
     def along(self, chosen: Sequence[int]) -> list[FoundMove] | Infeasible:
         """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
-        moves = []
+        moves: list[FoundMove] = []
         for i in range(1, len(chosen)):
-            question = (i, chosen[i - 1], chosen[i])
-            move = self._through(*question) if self._has_vias(i) else self._moves[question]
+            asked = i, chosen[i - 1], chosen[i]
+            has_vias = self._problem.primitives[self._sections[i].first - 1].vias is not None
+            move = self._through(*asked) if has_vias else self._direct(*asked)
             if isinstance(move, Infeasible):
                 return move
-            moves.append(move)
+            found = self._around(*asked) if isinstance(move, Contact) else move
+            moves += [] if found is None else [found]
         return moves
 
-    def _has_vias(self, i: int) -> bool:
-        """Whether the move to section i has vias."""
-        move = self._sections[i].move
-        return move is not None and move.vias is not None
+    def _make_direct(self, i: int, previous: int, chosen: int) -> FoundMove | Contact:
+        """The direct move, or the one by home, unless something is in its way."""
+        index, (q0, q1), home = self._sections[i].first - 1, self._ends(i, previous, chosen), self._problem.model.home
+        limits = self._limits(index)
+        if self._problem.primitives[index].via_home:
+            trajectory = joint_move(q0, home, limits).followed_by(joint_move(home, q1, limits))
+        else:
+            trajectory = joint_move(q0, q1, limits)
+        return self._contact(index, trajectory) or FoundMove(trajectory)
 
-    def _move_through(self, i: int, previous: int, chosen: int) -> FoundMove | Infeasible:
-        """The move around its vias from a way through the section before to one through section i."""
-        index = self._sections[i].first - 1
-        vias, (q0, q1) = self._primitives[index].vias, self._ends(i, previous, chosen)
-        if vias is None:
-            raise ValueError(f"{self._primitives[index].name} has no vias")
-        trajectory = motion_through(q0, vias, q1, self._move_limits(index))
-        if (contact := self._scenes[index].check_path(trajectory.path)) is not None:
+    def _make_through(self, i: int, previous: int, chosen: int) -> FoundMove | Infeasible:
+        """The move around its vias."""
+        index, (q0, q1) = self._sections[i].first - 1, self._ends(i, previous, chosen)
+        vias = self._problem.primitives[index].vias
+        trajectory = motion_through(q0, np.zeros((0, len(q0))) if vias is None else vias, q1, self._limits(index))
+        if (contact := self._problem.scenes[index].check_path(trajectory.path)) is not None:
             return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
-        blocked = self._blocked.get((i, previous, chosen))
-        return FoundMove(trajectory, None if blocked is None else blocked.second)
+        direct = self._direct(i, previous, chosen)
+        return FoundMove(trajectory, direct.second if isinstance(direct, Contact) else None)
+
+    def _make_around(self, i: int, previous: int, chosen: int) -> FoundMove | None:
+        """A way around what is in the way of the direct move; None if none is found."""
+        problem, index, direct = self._problem, self._sections[i].first - 1, self._direct(i, previous, chosen)
+        tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
+        if tries == 0 or problem.primitives[index].via_home or isinstance(direct, FoundMove):
+            return None
+        ends, limits, scene = self._ends(i, previous, chosen), self._limits(index), problem.scenes[index]
+        found = find_way(scene, *ends, problem.bounds, scene.bound.radii, limits, tries, problem.seed)
+        self.tries += found.tries
+        return None if found.trajectory is None else FoundMove(found.trajectory, direct.second)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
-        """Whether all primitives tied to the start of a branch are free."""
+        """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""
+        primitives = self._problem.primitives
         for k, trajectory in enumerate(branch.trajectories, self._sections[i].first):
-            before, now = self._primitives[max(k - 1, 0)], self._primitives[k]
+            before, now = primitives[max(k - 1, 0)], primitives[k]
             # Where the arm still stands at the end of the primitive before, that was checked: with the same contacts.
             stands = now.kind is not JointMove and not now.curves and k > 0
             known = stands and now.world is before.world and before.allowed <= now.allowed
-            if not (known or self._contact(k, trajectory) is None) or not self._fingers_are_free(k, trajectory):
+            if not known and self._contact(k, trajectory) is not None:
                 return False
+            if now.fingers is not None:
+                contact = self._problem.scenes[k].check_fingers(trajectory.path.end, now.fingers.path.end)
+                if contact is not None:
+                    self._problem.note(k, f"{contact} as the fingers move in {now.name}")
+                    return False
         return True
 
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
-        """The first contact during a primitive; notes what touches, and when."""
-        if (index, trajectory) not in self._contacts:
-            self._contacts[index, trajectory] = self._scenes[index].check_path(trajectory.path)
-        contact = self._contacts[index, trajectory]
+        """The first contact during a primitive; notes it."""
+        contact = self._problem.scenes[index].check_path(trajectory.path)
         if contact is not None:
-            self._failures.note(index, self._at(index, trajectory, contact))
+            self._problem.note(index, self._at(index, trajectory, contact))
         return contact
 
     def _at(self, index: int, trajectory: Trajectory, contact: Contact) -> str:
         """What touches, and when."""
         share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
-        return f"{contact} at {100 * share:.0f} % of {self._primitives[index].name}"
-
-    def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
-        """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
-        primitive = self._primitives[index]
-        if primitive.fingers is None:
-            return True
-        contact = self._scenes[index].check_fingers(trajectory.path.end, primitive.fingers.path.end)
-        if contact is not None:
-            self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
-        return contact is None
+        return f"{contact} at {100 * share:.0f} % of {self._problem.primitives[index].name}"
 
     def _ends(self, i: int, previous: int, chosen: int) -> tuple[Array, Array]:
         return self._ways[i - 1].q_end[previous], self._ways[i].q_start[chosen]
 
-    def _move_durations(self, index: int, q0: Array, q1: Array) -> Array:
-        """Durations [s] of direct joint moves from q0 to q1, or by home, shapes (..., n) that broadcast."""
-        limits = self._move_limits(index)
-        if not self._primitives[index].via_home:
-            return joint_move_duration(q0, q1, limits)
-        home = self._model.home
-        return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
-
-    def _direct_move(self, i: int, previous: int, chosen: int) -> Trajectory:
-        """The direct joint move to a way through section i from one through the section before, or the one by home."""
-        index, (q0, q1) = self._sections[i].first - 1, self._ends(i, previous, chosen)
-        limits = self._move_limits(index)
-        if not self._primitives[index].via_home:
-            return joint_move(q0, q1, limits)
-        return joint_move(q0, self._model.home, limits).followed_by(joint_move(self._model.home, q1, limits))
-
-    def _move_limits(self, index: int) -> MotionLimits:
-        return replace(self._limits, velocity=self._primitives[index].speed * self._limits.velocity)
+    def _limits(self, index: int) -> MotionLimits:
+        return MotionLimits.of(self._problem.model, self._problem.primitives[index].speed)

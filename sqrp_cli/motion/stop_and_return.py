@@ -37,7 +37,7 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     back too: after such a primitive by a joint move to its end and back along it, within it back along its path, in the
     same time.
     """
-    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    limits = MotionLimits.of(model)
     t = np.linspace(min(start, motion.time), motion.time, INSTANTS)
     n = len(model.arm)
     q, velocity, acceleration = (np.empty((INSTANTS, n)) for _ in range(3))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,78 +70,60 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
 
 
 def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | Infeasible]:
-    """As `straight_line` from each of b joint positions, shape (b, n), joint limits ignored.
+    """The paths that move the tool along a curve from each of b joint positions, shape (b, n), joint limits ignored.
 
-    All branches are followed at once. The points of each degree are among those of twice the degree; the points in
-    between first check the fit, then refine it.
+    Each is one polynomial per joint, exact at Chebyshev points and within `TOLERANCE` between them, of the least degree
+    that fits. The points of a degree are among those of twice the degree: those in between first check the fit, then
+    refine it. Infeasible, with the place, where the arm is or becomes singular. All branches are followed at once.
     """
     # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
-    s = _points(FIRST_DEGREE)
+    n, degree, s = q0.shape[1], FIRST_DEGREE, _interpolation(FIRST_DEGREE).s
     tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
-    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
+    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, n)
     reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
-    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
+    q = np.concatenate([q0[:, None], reached.reshape(len(q0), degree, -1)], axis=1)
     near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
     far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
     stuck = np.full(len(q0), np.inf)
-    for k in range(FIRST_DEGREE if len(far) else 0):
+    for k in range(degree if len(far) else 0):
         going = far[np.isinf(stuck[far])]
         from_to = (np.full(len(going), at) for at in s[k : k + 2])
         q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
-    return _through(model, line, _unless_stuck(line, q, stuck))
-
-
-def _through(model: Kinematics, line: ToolCurve, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
-    """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
-    met = [q for q in points if not isinstance(q, Infeasible)]
-    fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
-    return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
-
-
-def _fitted(model: Kinematics, line: ToolCurve, q: Array) -> list[JointPath | Infeasible]:
-    """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
-    degree = q.shape[1] - 1
-    between = _points(2 * degree)[1::2]
-    guesses = _refine_matrix(degree) @ q
-    errors = _errors(model, guesses.reshape(-1, q.shape[2]), np.tile(line.poses(between), (len(q), 1, 1)))
-    deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
-    paths: list[JointPath | Infeasible] = [
-        JointPath(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q
-    ]
-    misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
-    if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
-        for row in misfits:
-            at = progress(line, float(between[deviations[row].argmax()]))
-            paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
-    elif len(misfits):
-        finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
-        for row, path in zip(misfits, finer, strict=True):
-            paths[row] = path
-    return paths
-
-
-def _refined_points(model: Kinematics, line: ToolCurve, q: Array, guesses: Array) -> list[Array | Infeasible]:
-    """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
-    count, degree, n = guesses.shape
-    s, between = _points(degree), _points(2 * degree)[1::2]
-    reached, met = _meet(model, guesses.reshape(-1, n), np.tile(line.poses(between), (count, 1, 1)))
-    reached = reached.reshape(guesses.shape)
-    near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
-    rows, k = np.nonzero(~(near & met.reshape(near.shape)))
-    stuck = np.full((count, degree), np.inf)
-    reached[rows, k], stuck[rows, k] = _advance(model, line, q[rows, k], s[k], between[k])
-    refined = np.empty((count, 2 * degree + 1, n))
-    refined[:, ::2], refined[:, 1::2] = q, reached
-    return _unless_stuck(line, refined, stuck.min(axis=1))
-
-
-def _unless_stuck(line: ToolCurve, points: Array, stuck: Array) -> list[Array | Infeasible]:
-    """The points of each of b branches, shape (b, k, n), or why it is stuck at `stuck`, shape (b,), if finite."""
-    reason = "the arm cannot follow the {} beyond {}: it is singular there"
-    return [
-        q if np.isinf(at) else Infeasible((reason.format(line.word, progress(line, float(at))),))
-        for q, at in zip(points, stuck, strict=True)
-    ]
+    paths: dict[int, JointPath | Infeasible] = {}
+    rows = np.arange(len(q0))  # those that have no path yet, with points q (r, degree + 1, n)
+    while len(rows):
+        for row, at in zip(rows.tolist(), stuck.tolist(), strict=True):
+            if at < np.inf:
+                reason = f"the arm cannot follow the {line.word} beyond {progress(line, at)}: it is singular there"
+                paths[row] = Infeasible((reason,))
+        going = np.isinf(stuck)
+        rows, q = rows[going], q[going]
+        s, between, fit, refine = _interpolation(degree)
+        targets, guesses = line.poses(between), refine @ q
+        flat, each = guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1))
+        errors = (
+            misses(model, flat, each).errors if model.angle_tolerance else pose_errors(model.tool_poses(flat), each)
+        )
+        deviations = np.linalg.norm(errors.reshape(len(rows), degree, 2, 3), axis=-1).max(axis=-1)
+        paths |= {row: JointPath(np.array([0.0, 1.0]), c[None]) for row, c in zip(rows.tolist(), fit @ q, strict=True)}
+        misfits = np.flatnonzero(deviations.max(axis=1, initial=0.0) > TOLERANCE)
+        if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
+            for row, off in zip(rows[misfits].tolist(), deviations[misfits], strict=True):
+                at = progress(line, float(between[off.argmax()]))
+                paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
+            break
+        rows, q, guesses = rows[misfits], q[misfits], guesses[misfits]
+        reached, met = _meet(model, guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1)))
+        reached = reached.reshape(guesses.shape)
+        near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
+        on = np.nonzero(~(near & met.reshape(near.shape)))
+        stuck_at = np.full((len(rows), degree), np.inf)
+        reached[on], stuck_at[on] = _advance(model, line, q[on], s[on[1]], between[on[1]])
+        degree, stuck = 2 * degree, stuck_at.min(axis=1)
+        refined = np.empty((len(rows), degree + 1, n))
+        refined[:, ::2], refined[:, 1::2] = q, reached
+        q = refined
+    return [paths[row] for row in range(len(q0))]
 
 
 def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | None:
@@ -181,11 +163,6 @@ def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) 
     return reached, stuck
 
 
-def _errors(model: Kinematics, q: Array, X_WT: Array) -> Array:
-    """What keeps the tool from poses (m, 4, 4) at joint positions q (m, n), shape (m, 6); see `misses`."""
-    return misses(model, q, X_WT).errors if model.angle_tolerance else pose_errors(model.tool_poses(q), X_WT)
-
-
 def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
     """Whether the curve hardly winds between positions s and `to`, shape (m,) each."""
     return (to - s) * line.winding <= LARGEST_TURN
@@ -197,26 +174,22 @@ def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
 
 
-@cache
-def _points(degree: int) -> Array:
-    """The Chebyshev points of a degree, ends included, on [0, 1], shape (degree + 1,)."""
-    points: Array = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
-    points.setflags(write=False)
-    return points
+class _Interpolation(NamedTuple):
+    """Polynomials of a degree on [0, 1]."""
+
+    s: Array
+    """The Chebyshev points, ends included, shape (degree + 1,)."""
+    between: Array
+    """Those of twice the degree in between, shape (degree,)."""
+    fit: Array
+    """Maps values at the points to the coefficients of the polynomial through them."""
+    refine: Array
+    """Maps values at the points to those in between."""
 
 
 @cache
-def _fit_matrix(degree: int) -> Array:
-    """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
-    matrix = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree)).astype(np.float64)
-    matrix.setflags(write=False)
-    return matrix
-
-
-@cache
-def _refine_matrix(degree: int) -> Array:
-    """Maps values at the Chebyshev points to those of the polynomial through them in between."""
-    between = np.polynomial.chebyshev.chebvander(2 * _points(2 * degree)[1::2] - 1, degree)
-    matrix: Array = between @ _fit_matrix(degree)
-    matrix.setflags(write=False)
-    return matrix
+def _interpolation(degree: int) -> _Interpolation:
+    s, finer = (0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count) for count in (degree, 2 * degree))
+    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * s - 1, degree)).astype(np.float64)
+    between = finer[1::2]
+    return _Interpolation(s, between, fit, np.polynomial.chebyshev.chebvander(2 * between - 1, degree) @ fit)

@@ -12,6 +12,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import FingerModel, RobotModel
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
 FEW_SAMPLES = (5, 5, 5, 17, 5, 5, 5)
@@ -54,6 +55,11 @@ class MotionLimits:
     velocity: Array
     acceleration: Array
     jerk: Array
+
+    @classmethod
+    def of(cls, joints: RobotModel | FingerModel, speed: float = 1.0) -> MotionLimits:
+        """Those of the joints of an arm or of fingers; speed: the share of their velocity that a move may take."""
+        return cls(speed * joints.velocity, joints.acceleration, joints.jerk)
 
     def along(self, direction: Array) -> MotionLimits:
         """The limits that these, of shape (n,), put on the parameter of motions along `direction`, shape (..., n).

@@ -2,120 +2,43 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import ClassVar, Protocol
+from dataclasses import field
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.geometry import Array, displacement, pose
 from sqrp_cli.records import dataclass
 
 FLAT = 1e-9
 """Three points whose circle has a radius above 1 / this of their distance are on a line."""
 
 
-class ToolCurve(Protocol):
-    """A smooth curve of the tool frame over s in [0, 1]."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ToolCurve:
+    """A smooth curve of the tool frame over s in [0, 1], on which it turns evenly about one fixed axis (slerp).
 
-    @property
-    def word(self) -> str:
-        """What messages call it, such as `straight line`."""
+    Its origin goes evenly along a straight line, and about an axis: a line has only the first, an arc the second, a
+    helix both.
+    """
 
-    @property
-    def length(self) -> float:
-        """Length of the way of the tool frame's origin [m]."""
-
-    @property
-    def turning(self) -> float:
-        """Angle of the whole turn of the tool [rad]."""
-
-    @property
-    def winding(self) -> float:
-        """Angle of a turn or a way round that may come back to where it was [rad]; 0 if it cannot."""
-
-    @property
-    def X_end(self) -> Array:
-        """Pose X_WT of the tool frame at the end, shape (4, 4)."""
-
-    @property
-    def twist(self) -> Array:
-        """Velocity and angular velocity at the start, per unit of s, in world axes, shape (6,)."""
-
-    def poses(self, s: Array) -> Array:
-        """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
-
-
-@dataclass(frozen=True, eq=False)
-class ToolLine:
-    """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp)."""
-
-    word: ClassVar[str] = "straight line"
-    winding: ClassVar[float] = 0.0
+    word: str
+    """What messages call it, such as `straight line`."""
     X_start: Array
     X_end: Array
-    """Poses X_WT of the tool frame in the world, shape (4, 4)."""
-
-    @cached_property
-    def length(self) -> float:
-        """Length of the line [m]."""
-        return float(np.linalg.norm(self.X_end[:3, 3] - self.X_start[:3, 3]))
-
-    @cached_property
-    def turn(self) -> Array:
-        """Rotation vector of the whole turn, in world axes [rad], shape (3,)."""
-        return rotation_vector(self.X_end[:3, :3] @ self.X_start[:3, :3].T)
-
-    @property
-    def turning(self) -> float:
-        """Angle of the whole turn [rad]."""
-        return float(np.linalg.norm(self.turn))
-
-    @property
-    def twist(self) -> Array:
-        """Velocity and angular velocity per unit of s, in world axes, shape (6,)."""
-        return np.concatenate([self.X_end[:3, 3] - self.X_start[:3, 3], self.turn])
-
-    def until(self, s: float) -> ToolLine:
-        """Its beginning up to s."""
-        return ToolLine(self.X_start, read_only(self.poses(np.array([s]))[0]))
-
-    def poses(self, s: Array) -> Array:
-        """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
-        X_WT = np.tile(self.X_start, (len(s), 1, 1))
-        X_WT[:, :3, 3] += s[:, None] * (self.X_end[:3, 3] - self.X_start[:3, 3])
-        if self.turn.any():
-            X_WT[:, :3, :3] = [rotation_matrix(turn) @ self.X_start[:3, :3] for turn in s[:, None] * self.turn]
-        return X_WT
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ToolHelix:
-    """A helix of the tool frame, or an arc: it goes evenly about an axis and along it, and turns evenly."""
-
-    X_start: Array
-    """Pose X_WT of the tool frame, shape (4, 4)."""
-    point: Array
-    """Any point of the axis, shape (3,) [m]."""
-    axis: Array
-    """Unit vector, shape (3,)."""
-    angle: float
-    """By how much it goes about the axis, right-handed [rad]."""
-    advance: float
-    """How far it goes along the axis meanwhile [m]."""
+    """Poses X_WT of the tool frame, shape (4, 4)."""
+    along: Array
+    """How far its origin goes along a straight line [m], shape (3,)."""
     turn: Array
     """Rotation vector of the tool's turn, in world axes [rad], shape (3,)."""
-    word: str = "helix"
-    """What messages call it."""
-
-    @cached_property
-    def radius(self) -> float:
-        """Distance of the tool frame's origin from the axis [m]."""
-        return float(np.linalg.norm(np.cross(self.axis, self.X_start[:3, 3] - self.point)))
+    around: Array = field(default_factory=lambda: np.zeros(3))
+    """Rotation vector of the way about the axis [rad], shape (3,)."""
+    arm: Array = field(default_factory=lambda: np.zeros(3))
+    """From a point of the axis to where its origin begins [m], shape (3,)."""
 
     @property
     def length(self) -> float:
-        """Length of the way [m]."""
-        return float(np.hypot(self.radius * self.angle, self.advance))
+        """Length of the way of its origin [m]."""
+        return float(np.hypot(np.linalg.norm(np.cross(self.around, self.arm)), np.linalg.norm(self.along)))
 
     @property
     def turning(self) -> float:
@@ -124,54 +47,59 @@ class ToolHelix:
 
     @property
     def winding(self) -> float:
-        """The greater of the turn and the way round [rad]."""
-        return max(abs(self.angle), self.turning)
-
-    @cached_property
-    def X_end(self) -> Array:
-        """Pose X_WT at the end, shape (4, 4)."""
-        return read_only(self.poses(np.array([1.0]))[0])
+        """The greater of the turn and the way about the axis [rad]; 0 for a line, which never comes back."""
+        angle = float(np.linalg.norm(self.around))
+        return max(angle, self.turning) if angle > 0.0 else 0.0
 
     @property
     def twist(self) -> Array:
         """Velocity and angular velocity at the start, per unit of s, in world axes, shape (6,)."""
-        around = self.angle * np.cross(self.axis, self.X_start[:3, 3] - self.point)
-        return np.concatenate([around + self.advance * self.axis, self.turn])
+        return np.concatenate([np.cross(self.around, self.arm) + self.along, self.turn])
 
     def poses(self, s: Array) -> Array:
         """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
         X_WT = np.tile(self.X_start, (len(s), 1, 1))
-        arm = self.X_start[:3, 3] - self.point
-        for k, share in enumerate(s.tolist()):
-            around = rotation_matrix(share * self.angle * self.axis) @ arm
-            X_WT[k, :3, 3] = self.point + around + share * self.advance * self.axis
-            X_WT[k, :3, :3] = rotation_matrix(share * self.turn) @ self.X_start[:3, :3]
+        X_WT[:, :3, 3] += s[:, None] * self.along
+        for k, share in enumerate(s.tolist() if self.turn.any() or self.around.any() else ()):
+            about = displacement(np.zeros(3), share * self.around)[:3, :3] @ self.arm
+            X_WT[k, :3, 3] += about - self.arm
+            X_WT[k, :3, :3] = displacement(np.zeros(3), share * self.turn)[:3, :3] @ self.X_start[:3, :3]
         return X_WT
 
 
-def arc_through(X_start: Array, through: Array, X_end: Array) -> ToolHelix | ToolLine:
-    """The arc from a pose through a point, shape (3,), to another pose; a line if the three points are on one.
+def tool_line(X_start: Array, X_end: Array) -> ToolCurve:
+    """The straight line between two poses X_WT, shape (4, 4)."""
+    along, turn = X_end[:3, 3] - X_start[:3, 3], rotation_vector(X_end[:3, :3] @ X_start[:3, :3].T)
+    return ToolCurve(word="straight line", X_start=X_start, X_end=X_end, along=along, turn=turn)
 
-    The tool turns evenly about one fixed axis, as on a line (slerp).
-    """
+
+def arc_through(X_start: Array, through: Array, X_end: Array) -> ToolCurve:
+    """The arc from a pose through a point, shape (3,), to another pose; a line if the three points are on one."""
     p, q = through - X_start[:3, 3], X_end[:3, 3] - X_start[:3, 3]
     normal = np.cross(p, q)
     size = float(normal @ normal)
     if size <= FLAT * float(p @ p) * float(q @ q):
-        return ToolLine(X_start, X_end)
+        return tool_line(X_start, X_end)
     axis = normal / np.sqrt(size)
     center = X_start[:3, 3] + np.cross((p @ p) * q - (q @ q) * p, normal) / (2.0 * size)
     first, last = X_start[:3, 3] - center, X_end[:3, 3] - center
     angle = float(np.arctan2(axis @ np.cross(first, last), first @ last)) % (2 * np.pi)
     turn = rotation_vector(X_end[:3, :3] @ X_start[:3, :3].T)
-    return ToolHelix(X_start=X_start, point=center, axis=axis, angle=angle, advance=0.0, turn=turn, word="arc")
+    return ToolCurve(
+        word="arc", X_start=X_start, X_end=X_end, along=np.zeros(3), turn=turn, around=angle * axis, arm=first
+    )
 
 
-def helix_about(X_WA: Array, X_start: Array, angle: float, advance: float, *, keep_orientation: bool) -> ToolHelix:
-    """The helix about the z axis of a pose X_WA, shape (4, 4), from another pose on."""
-    axis: Array = X_WA[:3, 2]
-    turn = np.zeros(3) if keep_orientation else angle * axis
-    return ToolHelix(X_start=X_start, point=X_WA[:3, 3], axis=axis, angle=angle, advance=advance, turn=turn)
+def helix_about(X_WA: Array, X_start: Array, angle: float, advance: float, *, keep_orientation: bool) -> ToolCurve:
+    """The helix about the z axis of a pose X_WA, shape (4, 4), from another pose on.
+
+    angle: right-handed, of the way about the axis and of the tool's turn [rad]. advance: along the axis meanwhile [m].
+    """
+    arm, around = X_start[:3, 3] - X_WA[:3, 3], angle * X_WA[:3, 2]
+    X_AB, along = displacement(np.zeros(3), around), advance * X_WA[:3, 2]
+    turn, R = (np.zeros(3), X_start[:3, :3]) if keep_orientation else (around, X_AB[:3, :3] @ X_start[:3, :3])
+    X_end = pose(R, X_WA[:3, 3] + X_AB[:3, :3] @ arm + along)
+    return ToolCurve(word="helix", X_start=X_start, X_end=X_end, along=along, turn=turn, around=around, arm=arm)
 
 
 def progress(curve: ToolCurve, s: float) -> str:
@@ -192,15 +120,3 @@ def rotation_vector(R: Array) -> Array:
     angle = float(np.copysign(np.arctan2(sine, cosine), skew @ column or 1.0))
     vector: Array = column * (angle / np.linalg.norm(column))
     return vector
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """The rotation matrix of axis times angle [rad], shape (3,) (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    K: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R: Array = np.eye(3, dtype=np.float64)
-    R += float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
-    return R

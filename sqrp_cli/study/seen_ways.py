@@ -57,7 +57,6 @@ def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], 
     grounded = ground_primitives(skill_use(cell, scene.candidate, scene.world), cell.collision)
     if isinstance(grounded, Infeasible):
         raise ValueError(f"{scene.candidate.name} was feasible a moment ago")
-    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     for index, move in moves.items():
         primitive, timed = grounded.primitives[index], scene.motion.primitives[index].trajectory
         if primitive.via_home:
@@ -70,7 +69,7 @@ def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], 
             q0=q0,
             q1=q1,
             bounds=near_limits(model, np.stack([q0, q1])),
-            limits=replace(limits, velocity=primitive.speed * limits.velocity),
+            limits=MotionLimits.of(model, primitive.speed),
             scene=cell.collision.placed(primitive.world, primitive.allowed),
             direct=SeenPath(np.zeros((0, len(q0))), direct, free=True),
             longest=direct.duration + spare,

@@ -12,7 +12,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.ground_primitives import _contact_share
-from sqrp_cli.motion.tool_curve import ToolLine
+from sqrp_cli.motion.tool_curve import tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Mesh, Part
 
@@ -36,5 +36,5 @@ def test_a_move_onto_a_mesh_ends_at_its_nearest_triangles(ur5: RobotModel, tmp_p
     scene = CollisionScene(ur5, [stand, of("held", sheets("held.obj", (0.0, 0.02)), None)])
     world = World(frozenset(), {"stand": stand.X_WO}, "held", pose(position=(0.0, 0.0, 0.2)), {})
     down = np.diag([1.0, -1.0, -1.0])
-    line = ToolLine(pose(down, (0.4, 0.0, 0.6)), pose(down, (0.4, 0.0, 0.32)))
+    line = tool_line(pose(down, (0.4, 0.0, 0.6)), pose(down, (0.4, 0.0, 0.32)))
     assert _contact_share(scene, world, line, "stand") == pytest.approx(0.1 / 0.28, abs=1e-4)

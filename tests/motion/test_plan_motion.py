@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.motion.placed_scene import CLEARANCE, pair
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.timing import MotionLimits, joint_move, time_path
-from sqrp_cli.motion.tool_curve import ToolLine
+from sqrp_cli.motion.tool_curve import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
@@ -208,10 +208,10 @@ def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
             start = q + turn
             if (start < model.lower).any() or (start > model.upper).any():
                 continue
-            first = straight_line(model, start, ToolLine(X_above, X_grasp))
+            first = straight_line(model, start, tool_line(X_above, X_grasp))
             if not isinstance(first, JointPath):
                 continue
-            second = straight_line(model, first.positions([1.0])[0], ToolLine(X_grasp, X_lifted))
+            second = straight_line(model, first.positions([1.0])[0], tool_line(X_grasp, X_lifted))
             if not isinstance(second, JointPath):
                 continue
             a1 = joint_move(model.home, start, limits)

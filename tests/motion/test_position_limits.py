@@ -19,7 +19,7 @@ from sqrp_cli.motion.plan_motion import MEASURED, Motion
 from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.motion.stop_and_return import recovery_over
 from sqrp_cli.motion.straight_line import follow
-from sqrp_cli.motion.tool_curve import ToolLine
+from sqrp_cli.motion.tool_curve import ToolCurve, tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
 from tests.motion.cells import Cell, thing
@@ -37,9 +37,9 @@ def model_of(folder: FilePath, joints: int = 8) -> RobotModel:
     return RobotModel.load(robot(torso_arm(folder, joints), "tip"))
 
 
-def down(model: RobotModel, q: Array, length: float) -> ToolLine:
+def down(model: RobotModel, q: Array, length: float) -> ToolCurve:
     X = model.tool_pose(q)
-    return ToolLine(X, pose(X[:3, :3], X[:3, 3] - [0, 0, length]))
+    return tool_line(X, pose(X[:3, :3], X[:3, 3] - [0, 0, length]))
 
 
 @given(arrays(float, (2, 7, 3), elements=st.floats(-2, 2)))
@@ -82,7 +82,7 @@ def test_a_line_past_the_limit_of_a_sliding_joint_says_which_and_how_far(tmp_pat
     model = RobotModel.load(robot(urdf, "tip"))
     q0 = np.array([0.4, 0.2, 0.0])
     X = model.tool_pose(q0)
-    result = straight_line(model, q0, ToolLine(X, pose(X[:3, :3], X[:3, 3] + [0.119, 0, 0])))
+    result = straight_line(model, q0, tool_line(X, pose(X[:3, :3], X[:3, 3] + [0.119, 0, 0])))
     assert isinstance(result, Infeasible)
     assert result.reasons[0].startswith("joint `rail` 0.019 m past its limit, which it reaches after 10")
 

@@ -8,11 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, axis_rotation, pose
-from sqrp_cli.motion.straight_line import (
-    follow,
-)
-from sqrp_cli.motion.tool_curve import ToolLine, progress, rotation_matrix, rotation_vector
+from sqrp_cli.geometry import Array, axis_rotation, displacement, pose
+from sqrp_cli.motion.straight_line import follow
+from sqrp_cli.motion.tool_curve import ToolCurve, progress, rotation_vector, tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
@@ -28,9 +26,9 @@ def vectors(length: float) -> st.SearchStrategy[Array]:
     return st.tuples(*(st.floats(-length, length),) * 3).map(np.array)
 
 
-def line_from(model: RobotModel, q: Array, shift: Array, turn: Array) -> ToolLine:
+def line_from(model: RobotModel, q: Array, shift: Array, turn: Array) -> ToolCurve:
     X = model.tool_pose(q)
-    return ToolLine(X, pose(rotation_matrix(turn) @ X[:3, :3], X[:3, 3] + shift))
+    return tool_line(X, pose(displacement(shift, turn)[:3, :3] @ X[:3, :3], X[:3, 3] + shift))
 
 
 @given(shift=vectors(0.1), turn=vectors(0.3))
@@ -74,7 +72,7 @@ def test_a_joint_limit_on_the_way_is_named_with_the_distance(ur5: RobotModel) ->
     X = ur5.tool_pose(turned)
     radius = np.linalg.norm(X[:2, 3])
     sideways = axis_rotation(2, np.pi / 2)[:, :2] @ X[:2, 3] / radius * 0.2
-    result = straight_line(ur5, turned, ToolLine(X, pose(X[:3, :3], X[:3, 3] + sideways)))
+    result = straight_line(ur5, turned, tool_line(X, pose(X[:3, :3], X[:3, 3] + sideways)))
     assert isinstance(result, Infeasible)
     assert result.reasons[0].startswith("joint `shoulder_pan_joint` 21.2 deg past its limit, which it reaches after ")
     assert result.reasons[0].endswith(" mm of 200 mm of the straight line")
@@ -85,7 +83,7 @@ def test_a_joint_limit_on_the_way_is_named_with_the_distance(ur5: RobotModel) ->
 )
 def test_branches_followed_at_once_are_each_as_alone(ur5: RobotModel, shift: list[float], some_are_stuck: bool) -> None:
     X = ur5.tool_pose(READY)
-    line = ToolLine(X, pose(X[:3, :3], X[:3, 3] + shift))
+    line = tool_line(X, pose(X[:3, :3], X[:3, 3] + shift))
     q0 = all_solutions(ur5, X).solutions
     assert len(q0) > 4
     together = follow(ur5, q0, line)
@@ -101,12 +99,12 @@ def test_branches_followed_at_once_are_each_as_alone(ur5: RobotModel, shift: lis
 
 @given(vectors(1.7))
 def test_rotation_vectors_and_matrices_are_inverse(vector: Array) -> None:
-    np.testing.assert_allclose(rotation_vector(rotation_matrix(vector)), vector, atol=1e-9)
+    np.testing.assert_allclose(rotation_vector(displacement(np.zeros(3), vector)[:3, :3]), vector, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0], [0.6, 0, 0.8], [-0.6, 0.48, 0.64]])
 def test_half_a_turn_gives_one_of_both_axes(axis: list[float]) -> None:
-    vector = rotation_vector(rotation_matrix(np.pi * np.array(axis)))
+    vector = rotation_vector(displacement(np.zeros(3), np.pi * np.array(axis))[:3, :3])
     assert np.linalg.norm(vector) == pytest.approx(np.pi)
     np.testing.assert_allclose(np.abs(vector @ np.array(axis)), np.pi, rtol=1e-9)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, pose
-from sqrp_cli.motion.tool_curve import ToolHelix, ToolLine, arc_through, helix_about, rotation_vector
+from sqrp_cli.motion.tool_curve import ToolCurve, arc_through, helix_about, rotation_vector, tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
 from tests.motion.straight import straight_line
@@ -26,21 +26,23 @@ def points(size: float) -> st.SearchStrategy[Array]:
 @FEW
 def test_an_arc_passes_its_points_at_one_distance_from_its_centre_and_in_this_order(through: Array, end: Array) -> None:
     arc = arc_through(pose(), through, pose(position=end))
-    if isinstance(arc, ToolLine):
+    if arc.word == "straight line":
         return
     np.testing.assert_allclose(arc.X_end[:3, 3], end, atol=1e-6)
     on_way = arc.poses(np.linspace(0.0, 1.0, 4001))[:, :3, 3]
     nearest = np.linalg.norm(on_way - through, axis=1).min()
     assert nearest <= arc.length / 4000 + 1e-6
-    np.testing.assert_allclose(np.linalg.norm(on_way - arc.point, axis=1), arc.radius, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(on_way - (arc.X_start[:3, 3] - arc.arm), axis=1), np.linalg.norm(arc.arm), rtol=1e-6, atol=1e-9
+    )
     assert np.linalg.norm(np.diff(on_way, axis=0), axis=1).sum() == pytest.approx(arc.length, rel=1e-4)
 
 
 def test_three_points_on_a_line_make_a_line() -> None:
-    assert isinstance(arc_through(pose(), np.array([0.1, 0, 0]), pose(position=(0.3, 0, 0))), ToolLine)
+    assert arc_through(pose(), np.array([0.1, 0, 0]), pose(position=(0.3, 0, 0))).word == "straight line"
 
 
-def followed(ur5: RobotModel, curve: ToolHelix) -> JointPath:
+def followed(ur5: RobotModel, curve: ToolCurve) -> JointPath:
     path = straight_line(ur5, READY, curve)
     assert isinstance(path, JointPath), path
     s = np.linspace(0, 1, 401)
@@ -73,7 +75,7 @@ def test_circles_that_keep_the_orientation_come_back_every_turn(ur5: RobotModel,
     X = ur5.tool_pose(READY)
     axis = pose(np.eye(3), X[:3, 3] + [0.03, 0.01, 0.0])
     path = followed(ur5, helix_about(axis, X, turns * 2 * np.pi, -0.01, keep_orientation=True))
-    shifted = straight_line(ur5, READY, ToolLine(X, pose(X[:3, :3], X[:3, 3] - [0, 0, 0.01])))
+    shifted = straight_line(ur5, READY, tool_line(X, pose(X[:3, :3], X[:3, 3] - [0, 0, 0.01])))
     assert isinstance(shifted, JointPath)
     np.testing.assert_allclose(path.end, shifted.end, atol=1e-5)
 

@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, pose
-from sqrp_cli.motion.tool_curve import ToolLine
+from sqrp_cli.motion.tool_curve import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import WrongWayRound
@@ -67,7 +67,7 @@ def assert_turned_as_far_as_it_goes(model: RobotModel, q: Array, X_WT: Array, an
 def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name: str, tmp_path: Path) -> None:
     model = arm(name, tmp_path, BY, TOLERANCE)
     start = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
-    line = ToolLine(start, pose(position=(0.0, 0.0, -0.05)) @ start)
+    line = tool_line(start, pose(position=(0.0, 0.0, -0.05)) @ start)
     q0 = min(all_solutions(model, start).solutions, key=lambda q: float(np.abs(q - READY[name]).max()))
     path = straight_line(model, q0, line)
     assert not isinstance(path, Infeasible)
@@ -100,7 +100,7 @@ def test_a_wrist_whose_limit_is_rounded_points_down_within_the_tolerance(name: s
     X_WT[:3, :3] = axis_rotation(2, yaw) @ X_WT[:3, :3]
     found = all_solutions(model, X_WT)
     assert len(found.solutions)
-    line = ToolLine(X_WT, pose(position=(0.0, 0.0, -0.1)) @ X_WT)
+    line = tool_line(X_WT, pose(position=(0.0, 0.0, -0.1)) @ X_WT)
     for q in found.solutions:
         assert (model.lower <= q).all()
         assert (q <= model.upper).all()
