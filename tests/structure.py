@@ -40,7 +40,7 @@ ROOMS = {
     "study": ("study", 4_507),
     "search": ("search", 5_223),
     "checks": ("checks", 1_376),
-    "run": ("run", 8_647),
+    "run": ("run", 8_534),
     "field": ("field ros", 3_373),
     "score": ("score", 2_930),
     "show": ("show", 5_564),

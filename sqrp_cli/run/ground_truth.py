@@ -5,7 +5,7 @@ And the events of a run that goes exactly as planned: a program for ROS tools.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -41,24 +41,21 @@ DIGITS = 5
 
 
 class GroundTruth:
-    """The true state of a cell: a simulated one knows it; of a real one joints are measured, the rest is planned."""
+    """The true state of a cell: a simulated one knows it; of a real one joints are measured, the rest is planned.
 
-    def __init__(self, cell: RunnableCell, body: RobotBody, world: World) -> None:
-        """world: before the first step."""
-        self._cell, self._body, self._world = cell, body, world
+    Time passes by it, so that it can publish the state at a fixed rate, without any other effect. The first event of
+    that is complete, the others have only changes.
+    """
+
+    def __init__(self, cell: RunnableCell, body: RobotBody, world: World, publisher: EventPublisher | None) -> None:
+        """world: before the first step. publisher: of the states; None if nobody wants them."""
+        self._cell, self._body, self._world, self._publisher = cell, body, world, publisher
         self.attempt: Attempt | None = None
         """What the robot is at."""
-
-    def state(self, t: float) -> CellState:
-        """The state now, at time t [s] of a real cell."""
-        if (known := self._cell.truth()) is not None:
-            return known
-        attempt, joints = self.attempt, self._cell.measured_joints()
-        if attempt is None:
-            return CellState(t, self._world.X_WO, self._world.held, joints)
-        tau = 0.0 if attempt.start is None else t - attempt.start
-        now = [one for one in attempt.step.primitives if one.start <= tau]
-        return CellState(t, attempt.beliefs(tau), now[-1].held if now and not attempt.failed else None, joints)
+        self.now = 0.0
+        """The time to which the cell was advanced last [s]."""
+        self._number = 0
+        self._last: WholeState | None = None
 
     def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
         """The present value of each atom that an attempt monitors; in a real cell as planned for a time tau [s]."""
@@ -70,42 +67,40 @@ class GroundTruth:
         situation = Situation(self._body.link_poses(truth.joints), truth.X_WO, starts, truth.held, is_open)
         return {atom: holds(atom, target, situation, when_open=when_open[atom]) for atom, target in targets.items()}
 
-
-class StateRecorder:
-    """Lets time pass as a cell does, and publishes its true poses at a fixed rate, without any other effect.
-
-    The first event is complete, the others have only changes.
-    """
-
-    def __init__(self, cell: RunnableCell, state: Callable[[float], CellState], publisher: EventPublisher) -> None:
-        """state: of the cell at the time now [s]."""
-        self._cell, self._state, self._publisher = cell, state, publisher
-        self._number, self._now = 0, 0.0
-        self._last: WholeState | None = None
-
     def advance(self, t: float, reference: StoppableReference) -> float:
         """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
-        while (due := self._number / RATE) <= t + 1e-9:
-            self._now = self._cell.advance(due, reference)
-            self._publish(due, self._state(self._now))
+        while self._publisher is not None and (due := self._number / RATE) <= t + 1e-9:
+            self.now = self._cell.advance(due, reference)
+            self._publish(due)
             self._number += 1
-        self._now = self._cell.advance(t, reference)
-        return self._now
+        self.now = self._cell.advance(t, reference)
+        return self.now
 
     def finish(self) -> None:
         """Publish the state at the end."""
-        truth = self._state(self._now)
-        if self._last is None or truth.t > self._last.t + 1e-9:
-            self._publish(truth.t, truth)
+        if self._publisher is not None:
+            self._publish(None)
 
-    def _publish(self, t: float, truth: CellState) -> None:
+    def _publish(self, t: float | None) -> None:
+        """Publish the state now, at time t [s]; without, that at the end unless it is known."""
+        truth = self._cell.truth()
+        if truth is None:
+            attempt, joints, X_WO, held = self.attempt, self._cell.measured_joints(), self._world.X_WO, self._world.held
+            if attempt is not None:
+                tau = 0.0 if attempt.start is None else self.now - attempt.start
+                now = [one for one in attempt.step.primitives if one.start <= tau]
+                X_WO, held = attempt.beliefs(tau), now[-1].held if now and not attempt.failed else None
+            truth = CellState(self.now, X_WO, held, joints)
+        if t is None and self._last is not None and truth.t <= self._last.t + 1e-9:
+            return
         state = WholeState(
-            t=t,
+            t=truth.t if t is None else t,
             joints=list(truth.joints),
             q=[_rounded(q) for q in truth.joints.values()],
             held=truth.held,
             objects={name: _logged_pose(X) for name, X in truth.X_WO.items()},
         )
+        assert self._publisher is not None  # noqa: S101 - else nobody wants it
         self._publisher.publish(state if self._last is None else state.since(self._last))
         self._last = state
 

@@ -18,7 +18,7 @@ from sqrp_cli.robot.robot import Robot
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker
-from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder
+from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, EvidenceBuffer, Exposure, FusedTruth
 from sqrp_cli.run.perception.streams import Streams
@@ -38,44 +38,6 @@ SAME_INSTANT = 0.0015
 
 DueKind = Literal["tool", "primitive", "fault"]
 """A command to the tool, the beginning of a primitive, or a fault to inject."""
-
-
-class CommandedRobot:
-    """The robot as a run commands it: arm and tool. Only images show whether the tool really holds an object."""
-
-    def __init__(self, program: Program, robot: Robot, cell: RunnableCell, states: StateRecorder | None = None) -> None:
-        """The robot standing where a program begins. states: lets time pass instead of the cell."""
-        before, joints = program.steps[0].before, program.joints
-        q = np.array([before.joints[name] for name in joints])
-        self.cell, self.fingers = cell, robot.fingers
-        self.motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
-        self._states, self._now = states, 0.0
-        self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
-
-    def advance(self, t: float) -> float:
-        """Let time pass until t [s] while the arm follows its motion; returns the time then [s]."""
-        self._now = (self._states or self.cell).advance(t, self.motion)
-        return self._now
-
-    def command_hold(self, *, holding: bool) -> None:
-        """The tool counts as commanded to hold, or not, from now on."""
-        self._commands.append((self._now, holding))
-
-    def held_at(self, t: float) -> bool:
-        """Whether the tool was commanded to hold at a time that is not long ago [s]."""
-        return next((held for since, held in reversed(self._commands) if since <= t + 1e-9), self._commands[0][1])
-
-    def let_go(self) -> None:
-        """Let go at once, whatever the motion wants of the fingers."""
-        self.cell.release()
-        self.command_hold(holding=False)
-        if self.fingers is not None:
-            self.motion.place(self.fingers.open)
-
-    def keep_fingers(self, t: float) -> None:
-        """Leave the fingers as they are wanted at time t [s], whatever the rest of the motion does with them."""
-        if self.fingers is not None:
-            self.motion.keep(self.fingers.open.keys(), t)
 
 
 class Moment(NamedTuple):
@@ -153,8 +115,6 @@ class EvidenceCollector:
 
     def collect(self, t: float) -> list[Detection]:
         """The images that have arrived by time t [s], looked at. Raises MonitoringLost if some are not."""
-        if self.streams.next_arrival > t + 1e-9:
-            return []
         with self._publisher.timed("waiting for perception"):
             return self.streams.collect(t)
 
@@ -168,13 +128,27 @@ class EvidenceCollector:
                 continue
             for name, place in detection.places.items():
                 self._places.setdefault(name, []).append(place)
-            if exposure.tau is not None and attempt.counts(exposure.tau):
-                attempt.check.add(detection, exposure.tau, attempt.monitor.monitored(exposure.tau), exposure.truths)
+            tau = exposure.tau
+            if tau is not None and attempt.undisturbed and 0.0 <= tau <= attempt.step.time:
+                attempt.check.add(detection, tau, attempt.monitor.monitored(tau), exposure.truths)
         found = self._buffer.fused(attempt.step.targets, self.streams.settled) if detections else []
         for evidence in found:
-            exposure = evidence.exposure
+            exposure, tau = evidence.exposure, evidence.exposure.tau
             if exposure.has_arrivals and self._published.get(exposure.t) != evidence.atoms:
-                self._publisher.publish(_evidence_seen(evidence, attempt, now))
+                required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
+                shown = {
+                    atom: ShownAtom(
+                        value=fused.truth,
+                        true=exposure.truths.get(atom),
+                        predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
+                        asked=atom in required,
+                        cameras=dict(sorted(fused.votes.items())),
+                    )
+                    for atom, fused in evidence.atoms.items()
+                }
+                at = None if tau is None else round(tau, 6)
+                told = EvidenceSeen(t=now, exposed=round(exposure.t, 6), step_time=at, literals=shown)
+                self._publisher.publish(told)
                 self._published[exposure.t] = evidence.atoms
             if evidence.complete:
                 self._published.pop(exposure.t, None)
@@ -187,36 +161,29 @@ class EvidenceCollector:
         return found
 
 
-def _evidence_seen(evidence: Evidence, attempt: Attempt, now: float) -> EvidenceSeen:
-    exposure, tau = evidence.exposure, evidence.exposure.tau
-    required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
-    literals = {
-        atom: ShownAtom(
-            value=fused.truth,
-            true=exposure.truths.get(atom),
-            predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
-            asked=atom in required,
-            cameras=dict(sorted(fused.votes.items())),
-        )
-        for atom, fused in evidence.atoms.items()
-    }
-    step_time = None if tau is None else round(tau, 6)
-    return EvidenceSeen(t=now, exposed=round(exposure.t, 6), step_time=step_time, literals=literals)
-
-
 class Lockstep:
-    """Everything of a run that time passes for."""
+    """Everything of a run that time passes for, with the robot as it is commanded.
+
+    Only images show whether the tool really holds what it is commanded to hold.
+    """
 
     def __init__(
         self,
-        robot: CommandedRobot,
+        program: Program,
+        robot: Robot,
+        cell: RunnableCell,
         collector: EvidenceCollector,
         faults: FaultTracker,
         truth: GroundTruth,
         publisher: EventPublisher,
     ) -> None:
-        self.robot, self.collector, self.faults, self.publisher = robot, collector, faults, publisher
-        self._truth = truth
+        """The robot standing where a program begins."""
+        before, joints = program.steps[0].before, program.joints
+        q = np.array([before.joints[name] for name in joints])
+        self.motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
+        self.fingers, self.cell, self._truth = robot.fingers, cell, truth
+        self.collector, self.faults, self.publisher = collector, faults, publisher
+        self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
         self._due: list[tuple[float, DueKind, Callable[[], None]]] = []
         self.now = 0.0
         """The time on the cell's clock [s]."""
@@ -227,6 +194,18 @@ class Lockstep:
         self.standing_since: float | None = None
         """When it stood after that [s]; None before."""
 
+    def begin(self, attempt: Attempt, number: int) -> None:
+        """Be at an attempt at the step of a number, from now on; time may have passed since, as for planning."""
+        self.attempt = self._truth.attempt = attempt
+        self.now = self.collector.streams.present(self.now, resume=True)
+        self.collector.watch(attempt, number, self.now)
+        self.publisher.publish(step_began(attempt.step, number, self.now))
+
+    @property
+    def present(self) -> float:
+        """When what is commanded now begins [s]."""
+        return self.collector.streams.present(self.now)
+
     def schedule(self, t: float, kind: DueKind, do: Callable[[], None]) -> None:
         """Do something at a time [s] of the cell's clock, after what is due at the same time already."""
         insort(self._due, (t, kind, do), key=lambda due: due[0])
@@ -235,27 +214,30 @@ class Lockstep:
         """Do nothing of some kinds any more."""
         self._due = [due for due in self._due if due[1] not in kinds]
 
-    def tau(self, t: float | None = None) -> float | None:
-        """The time of the step's motion at time t or now [s], None before it."""
+    def command_hold(self, *, holding: bool) -> None:
+        """The tool counts as commanded to hold, or not, from now on."""
+        self._commands.append((self._truth.now, holding))
+
+    def let_go(self) -> None:
+        """Let go at once, whatever the motion wants of the fingers."""
+        self.cell.release()
+        self.command_hold(holding=False)
+        if self.fingers is not None:
+            self.motion.place(self.fingers.open)
+
+    def _tau(self, t: float) -> float | None:
+        """The time of the step's motion at time t [s], None before it."""
         if self.attempt is None or self.attempt.start is None:
             return None
-        return self.robot.motion.step_time(self.now if t is None else t)
+        return self.motion.step_time(t)
 
     def _moment(self, t: float) -> Moment:
         """What is known of the time of an image [s]; the clock of a simulation steps from time to time."""
         assert self.attempt is not None  # noqa: S101 - images are looked at in attempts alone
         at = self.now if abs(t - self.now) < SAME_INSTANT else t
-        tau = self.tau(at)
-        return Moment(tau, self._truth.atoms(self.attempt, tau), self.robot.held_at(at))
-
-    def catch_up(self) -> None:
-        """In a real cell time has passed while nobody looked, such as for planning: go on from now."""
-        self.now = self.collector.streams.resume(self.now)
-
-    @property
-    def present(self) -> float:
-        """When what is commanded now begins [s]."""
-        return self.collector.streams.present(self.now)
+        tau = self._tau(at)
+        held = next((held for since, held in reversed(self._commands) if since <= at + 1e-9), self._commands[0][1])
+        return Moment(tau, self._truth.atoms(self.attempt, tau), held)
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
@@ -263,33 +245,34 @@ class Lockstep:
         Returns the evidence of the images that have arrived. Raises MonitoringLost where cameras or the processes
         behind them fail.
         """
-        streams, motion, cell = self.collector.streams, self.robot.motion, self.robot.cell
-        coming = [streams.next_exposure, streams.next_arrival, streams.next_check]
+        streams, motion = self.collector.streams, self.motion
+        coming = [streams.next_event]
         coming += [self._due[0][0]] if self._due else []
         coming += [end] if self.now < end - 1e-9 else []
         coming += [self.now + TRUTH_SPACING] if self.faults.is_pending else []
         coming += [self.now + FEELING] if motion.force_limit(self.now) is not None else []
         with self.publisher.timed("physics"):
-            self.now = self.robot.advance(max(min(coming), self.now))
+            self.now = self._truth.advance(max(min(coming), self.now), motion)
         limit = motion.force_limit(self.now)
-        if limit is not None and (force := cell.tool_force()) >= limit:  # a guarded move meets what it looks for
+        if limit is not None and (force := self.cell.tool_force()) >= limit:  # a guarded move meets what it looks for
             motion.halt_primitive(self.now)
             self.publisher.publish(ContactFelt(t=self.now, force=round(force, 1)))
         if self.faults.is_pending and self.attempt is not None:
-            self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt, self.tau()))
+            tau = self._tau(self.now)
+            self.faults.look(self.now, tau, self.attempt, self._truth.atoms(self.attempt, tau))
         arrived = self.collector.collect(self.now)
         while self._due and self._due[0][0] <= self.now + 1e-9:
             self._due.pop(0)[2]()
-        if streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
+        if self.attempt is not None:
             self.collector.expose(self.now, self._moment)
-        if (failure := cell.trouble() or streams.failure(self.now)) is not None:
+        if (failure := self.cell.trouble() or streams.failure(self.now)) is not None:
             raise failure
         return self.collector.take_notice(arrived, self.now)
 
     def stop(self, reason: str) -> None:
         """Bring the arm to rest along its path, looking on."""
         self._command_stop(reason)
-        stands = self.robot.motion.stop(self.now)
+        stands = self.motion.stop(self.now)
         while self.now < stands - 1e-9:
             self.pass_time(stands)
         self.standing_since = self.now
@@ -297,7 +280,7 @@ class Lockstep:
     def halt(self, reason: str) -> None:
         """Bring the arm to rest along its path as fast as it may, whatever becomes of cameras and perception."""
         self._command_stop(reason)
-        self.now = self.robot.advance(max(self.now, self.robot.motion.stop(self.now, protective=True)))
+        self.now = self._truth.advance(max(self.now, self.motion.stop(self.now, protective=True)), self.motion)
         self.standing_since = self.now
 
     def _command_stop(self, reason: str) -> None:

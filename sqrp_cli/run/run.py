@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
@@ -18,8 +18,8 @@ from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
-from sqrp_cli.run.ground_truth import GroundTruth, StateRecorder, step_began
-from sqrp_cli.run.lockstep import SAME_INSTANT, CommandedRobot, EvidenceCollector, Lockstep
+from sqrp_cli.run.ground_truth import GroundTruth
+from sqrp_cli.run.lockstep import SAME_INSTANT, EvidenceCollector, Lockstep
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.monitor.step_monitor import (
     PATIENCE,
@@ -96,13 +96,12 @@ class Run:
         self._program, self._body, self._cell, self._faults = program, body, cell, list(faults)
         self._streams, self._spectator = streams, recording.spectator
         self._publisher = EventPublisher(recording.listeners)
-        self._truth = GroundTruth(cell, body, program.steps[0].before)
-        self._states = StateRecorder(cell, self._truth.state, self._publisher) if recording.states else None
-        self._robot = CommandedRobot(program, workspace.robot, cell, self._states)
+        self._truth = GroundTruth(cell, body, program.steps[0].before, self._publisher if recording.states else None)
         self._collector = EvidenceCollector(cell, streams, self._publisher, recording.images)
-        self._tracker = FaultTracker(cell, streams, self._publisher)
-        self._lockstep = Lockstep(self._robot, self._collector, self._tracker, self._truth, self._publisher)
-        self._retry_planner = RetryPlanner(self._lockstep, replanner)
+        self._tracker, self._replanner = FaultTracker(cell, streams, self._publisher), replanner
+        self._lockstep = Lockstep(
+            program, workspace.robot, cell, self._collector, self._tracker, self._truth, self._publisher
+        )
         self._report = RunReport(workspace=workspace.name)
 
     def run(self) -> RunReport:
@@ -125,8 +124,7 @@ class Run:
             outcome, reason = "stopped", str(stopped)
             self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
             lockstep.halt(str(stopped))
-        if self._states is not None:
-            self._states.finish()
+        self._truth.finish()
         if outcome == "done" and (truth := self._cell.truth()) is not None:
             meant = self._program.steps[-1].after.X_WO
             lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
@@ -151,13 +149,24 @@ class Run:
 
     def _run_step(self, index: int, step: Step) -> None:
         """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""
-        lockstep, tracker = self._lockstep, self._tracker
+        lockstep, tracker, report = self._lockstep, self._tracker, self._report
         record = StepRecord(step.skill, step.parameters, step.short_task, lockstep.now)
-        self._report.steps.append(record)
-        self._robot.command_hold(holding=step.before.held is not None)
-        attempt, alarm = self._attempt(index, step, first=True)
-        while alarm is not None:
-            response, retries = alarm.response, record.attempts - 1
+        report.steps.append(record)
+        lockstep.command_hold(holding=step.before.held is not None)
+        while True:
+            first, retries = record.attempts == 1, record.attempts - 1
+            attempt = self._prepared(index, step, first=first)
+            try:
+                self._look_at_start(attempt, index + 1)
+                alarm = self._move(attempt, index + 1)
+            finally:
+                if first:
+                    report.prediction.append(attempt.check.counts)
+                    report.usual.append(attempt.check.usual)
+                    report.disagreements.extend(attempt.check.disagreements)
+            if alarm is None:
+                break
+            response = alarm.response
             if alarm.kind == "fault":
                 tracker.seen(alarm, lockstep.now)
             elif alarm.kind == "violation":
@@ -165,30 +174,13 @@ class Run:
             if response.action != "retry" or retries >= response.retries:
                 after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
                 raise Stopped(f"{alarm.text}{after}")
-            step = self._retry_planner.prepare(attempt, alarm)
+            step = prepare_retry(lockstep, self._replanner, attempt, alarm)
             record.attempts += 1
             tracker.acted(lockstep.now)
-            told = Retrying(
-                t=lockstep.now, attempt=retries + 1, of=response.retries, step=step.skill, time=round(step.time, 6)
-            )
-            self._publisher.publish(told)
-            attempt, alarm = self._attempt(index, step, first=False)
+            of, planned = response.retries, round(step.time, 6)
+            self._publisher.publish(Retrying(t=lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned))
         record.end, record.unseen = round(lockstep.now, 6), attempt.unseen
         tracker.recovered(lockstep.now)
-
-    def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
-        """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
-        attempt, number = self._prepared(index, step, first=first), index + 1
-        check = attempt.check
-        try:
-            self._look_at_start(attempt, number)
-            alarm = self._move(attempt, number)
-        finally:
-            if first:
-                self._report.prediction.append(check.counts)
-                self._report.usual.append(check.usual)
-                self._report.disagreements.extend(check.disagreements)
-        return attempt, alarm
 
     def _prepared(self, index: int, step: Step, *, first: bool) -> Attempt:
         """An attempt at a step, before it begins."""
@@ -198,11 +190,7 @@ class Run:
 
     def _look_at_start(self, attempt: Attempt, number: int) -> None:
         """Begin an attempt at the step of a number by a look. Raises Stopped where something is not as it should be."""
-        lockstep = self._lockstep
-        lockstep.attempt = self._truth.attempt = attempt
-        lockstep.catch_up()
-        self._collector.watch(attempt, number, lockstep.now)
-        self._publisher.publish(step_began(attempt.step, number, lockstep.now))
+        self._lockstep.begin(attempt, number)
         if (wrong := self._look(attempt, 0.0)) is not None:
             raise Stopped(f"wrong start: {wrong.text}")
 
@@ -211,21 +199,21 @@ class Run:
 
         The faults of the step happen once, with its first motion.
         """
-        lockstep, robot, schedule = self._lockstep, self._robot, self._lockstep.schedule
+        lockstep, schedule = self._lockstep, self._lockstep.schedule
         start = attempt.start = lockstep.present
         for primitive in attempt.step.primitives:
             begin, end = start + primitive.start, start + primitive.end
             if primitive.action == "Grasp":
                 schedule(begin, "tool", partial(self._grasp, attempt))
             elif primitive.action == "Release":  # fingers follow their motion from its beginning
-                schedule(begin if robot.fingers is not None else end, "tool", self._cell.release)
-                schedule(end, "tool", partial(robot.command_hold, holding=False))
+                schedule(begin if lockstep.fingers is not None else end, "tool", self._cell.release)
+                schedule(end, "tool", partial(lockstep.command_hold, holding=False))
             schedule(begin, "primitive", partial(self._begin, primitive.name, primitive.does))
         for fault in self._faults:
             if fault.step == number:
                 schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
         self._faults = [fault for fault in self._faults if fault.step != number]
-        robot.motion.play(attempt.step.primitives, start)
+        lockstep.motion.play(attempt.step.primitives, start)
         end = attempt.end
         while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
             if self._spectator is not None and self._spectator.wants_slip():
@@ -239,7 +227,7 @@ class Run:
 
     def _grasp(self, attempt: Attempt) -> None:
         self._cell.grasp()
-        self._robot.command_hold(holding=True)
+        self._lockstep.command_hold(holding=True)
         attempt.undisturbed &= not self._tracker.is_open
 
     def _begin(self, primitive: str, does: str | None) -> None:
@@ -278,83 +266,60 @@ class Run:
         return alarm
 
 
-@dataclass(frozen=True)
-class Viewpoint:
-    """Where to stand and look."""
+def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, alarm: Alarm) -> Step:
+    """The step of an attempt that failed again, from where the arm stands then, in the world that is seen then.
 
-    stop_at: float
-    """The time of the step at which to begin to stop [s]."""
-    cameras: tuple[str, ...]
-    """Those predicted to see something from there; empty if the motion ends without a viewpoint."""
+    The robot stops at once where it is predicted to see the condition of the retry, or sees it already; else it moves
+    on first, without any command to the tool. It stands then until the condition is seen, and all cameras have said
+    where objects are. Raises Stopped where the condition is not seen or no motion is found.
+    """
+    collector, motion, when, before = lockstep.collector, lockstep.motion, alarm.response.when, attempt.step.before
 
+    def is_seen() -> bool:
+        return when is None or condition_value(when, collector.values) == Truth.TRUE
 
-class RetryPlanner:
-    """Brings the robot from a fault to a new plan of the same step from where it stands: it looks, locates, plans."""
-
-    def __init__(self, lockstep: Lockstep, replanner: Replanner) -> None:
-        self._lockstep, self._replanner = lockstep, replanner
-        self._robot, self._collector = lockstep.robot, lockstep.collector
-
-    def prepare(self, attempt: Attempt, alarm: Alarm) -> Step:
-        """The step of an attempt that failed again, from where the arm stands then, in the world that is seen then.
-
-        The robot stops at once where it is predicted to see the condition of the retry, or sees it already; else it
-        moves on first, without any command to the tool. It stands then until the condition is seen, and all cameras
-        have said where objects are. Raises Stopped where the condition is not seen or no motion is found.
-        """
-        lockstep, collector, when = self._lockstep, self._collector, alarm.response.when
-        attempt.failed, attempt.undisturbed = True, False
-        lockstep.cancel("tool")
-        tau = self._robot.motion.step_time(lockstep.now)
-        viewpoint = None if when is None or self._is_seen(when) else self._viewpoint(attempt, when, tau)
-        if when is not None and viewpoint is not None and viewpoint.stop_at > tau:
-            began, until = lockstep.now, round(viewpoint.stop_at, 6)
-            cameras = list(viewpoint.cameras)
-            lockstep.publisher.publish(MovingOn(t=began, to_see=when, cameras=cameras, until=until))
-            self._robot.keep_fingers(began)
-            end = began + viewpoint.stop_at - tau
-            while lockstep.now < end - 1e-9 and not self._is_seen(when):
-                lockstep.pass_time(end)
-            lockstep.faults.moved_on(lockstep.now - began)
-        lockstep.stop(alarm.text)
-        self._robot.let_go()
-        collector.forget(lockstep.now)
-        until = lockstep.now + LOOK_AGAIN
-        while when is not None and not (collector.caught_up and self._is_seen(when)):
-            if lockstep.now >= until - 1e-9:
-                where = ""
-                if viewpoint is not None:
-                    seeing = f"where {listed(viewpoint.cameras)} should see it" if viewpoint.cameras else ""
-                    where = f" {seeing or 'at the end of the motion'}"
-                raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
-            lockstep.pass_time(until)
-        planned = self._replanner.replan(attempt.step, self._world_seen(attempt.step.before))
-        if planned is None:
-            raise Stopped(f"{attempt.step.skill} cannot be tried again: no feasible motion from here")
-        return planned
-
-    def _is_seen(self, when: str) -> bool:
-        return condition_value(when, self._collector.values) == Truth.TRUE
-
-    def _viewpoint(self, attempt: Attempt, when: str, tau: float) -> Viewpoint:
-        """The next place along the motion from which all atoms of a condition are predicted to be seen."""
-        atoms, end, nominal = condition_atoms(when), attempt.step.time, attempt.nominal
+    attempt.failed, attempt.undisturbed = True, False
+    lockstep.cancel("tool")
+    where = ""  # it looks, for the reason why it stops
+    if when is not None and not is_seen():
+        # The next place along the motion from which all atoms of the condition are predicted to be seen, else its end.
+        tau, end, nominal = motion.step_time(lockstep.now), attempt.step.time, attempt.nominal
+        atoms, stop_at, cameras = condition_atoms(when), end, list[str]()
         for begin in np.arange(min(tau, end), end, SPACING).tolist():
-            stands = self._robot.motion.standing_time(begin)
-            margin = min(self._collector.streams.period, stands, end - stands)
+            stands = motion.standing_time(begin)
+            margin = min(collector.streams.period, stands, end - stands)
             if all(atom in attempt.step.targets and nominal.is_covered(atom, stands, margin) for atom in atoms):
-                cameras = {name for atom in atoms for name in nominal.covering(atom, stands, margin)}
-                return Viewpoint(begin, tuple(sorted(cameras)))
-        return Viewpoint(end, ())
-
-    def _world_seen(self, before: World) -> World:
-        """The world as the images show it: objects where they were located, facts by evidence."""
-        X_WO = dict(before.X_WO)
-        for name, place in self._collector.places.items():
-            X_WO[name] = X_WO[name].copy()
-            X_WO[name][:3, 3] = place
-        known = {Atom.of(atom): value for atom, value in self._collector.values.items()}
-        seen, refuted = ({atom for atom, value in known.items() if value == one} for one in (Truth.TRUE, Truth.FALSE))
-        measured = self._robot.cell.measured_joints()
-        joints = {name: measured.get(name, value) for name, value in before.joints.items()}
-        return replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
+                cameras = sorted({name for atom in atoms for name in nominal.covering(atom, stands, margin)})
+                stop_at = begin
+                break
+        where = f" where {listed(cameras)} should see it" if cameras else " at the end of the motion"
+        if stop_at > tau:
+            began = lockstep.now
+            event = MovingOn(t=began, to_see=when, cameras=cameras, until=round(stop_at, 6))
+            lockstep.publisher.publish(event)
+            if lockstep.fingers is not None:  # they stay, whatever the rest of the motion does with them
+                motion.keep(lockstep.fingers.open.keys(), began)
+            while lockstep.now < began + stop_at - tau - 1e-9 and not is_seen():
+                lockstep.pass_time(began + stop_at - tau)
+            lockstep.faults.moved_on(lockstep.now - began)
+    lockstep.stop(alarm.text)
+    lockstep.let_go()
+    collector.forget(lockstep.now)
+    until = lockstep.now + LOOK_AGAIN
+    while when is not None and not (collector.caught_up and is_seen()):
+        if lockstep.now >= until - 1e-9:
+            raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
+        lockstep.pass_time(until)
+    # The world as the images show it: objects where they were located, facts by evidence.
+    X_WO = dict(before.X_WO)
+    for name, place in collector.places.items():
+        X_WO[name] = X_WO[name].copy()
+        X_WO[name][:3, 3] = place
+    known = {Atom.of(atom): value for atom, value in collector.values.items()}
+    seen, refuted = ({atom for atom, value in known.items() if value == one} for one in (Truth.TRUE, Truth.FALSE))
+    measured = lockstep.cell.measured_joints()
+    joints = {name: measured.get(name, value) for name, value in before.joints.items()}
+    world = replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
+    if (planned := replanner.replan(attempt.step, world)) is None:
+        raise Stopped(f"{attempt.step.skill} cannot be tried again: no feasible motion from here")
+    return planned

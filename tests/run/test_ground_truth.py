@@ -12,7 +12,7 @@ import pytest
 from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.ground_truth import StateRecorder, step_began
+from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.record.events import Event, EventPublisher, PrimitiveBegan
 from sqrp_cli.run.record.log import Track
 from tests.run.steps import box, step
@@ -46,7 +46,7 @@ def told() -> tuple[Falling, list[Event]]:
     """What is told of 0.17 s that pass in steps of which none is as long as another."""
     events: list[Event] = []
     cell = Falling()
-    witness = StateRecorder(cell, lambda _: cell.truth(), EventPublisher([events.append]))  # type: ignore[arg-type]
+    witness = GroundTruth(cell, None, None, EventPublisher([events.append]))  # type: ignore[arg-type]
     for t in (0.0, 0.013, 0.041, 0.16, 0.17):
         witness.advance(t, None)  # type: ignore[arg-type]
     witness.finish()

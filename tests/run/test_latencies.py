@@ -75,11 +75,10 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     listeners = [] if events is None else [events.append]
     collector = EvidenceCollector(looker, eyes, EventPublisher(listeners))
     collector.watch(attempt, 1, 0.0)
-    while (now := min(eyes.next_exposure, eyes.next_arrival)) < TOTAL + 0.5:
+    while (now := eyes.next_event) < TOTAL + 0.5:
         arrived = collector.collect(now)
-        if eyes.next_exposure <= now + 1e-9:
-            looker.t = now
-            collector.expose(now, lambda t: Moment(min(t, TOTAL), {"held": True}, holding=True))
+        looker.t = now
+        collector.expose(now, lambda t: Moment(min(t, TOTAL), {"held": True}, holding=True))
         for alarm in attempt.alarms(collector.take_notice(arrived, now)):
             yield now, alarm
 

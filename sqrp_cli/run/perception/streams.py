@@ -7,12 +7,11 @@ an image, one with a dead process, or images that nobody gets round to look at.
 from __future__ import annotations
 
 import heapq
-from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.records import dataclass
@@ -49,59 +48,17 @@ Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
 """Takes an image with each of some cameras, now."""
 
 
-class Streams:
+class _CameraStreams:
     """The images of all cameras of a cell, on the cell's clock [s]: what is the same of simulated and real ones."""
 
-    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
-        """detectors: the processes that look at the images."""
-        self.cameras, self._detectors = cameras, detectors
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, mend: str = "") -> None:
+        """detectors: the processes that look at the images. mend: what may help, for the reasons of failures."""
+        self.cameras, self._detectors, self._mend = cameras, detectors, mend
         self.seconds, self.images = 0.0, 0
         self.period = max(1.0 / camera.rate for camera in cameras.values())
         """Time between two images of the slowest camera [s]."""
         self.latency = max(camera.lag for camera in cameras.values())
         """From an exposure to the image being available, for the slowest camera [s]."""
-
-    @property
-    def settled(self) -> float:
-        """Before when no image is under way that nobody knows of [s]."""
-        return float("inf")
-
-    @property
-    @abstractmethod
-    def next_exposure(self) -> float:
-        """When the next image is taken [s]."""
-
-    @property
-    @abstractmethod
-    def next_arrival(self) -> float:
-        """When the next image is available [s]; infinite if none is known to be under way."""
-
-    @property
-    def next_check(self) -> float:
-        """When a stream fails next if no image comes [s]; infinite where each look is a check."""
-        return float("inf")
-
-    @abstractmethod
-    def has_arrival_from(self, end: float) -> bool:
-        """Whether an image that was taken by a time is still under way."""
-
-    @abstractmethod
-    def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
-        """Take the images that are due at time t; returns them. believed: at a time [s].
-
-        Raises MonitoringLost if a process that looks at them has ended.
-        """
-
-    @abstractmethod
-    def collect(self, t: float) -> list[Detection]:
-        """What the images show that have arrived by time t, in the order of their exposure.
-
-        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
-        """
-
-    @abstractmethod
-    def failure(self, t: float) -> MonitoringLost | None:
-        """The streams that have failed by time t, and how; None while all is well. The worst reason counts."""
 
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets in all images that come from now on.
@@ -110,14 +67,6 @@ class Streams:
         """
         with lost_if_crashed():
             self._detectors.watch(sought)
-
-    def resume(self, t: float) -> float:
-        """Go on after nobody has looked at images since time t [s]; returns from when on they count, which is now."""
-        return t
-
-    def present(self, t: float) -> float:
-        """The time now, if the last event was at time t [s]; in a real cell some has passed since."""
-        return t
 
     def _collected(self, detections: list[Detection]) -> list[Detection]:
         """Detections in the order of their exposure. Raises MonitoringLost for an image that is the one before it."""
@@ -128,6 +77,18 @@ class Streams:
             how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
             raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
         return detections
+
+    def _worst(self, *failed: Mapping[str, float]) -> MonitoringLost | None:
+        """The worst failure; None where there is none.
+
+        failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s].
+        """
+        for (fault, reason), found in zip(_REASONS, failed, strict=False):
+            if found:
+                ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
+                text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
+                return MonitoringLost(text + (f" ({self._mend})" if self._mend else ""), fault, list(found))
+        return None
 
 
 @dataclass
@@ -143,41 +104,32 @@ class _Simulated:
     last: CameraImage | None = None
 
     @property
-    def next_exposure(self) -> float:
-        return self.exposures / self.camera.rate
-
-    @property
     def fails_at(self) -> float:
         """When it fails if no image comes [s]."""
         return self.newest + self.camera.lag + OVERDUE_PERIODS / self.camera.rate
 
 
-class ImageStreams(Streams):
+class ImageStreams(_CameraStreams):
     """The images of simulated cameras: taken when they are due, and late as each camera is."""
 
+    settled = float("inf")
+    """Before when no image is under way that nobody knows of [s]."""
+
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
-        """As `Streams`."""
+        """detectors: the processes that look at the images."""
         super().__init__(cameras, detectors)
         self._streams = {name: _Simulated(camera) for name, camera in cameras.items()}
         self._arrivals: list[tuple[float, float, str]] = []
 
     @property
-    def next_exposure(self) -> float:
-        """As `Streams` says."""
-        return min(stream.next_exposure for stream in self._streams.values())
-
-    @property
-    def next_arrival(self) -> float:
-        """As `Streams` says."""
-        return self._arrivals[0][0] if self._arrivals else float("inf")
-
-    @property
-    def next_check(self) -> float:
-        """As `Streams` says."""
-        return min(stream.fails_at for stream in self._streams.values()) + 1e-6
+    def next_event(self) -> float:
+        """When an image is taken or arrives next, or a stream fails if none does [s]."""
+        coming = [one.exposures / one.camera.rate for one in self._streams.values()]
+        coming += [one.fails_at + 1e-6 for one in self._streams.values()]
+        return min([*coming, self._arrivals[0][0]] if self._arrivals else coming)
 
     def has_arrival_from(self, end: float) -> bool:
-        """As `Streams` says."""
+        """Whether an image that was taken by a time [s] is still under way."""
         return any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
 
     def fail(
@@ -199,8 +151,13 @@ class ImageStreams(Streams):
                 self._detectors.crash(camera)
 
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
-        """As `Streams` says: images as they will arrive."""
-        due = [stream for stream in self._streams.values() if stream.next_exposure <= t + 1e-9]
+        """Take the images that are due at time t [s]; returns them, as they will arrive. believed: at a time [s].
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+        due = [stream for stream in self._streams.values() if stream.exposures / stream.camera.rate <= t + 1e-9]
+        if not due:
+            return []
         for stream in due:
             stream.exposures += 1
         sending = [stream for stream in due if not stream.lost]
@@ -218,7 +175,10 @@ class ImageStreams(Streams):
         return sent
 
     def collect(self, t: float) -> list[Detection]:
-        """As `Streams` says."""
+        """What the images show that have arrived by time t [s], in the order of their exposure.
+
+        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        """
         detections = []
         while self._arrivals and self._arrivals[0][0] <= t + 1e-9:
             _, exposed, camera = heapq.heappop(self._arrivals)
@@ -228,10 +188,14 @@ class ImageStreams(Streams):
         return self._collected(detections)
 
     def failure(self, t: float) -> MonitoringLost | None:
-        """As `Streams` says: if some are lost and others late at the same time, the reason names the lost ones."""
+        """The streams that have failed by time t [s], and how; of lost and of late ones, it names the lost."""
         failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
         under_way = {camera for _, _, camera in self._arrivals}
-        return lost_streams({name: age for name, age in failed.items() if name not in under_way}, failed)
+        return self._worst({name: age for name, age in failed.items() if name not in under_way}, failed)
+
+    def present(self, t: float, *, resume: bool = False) -> float:  # noqa: ARG002 - no time passes meanwhile
+        """The time now, if the last event was at time t [s]."""
+        return t
 
 
 @dataclass
@@ -246,39 +210,25 @@ class _Received:
     seen: float = 0.0
     """Exposure of the newest one that was looked at."""
     begun: bool = False
-    """Whether any image was looked at since `resume`."""
+    """Whether any image was looked at since nobody did for a while."""
     waiting: deque[tuple[CameraImage, BelievedState]] = field(default_factory=deque)
     """Those that nobody looks at yet, with what was believed when they were taken."""
     looked_at: int = 0
     """How many are being looked at."""
 
-    @property
-    def overdue(self) -> float:
-        """Longest time without any image [s]; its newest may be older by the camera's lag."""
-        return OVERDUE_PERIODS / self.camera.rate + (0.0 if self.begun else FIRST)
 
-
-class ReceivedStreams(Streams):
+class ReceivedStreams(_CameraStreams):
     """The images of real cameras: each comes when it comes, with the time of its exposure."""
 
     def __init__(
         self, cameras: Mapping[str, Camera], detectors: DetectorPool, clock: Callable[[], float], mend: str = ""
     ) -> None:
         """clock: of the cell [s]. mend: what may help, for the reasons of failures."""
-        super().__init__(cameras, detectors)
-        self._clock, self._mend = clock, mend
+        super().__init__(cameras, detectors, mend)
+        self._clock, self._pauses = clock, Pauses()
         self._streams = {name: _Received(camera) for name, camera in cameras.items()}
-        self._looked, self._pauses = 0.0, Pauses()
-
-    @property
-    def next_exposure(self) -> float:
-        """When to look again for images that have come [s]."""
-        return self._looked + LOOKING
-
-    @property
-    def next_arrival(self) -> float:
-        """When to look again for what images show [s]."""
-        return self.next_exposure
+        self.next_event = LOOKING
+        """When to look again for images that have come, and for what they show [s]."""
 
     @property
     def settled(self) -> float:
@@ -286,25 +236,23 @@ class ReceivedStreams(Streams):
         return min(stream.seen + 1.0 / stream.camera.rate for stream in self._streams.values())
 
     def has_arrival_from(self, end: float) -> bool:
-        """As `Streams` says."""
+        """Whether an image that was taken by a time [s] is still under way."""
         return self.settled <= end
 
-    def resume(self, t: float) -> float:
-        """As `Streams` says."""
+    def present(self, t: float, *, resume: bool = False) -> float:
+        """The time now, if the last event was at time t [s]; resume: images count from now on, as nobody has looked."""
         now = max(t, self._clock())
-        for stream in self._streams.values():
+        for stream in self._streams.values() if resume else ():
             stream.came, stream.newest, stream.seen = now, max(stream.newest, now), max(stream.seen, now)
             stream.begun = False
             stream.waiting.clear()
         return now
 
-    def present(self, t: float) -> float:
-        """As `Streams` says."""
-        return max(t, self._clock())
-
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
-        """As `Streams` says: the images that have come."""
-        self._looked = t
+        """Take the images that have come by time t [s]; returns them. believed: at a time [s]."""
+        if self.next_event > t + 1e-9:
+            return []
+        self.next_event = t + LOOKING
         self._pauses.look(t)
         found = []
         for name, image in take(list(self._streams)).items():
@@ -316,9 +264,14 @@ class ReceivedStreams(Streams):
         self.images += len(found)
         return sorted(found, key=lambda image: (image.t, image.camera))
 
-    def collect(self, t: float) -> list[Detection]:  # noqa: ARG002 - what is there by now
-        """As `Streams` says. Processes that have nothing to do then get the oldest images that wait."""
-        found = []
+    def collect(self, t: float) -> list[Detection]:
+        """What images show that are looked at by time t [s]; who is free then gets the oldest images that wait.
+
+        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        """
+        found: list[Detection] = []
+        if self.next_event > t + 1e-9:
+            return found
         with lost_if_crashed():
             for name, stream in self._streams.items():
                 while stream.looked_at and self._detectors.is_ready(name):
@@ -334,31 +287,22 @@ class ReceivedStreams(Streams):
         return self._collected(found)
 
     def failure(self, t: float) -> MonitoringLost | None:
-        """As `Streams` says: no images, then old ones, then nobody who looks at them."""
+        """The streams that have failed by time t [s]: no images, then old ones, then nobody who looks at them."""
         waited, lost, late, slow = self._pauses.waited, dict[str, float](), dict[str, float](), dict[str, float]()
         for name, one in self._streams.items():
-            patience = one.camera.lag + one.overdue
-            if waited(one.newest) > patience + SLACK or waited(one.came) > one.overdue + SLACK:
+            overdue = OVERDUE_PERIODS / one.camera.rate + (0.0 if one.begun else FIRST)
+            patience = one.camera.lag + overdue
+            if waited(one.newest) > patience + SLACK or waited(one.came) > overdue + SLACK:
                 late[name] = t - one.newest
                 if waited(one.came) > 1.0 / one.camera.rate:
                     lost[name] = t - one.newest
             if t > one.seen + patience + LOOKING_SLACK:
                 slow[name] = t - one.seen
-        return lost_streams(lost, late, slow, mend=self._mend)
+        return self._worst(lost, late, slow)
 
 
-def lost_streams(*failed: Mapping[str, float], mend: str = "") -> MonitoringLost | None:
-    """The worst failure; None where there is none.
-
-    failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s]. mend: what
-    may help, whatever fails.
-    """
-    for (fault, reason), found in zip(_REASONS, failed, strict=False):
-        if found:
-            ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
-            text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
-            return MonitoringLost(text + (f" ({mend})" if mend else ""), fault, list(found))
-    return None
+Streams: TypeAlias = ImageStreams | ReceivedStreams
+"""The images of all cameras of a cell, simulated or real."""
 
 
 @contextmanager

@@ -49,14 +49,11 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             fail(found)
             at = np.inf
         found.collect(t)
-        if found.next_exposure <= t + 1e-9:
-            found.expose(
-                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
-            )
+        found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
         if (how := found.failure(t)) is not None:
             assert how.cameras == ["cam"]
             return t, f"{how.fault}: {how}"
-        t = min(found.next_exposure, found.next_arrival, found.next_check, at)
+        t = min(found.next_event, at)
     return None
 
 
@@ -93,15 +90,12 @@ def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_lat
     found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
     while (how := found.failure(t)) is None:
         found.collect(t)
-        if found.next_exposure <= t + 1e-9:
-            found.expose(
-                t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None
-            )
+        found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
         if t > 1.0:
             found.fail("camera-loss", "cam1")
             found.fail("latency", "cam2", 0.4)
             found.fail("camera-loss", "cam4")
-        t = min(found.next_exposure, found.next_arrival, found.next_check)
+        t = found.next_event
     assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
     assert how.cameras == ["cam1", "cam4"]
 
@@ -172,7 +166,7 @@ class Cameras:
     def until(self, end: float):
         """What fails, and when."""
         if not self.lookers.now:
-            self.streams.resume(0.0)
+            self.streams.present(0.0, resume=True)
         while self.lookers.now < end:
             self.lookers.now = round(self.lookers.now + self.step, 6)
             now = self.lookers.now
@@ -239,7 +233,7 @@ def test_time_in_which_nobody_looked_is_no_failure() -> None:
     cameras = Cameras()
     assert cameras.until(2.0) is None
     cameras.lookers.now += 30.0  # such as for planning
-    assert cameras.streams.resume(2.0) == cameras.lookers.now
+    assert cameras.streams.present(2.0, resume=True) == cameras.lookers.now
     assert cameras.streams.failure(cameras.lookers.now + 0.2) is None
 
 
