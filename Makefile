@@ -69,7 +69,7 @@ bench: all
 
 # Scores 40 generated cells in every way, kills included; takes minutes.
 load: all
-	$(BIN)/python -m tests.load
+	$(BIN)/python -m tests.trials load
 
 # Plans for 300 random problems against Fast Downward, which takes 0.2 s for each.
 planners: all
@@ -82,23 +82,15 @@ pictures: all
 calibrate: all
 	$(BIN)/python -m tests.run.perception.detector_limits
 
+# Long seeded trials; without a name, `python -m tests.trials` lists them.
 trials: all
-	$(BIN)/python -m tests.trials
-	$(BIN)/python -m tests.light
-	$(BIN)/python -m tests.arms
-	$(BIN)/python -m tests.place
-	$(BIN)/python -m tests.slips
-	$(BIN)/python -m tests.slits
-	$(BIN)/python -m tests.ways
-	$(BIN)/python -m tests.wire
-	$(BIN)/python -m tests.detectors
+	$(BIN)/python -m tests.trials all
 	$(BIN)/python -m tests.studio
-	$(BIN)/python -m tests.recordings
 	$(BIN)/pytest --numprocesses auto -m trial
 
 # 10,000 damaged inputs of every kind, each in a process of its own with limits; takes a quarter of an hour.
 damage: all
-	$(BIN)/python -m tests.damage
+	$(BIN)/python -m tests.trials damage
 
 # Both experiments of the paper, each figure beside the paper's, and a page with pictures in build/reproduction.
 reproduce: all

@@ -15,7 +15,7 @@ from sqrp_cli.cell.edits import with_curve
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.show.documents.schemas import schema_of
-from tests.detectors.frames import shots, write_frames, write_workspace
+from tests.trials.detectors import shots, write_frames, write_workspace
 
 
 @pytest.fixture(scope="module")

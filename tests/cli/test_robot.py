@@ -19,7 +19,7 @@ pytest.importorskip("cyclonedds")
 from sqrp_cli.cli.commands.run import _check
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.cell.ros_checks import CellCheck
-from tests.wire.__main__ import small_cell
+from tests.trials.wire import small_cell
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 

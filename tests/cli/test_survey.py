@@ -22,7 +22,7 @@ from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.ros.bag import Bag
 from sqrp_cli.run.record.report import Confusion
 from tests.cli.slip_run import Cell
-from tests.recordings.make import CellPictures, Truth, record
+from tests.trials.recordings import CellPictures, Truth, record
 
 TURN = pose(cv2.Rodrigues(np.radians([0.3, -0.35, 0.2]))[0])
 TRUTH = Truth(moved={"cam3": TURN}, offsets={"cam5": 0.31, "cam3": -0.07}, rate=2.5)

@@ -1,4 +1,4 @@
-"""A sample of the arm matrix (`python -m tests.arms`): a pedestal, two arms, shapes that are nothing, and no reach."""
+"""A sample of `python -m tests.trials arms`: a pedestal, two arms, shapes that are nothing, and no reach."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.make import make_starter
-from tests.arms.arms import BOX, PEDESTAL, side, solid
 from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, written_urdf
+from tests.trials.arms import BOX, PEDESTAL, side, solid
 
 
 def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:

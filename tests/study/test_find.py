@@ -13,7 +13,7 @@ from sqrp_cli.program.file import load_program
 from sqrp_cli.study.program_update import StepReplanner
 from sqrp_cli.study.result import CandidateResult
 from tests.conftest import TABLETOP
-from tests.ways.by_hand import SLOW_LIFT, YAWS, Cell, Ways, cell_with_ways, compared
+from tests.trials.ways import SLOW_LIFT, YAWS, Cell, Ways, compared
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +49,6 @@ def test_the_best_way_is_the_best_of_all_by_hand(cell: OpenCell, name: str, one_
     for way in best.ways.pareto:
         same = by_hand[tuple(sorted(way.parameters.items()))]
         assert (way.q_eoi, way.q_avg, way.time) == pytest.approx((same.q_eoi, same.q_avg, same.time), abs=1e-9)
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_in_cell_with_wayss_the_best_and_the_pareto_optimal_ways_are_those_of_all_by_hand(
-    tmp_path: Path, seed: int
-) -> None:
-    found = cell_with_ways(tmp_path / "cell", seed).ways()
-    assert found.right, found
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,9 @@ from sqrp_cli.study.stage import Stage
 from sqrp_cli.task.pieces import cut_into_pieces
 from sqrp_cli.trajectory import Trajectory
 from tests.sight.views import box_part, make_camera
-from tests.slits.events import Event, events_of
-from tests.slits.rays import Rays, seen
-from tests.slits.slits import every_step, slit_before
 from tests.task.studies import HOLD, Literal, WatchedMotion, always, watched_motion
+from tests.trials.slit_rays import Rays, seen
+from tests.trials.slits import Event, events_of, every_step, slit_before
 
 SLOWER = 5.0
 """How much longer the move takes, so that movement alone asks for few samples."""

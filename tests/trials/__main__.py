@@ -1,109 +1,169 @@
-"""Long trials of running programs in the tabletop cell: `python -m tests.trials [TRIAL ...]`.
+"""Long trials with figures that are asked for: `python -m tests.trials NAME [COUNT [FIRST]]`; without a name, a table.
 
-precision: every feasible candidate without a fault: what was predicted to be seen must be seen.
-sweep:     20 slips in the lift of the best and of the worst candidate: delays against predictions.
-calm:      20 runs of the best candidate without a fault, each with other noise: none may raise an alarm.
-failures:  50 runs in which, at a random time, a camera is lost, frozen or late or perception is killed.
-repeat:    the same run twice: the logs must be the same, byte for byte.
-
-Two runs at a time. What is done is kept in build/trials, so that an interrupted trial goes on where it was, as long as
-neither program nor code changes.
+A trial has many cases, each made by its number alone: COUNT of them, from FIRST on. A case runs in a process of its
+own, and what comes of it is kept in build/trials as long as the code is the same, so that an interrupted trial goes on.
+Exit code 1 where something is not as asked.
 """
 
 from __future__ import annotations
 
-import multiprocessing
+import hashlib
+import json
+import shutil
+import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.program.file import load_program
-from sqrp_cli.run.cell.requirements import check_simulator
-from sqrp_cli.show.terminal.console import Column, print_table
-from tests.trials.jobs import WORKSPACE, Counts, Job, Results, fingerprint, jobs_of, run, write_programs
-from tests.trials.lines import (
-    Line,
-    calm_lines,
-    failure_lines,
-    precision_lines,
-    repeat_lines,
-    sweep_lines,
-)
+ROOT = Path(__file__).parents[2]
 
-FOLDER = Path("build/trials")
-TRIALS = ("precision", "sweep", "calm", "failures", "repeat")
-AT_A_TIME = 2
+Found = dict[str, Any]
+"""What is kept of a case; `said` is printed."""
 
 
-def main(wanted: Sequence[str]) -> int:
-    """Run the trials that are named, or all; exit code 0 if all that is asked holds."""
-    check_simulator()
-    if unknown := set(wanted) - set(TRIALS):
-        print(f"there is no trial {', '.join(sorted(unknown))}; expected {', '.join(TRIALS)}", file=sys.stderr)
-        return 2
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    names = write_programs(FOLDER)
-    cameras = load_workspace(WORKSPACE).cameras
-    first, last = (load_program(FOLDER / f"{name}.yaml").steps[0] for name in (names[0], names[-1]))
-    jobs = [job for job in jobs_of(first, list(cameras), names, last, Counts()) if job.trial in (wanted or TRIALS)]
-    results = Results(FOLDER / "results.jsonl", {name: fingerprint(FOLDER, name) for name in names})
+class Trial(NamedTuple):
+    """Where a trial is, and how much of it there is.
+
+    Its module has a function with the trial's name, `(number, folder, **few) -> Found | None`, which gets an empty
+    folder; `NAME_asked(found)`, which yields sentences, each with whether it is as asked; and, if cases share
+    something, `prepare(shared)`, which makes it in the parent of their folders.
+    """
+
+    shows: str
+    module: str
+    count: int
+    """Cases of `make trials`."""
+    suite: tuple[int, ...] = ()
+    """Those that every run of the tests has."""
+    slow: tuple[int, ...] = ()
+    """Those that `make test` has besides."""
+    few: Mapping[str, int] = {}
+    """How a case of the tests is made shorter."""
+    first: int = 0
+    at_a_time: int = 2
+    longest: float = 1800.0
+    """When a case is given up [s]."""
+
+
+TRIALS = {
+    "precision": Trial("what is predicted to be seen is seen", "runs", 5),
+    "calm": Trial("no alarm where nothing is wrong", "runs", 20, first=1),
+    "failures": Trial("the robot stands soon where a camera or perception fails", "runs", 50),
+    "sweep": Trial("slips in the lift of the best and the worst candidate are seen as predicted", "runs", 40),
+    "repeat": Trial("the same run twice gives the same log", "runs", 1),
+    "slips": Trial("slips in random cells are seen within the predicted delays", "slips", 10, slow=(8,), few={"n": 2}),
+    "broken": Trial("what a known change broke is mended by no more", "broken", 50, suite=(0,), slow=(7, 9, 10)),
+    "ways": Trial("the way shown and the Pareto set are those of all ways by hand", "ways", 200, suite=(0, 1, 2, 3)),
+    "slits": Trial("sampling finds what is seen for as long as it promises", "slits", 100),
+    "place": Trial("two cameras are the best pair, by brute force", "place", 13),
+    "light": Trial("where colours collide, images show what is promised", "light", 50, first=1000),
+    "lamps": Trial("which parts are too dark or too bright to be told", "lamps", 40, first=2000),
+    "arms": Trial("a cell of a URDF alone is ranked and run", "arms", 80, longest=900.0),
+    "curves": Trial("curves of detectors say how likely they see", "detectors", 2),
+    "ranges": Trial("how far away markers are read", "detectors", 12),
+    "recordings": Trial("the camera that has moved is named, and wrong clocks", "recordings", 40),
+    "refusals": Trial("a served cell that is not as the program says is refused", "wire", 5, at_a_time=1),
+    "losses": Trial("the arm of a served cell stands soon where messages stay out", "wire", 20, at_a_time=1),
+    "kills": Trial("it stands soon where the run is killed", "wire", 5, at_a_time=1),
+    "wire": Trial("slips in a served cell are seen as in simulation", "wire", 20, at_a_time=1),
+    "damage": Trial("damaged files are refused with a place, or still work", "damage", 100),
+    "load": Trial("scores of many cells by processes and a cluster, killed and resumed", "load", 1, at_a_time=1),
+}  # fmt: skip
+APART = ("damage", "load")
+"""Those that have a target of their own in the Makefile."""
+
+
+def function(name: str, suffix: str = "") -> Callable[..., Any]:
+    """Of a trial."""
+    made: Callable[..., Any] = getattr(import_module(f"tests.trials.{TRIALS[name].module}"), name + suffix)
+    return made
+
+
+def prepared(name: str, shared: Path) -> Path:
+    """The folder of a trial, in which is what its cases share."""
+    module = import_module(f"tests.trials.{TRIALS[name].module}")
+    if hasattr(module, "prepare") and not shared.exists():
+        shared.mkdir(parents=True)
+        module.prepare(shared)
+    shared.mkdir(parents=True, exist_ok=True)
+    return shared
+
+
+def one_case(name: str, number: int, shared: Path) -> None:
+    """Write down what becomes of a case; a crash is a result, too."""
+    own = shared / f"case{number}"
+    shutil.rmtree(own, ignore_errors=True)
+    own.mkdir()
     try:
-        _run_all(jobs, results)
-    except KeyboardInterrupt:
-        print("interrupted; this is what is done so far", file=sys.stderr)
-    lines = list(_lines(jobs, results, names, max(1.0 / camera.rate for camera in cameras.values())))
-    print_table(
-        [Column("what"), Column("asked", right=True), Column("found"), Column("holds")],
-        [
-            [line.what, line.asked, line.found, "" if line.holds is None else "yes" if line.holds else "NO"]
-            for line in lines
-        ],
-    )
-    complete = all(job in results for job in jobs)
-    return 0 if complete and all(line.holds is not False for line in lines) else 1
+        found = function(name)(number, own) or {"said": "nothing to try"}
+    except Exception as error:
+        found = {"said": f"crashed: {error!r}", "crashed": True}
+    shutil.rmtree(own)
+    (shared / f"{number}.json").write_text(json.dumps(found), encoding="utf-8")
 
 
-def _run_all(jobs: Sequence[Job], results: Results) -> None:
-    """Run what is not done yet, and tell how far it is."""
-    left = [job for job in jobs if job not in results]
-    began = time.perf_counter()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(AT_A_TIME, context) as pool:
-        running = {pool.submit(run, job, FOLDER): job for job in left}
+def main(words: list[str]) -> int:
+    """Run the cases of a trial that are not done yet, and sum them up."""
+    if words[:1] == ["--case"]:
+        one_case(words[1], int(words[2]), prepared(words[1], Path(words[3])))
+        return 0
+    if words == ["all"]:
+        return max(main([name]) for name in TRIALS if name not in APART)
+    if not words or words[0] not in TRIALS:
+        print("\n".join(f"{name:12} {trial.count:4}  {trial.shows}" for name, trial in TRIALS.items()))
+        return 2 if words else 0
+    name, trial = words[0], TRIALS[words[0]]
+    count, first = (int(word) for word in (*words[1:], *map(str, (trial.count, trial.first)[len(words) - 1 :])))
+    code = [*(ROOT / "sqrp_cli").rglob("*.[pyh]*"), *(ROOT / "tests" / "trials").rglob("*.py")]
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(code) if file.suffix != ".pyc"))
+    shared = prepared(name, ROOT / "build" / "trials" / digest.hexdigest()[:12] / name)
+    numbers, began = range(first, first + count), time.perf_counter()
+
+    def tried(number: int) -> Found:
+        file = shared / f"{number}.json"
+        if not file.exists():
+            command = [sys.executable, "-m", "tests.trials", "--case", name, str(number), str(shared)]
+            try:
+                done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=trial.longest)
+            except subprocess.TimeoutExpired:
+                return {"said": f"not finished after {trial.longest:.0f} s", "crashed": True}
+            if not file.exists():
+                return {"said": f"died with {done.returncode}: {done.stderr[-300:]}", "crashed": True}
+        found: Found = json.loads(file.read_text(encoding="utf-8"))
+        return found
+
+    found = []
+    print(f"{name}: {trial.shows}")
+    with ThreadPoolExecutor(trial.at_a_time) as pool:
         try:
-            for number, future in enumerate(as_completed(running), 1):
-                job, result = running[future], future.result()
-                results.add(job, result)
-                ended = result.get("crash") or result.get("reason") or result.get("outcome") or "logged"
-                elapsed = time.perf_counter() - began
-                print(f"{number:4} of {len(left)}  {elapsed:6.0f} s  {job.key}: {ended}", file=sys.stderr, flush=True)
-        finally:
+            for number, one in zip(numbers, pool.map(tried, numbers), strict=True):
+                found.append(one)
+                print(f"{number:5}  {time.perf_counter() - began:6.0f} s  {one['said']}", flush=True)
+        except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
+            print("interrupted; this is what is done so far", file=sys.stderr)
+    return summed_up([("all cases are done", len(found) == count), *asked(name, found)])
 
 
-def _lines(jobs: Sequence[Job], results: Results, names: Sequence[str], period: float) -> Iterator[Line]:
-    for trial in TRIALS:
-        asked = [job for job in jobs if job.trial == trial]
-        done = [(job, results[job]) for job in asked if job in results]
-        missing = len(asked) - len(done)
-        if missing:
-            yield Line(f"{trial}: runs that are not done yet", "0", str(missing), False)
-        if not done:
-            continue
-        match trial:
-            case "precision":
-                yield from precision_lines(done, missing)
-            case "sweep":
-                yield from sweep_lines(done, names, period)
-            case "calm":
-                yield from calm_lines(done, missing)
-            case "failures":
-                yield from failure_lines(done, missing)
-            case _:
-                yield from repeat_lines(done)
+def asked(name: str, found: Iterable[Found]) -> list[tuple[str, bool]]:
+    """What is asked of a trial, and whether it is so in these cases."""
+    whole = [one for one in found if not one.get("crashed")]
+    wanted = [one for one in whole if len(one) > 1]
+    crashed = sum(bool(one.get("crashed")) for one in found)
+    return [(f"{crashed} cases crashed", crashed == 0), *(function(name, "_asked")(wanted) if wanted else [])]
+
+
+def summed_up(lines: Iterable[tuple[str, bool]]) -> int:
+    """Print what is asked; 0 if all of it is so."""
+    good = True
+    for sentence, holds in lines:
+        good &= holds
+        print(f"  {'yes' if holds else 'NO '}  {sentence}", flush=True)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

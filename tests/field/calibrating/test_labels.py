@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.field.calibrating.labelled import Label, of_labels, read_labels
-from tests.detectors.frames import EXPOSURE, write_workspace
+from tests.trials.detectors import EXPOSURE, write_workspace
 
 HEADER = "camera,file,object,detector,there,x,y,z,qx,qy,qz,qw,vx,vy,vz"
 GOOD = "near,a.png,plate,aruco,yes,4,0,1,0,0,0,1,0.2,0,0"

@@ -19,10 +19,10 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
-from tests.detectors.ranges import Case
 from tests.run.cell.scenes import ROOT, camera, thing
 from tests.run.perception.detector_limits import staged
 from tests.sight.views import make_box, make_camera
+from tests.trials.detectors import Case
 
 SCREWS = ROOT / "workspaces/screws"
 STATED = "kind: aruco, distance: [15 cm, 2.5 m], max_incidence: 60 deg, min_pixels: 24"

@@ -1,13 +1,19 @@
-"""Random cells that are broken by a known change: what `sqrp advise` must find a way back from."""
+"""Random cells broken by a known change, which `sqrp advise` must mend by no more.
+
+A camera is moved, turned or narrowed, or the part is moved. Advice of the same kind is asked for with the motion fixed;
+then the least one is applied, and `score` and `explain`, with its finer samples, must find the wish met.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from sqrp_cli import open_cell
 from sqrp_cli.cell.edits import stated_look_at, with_camera, with_object
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
@@ -20,65 +26,77 @@ from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
 
-KINDS = ("position", "aim", "lens", "object")
-"""What is broken, in turn."""
-
 SIZES = {
     "position": (0.05, 0.1, 0.2, 0.35, 0.5),
     "aim": tuple(np.radians([4.0, 8.0, 14.0, 22.0, 35.0])),
     "lens": tuple(np.radians([4.0, 8.0, 14.0, 20.0])),
     "object": (0.03, 0.06, 0.12, 0.2),
 }
-"""How much, less before more, in m or rad."""
+"""What is broken, in turn, and how much, less before more [m or rad]."""
 
 
-@dataclass(frozen=True)
-class Broken:
-    """A cell that met a threshold until something was changed."""
+class Broken(NamedTuple):
+    """A cell that met a threshold of Q_eoi until something was changed, and by how much, in m or rad."""
 
     folder: Path
     task: str
     kind: str
-    """What was changed, as advice calls it."""
     target: str
-    """Of what."""
     size: float
-    """By how much [m or rad]."""
     threshold: float
-    """Of Q_eoi."""
+
+
+def broken(number: int, folder: Path) -> dict[str, Any] | None:
+    """Ask for advice, apply the first, and score."""
+    one = broken_cell(folder / "cell", number)
+    if one is None:
+        return None
+    found = open_cell(one.folder).advise(one.task, kinds=[one.kind], ways="fastest")
+    what, sizes = f"{one.kind} {one.target} by {one.size:.3f}", [advice.size for advice in found.advice]
+    if not sizes:
+        return {"said": f"{what}: no advice", "ratio": np.inf, "passed": False}
+    found.apply(1)
+    cell = open_cell(one.folder)
+    (explained,) = cell.explain(one.task, ways="fastest").candidates
+    passed = cell.score().passed and (explained.q_eoi or 0.0) >= one.threshold
+    ratio = float(min(sizes) / one.size)
+    return {"said": f"{what}: {ratio:.2f} of it, {len(sizes)} found", "ratio": ratio, "passed": passed}
+
+
+def broken_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    ratios, passed = [one["ratio"] for one in found], sum(one["passed"] for one in found)
+    yield f"{passed} of {len(found)} pass once they are mended", passed == len(found)
+    yield f"advice over known change: mean {np.mean(ratios):.2f}, most {max(ratios):.2f}", max(ratios) <= 1.0
 
 
 def broken_cell(folder: Path, seed: int) -> Broken | None:
     """A random cell, broken; None if nothing that was tried breaks it."""
     random_cell(folder, Crowd(seed, objects=4 + seed % 4, cameras=2 + seed % 3))
     rng = np.random.default_rng(seed)
-    name, quality = best_seen(load_workspace(folder))
+    workspace = load_workspace(folder)
+    names = [name for name, obj in workspace.objects.items() if not obj.fixed]
+    quality, name = max(((_quality_of(workspace, name), name) for name in names), key=lambda pair: pair[0])
     if quality < 0.3:
         return None
-    threshold = np.floor(100 * quality) / 100 if quality < 1 else 1.0
+    threshold = float(np.floor(100 * quality) / 100) if quality < 1 else 1.0
     file = folder / "workspace.yaml"
     text = file.read_text(encoding="utf-8")
     tasks = text.index("\ntasks:")
     file.write_text(f"{text[:tasks]}\ntasks:\n  - {{task: pickup {name}, min_q_eoi: {threshold}}}\n", encoding="utf-8")
-    kind = KINDS[seed % len(KINDS)]
+    kind = list(SIZES)[seed % len(SIZES)]
     workspace = load_workspace(folder)
     for size in SIZES[kind]:
-        for target, content in changes(workspace, kind, name, size, rng):
+        for target, content in _changes(workspace, kind, name, size, rng):
             after = load_workspace(file, content)
-            if 0.0 <= quality_of(after, name) < threshold:
+            if 0.0 <= _quality_of(after, name) < threshold:
                 file.write_bytes(content)
-                known = known_size(kind, target, workspace, after)
-                return Broken(folder, f"pickup {name}", kind, target, known, float(threshold))
+                return Broken(
+                    folder, f"pickup {name}", kind, target, _known_size(kind, target, workspace, after), threshold
+                )
     return None
 
 
-def best_seen(workspace: Workspace) -> tuple[str, float]:
-    """The object that is seen best as it is picked up, and its Q_eoi."""
-    names = [name for name, obj in workspace.objects.items() if not obj.fixed]
-    return max(((name, quality_of(workspace, name)) for name in names), key=lambda pair: pair[1])
-
-
-def quality_of(workspace: Workspace, name: str) -> float:
+def _quality_of(workspace: Workspace, name: str) -> float:
     """Q_eoi of picking up an object in its fastest way; -1 if that cannot be done."""
     cell = Cell.load(workspace)
     candidate = first_grip(read_task(f"pickup {name}", workspace).candidates[0])
@@ -86,7 +104,7 @@ def quality_of(workspace: Workspace, name: str) -> float:
     return (found.assessment("").q_eoi or 0.0) if isinstance(found, Study) else -1.0
 
 
-def changes(
+def _changes(
     workspace: Workspace, kind: str, name: str, size: float, rng: np.random.Generator
 ) -> Iterator[tuple[str, bytes]]:
     """Changes of a size, each with the content of the workspace's file: some of every camera, or of the object."""
@@ -111,34 +129,32 @@ def changes(
                 continue
             eye, point = present.X_FC[:3, 3], aim[0]
             if kind == "position":
-                eye = np.round(eye + size * direction(rng), 3)
+                eye = np.round(eye + size * _direction(rng), 3)
                 if eye[2] < 0.2:
                     continue
             else:
                 ray = point - eye
-                across = np.cross(ray, direction(rng))
+                across = np.cross(ray, _direction(rng))
                 across *= np.linalg.norm(ray) / np.linalg.norm(across)
                 point = np.round(eye + np.cos(size) * ray + np.sin(size) * across, 3)
             yield camera, with_camera(document, present, replace(present, X_FC=look_at(eye, point)), point)
 
 
-def direction(rng: np.random.Generator) -> Array:
+def _direction(rng: np.random.Generator) -> Array:
     vector = rng.normal(size=3)
     unit: Array = vector / np.linalg.norm(vector)
     return unit
 
 
-def known_size(kind: str, target: str, before: Workspace, after: Workspace) -> float:
+def _known_size(kind: str, target: str, before: Workspace, after: Workspace) -> float:
     """The size of a change as the files say it, which are rounded."""
     if kind == "object":
         first, second = (np.array(cell.objects[target].X_WO)[:3, 3] for cell in (before, after))
         return float(np.linalg.norm(second - first))
-    first_camera, second_camera = before.cameras[target], after.cameras[target]
-    match kind:
-        case "position":
-            return float(np.linalg.norm(second_camera.X_FC[:3, 3] - first_camera.X_FC[:3, 3]))
-        case "aim":
-            cosine = float(np.clip(second_camera.X_FC[:3, 2] @ first_camera.X_FC[:3, 2], -1, 1))
-            return float(np.arccos(cosine))
-    views = [2 * np.arctan(0.5 * one.width / one.matrix[0, 0]) for one in (first_camera, second_camera)]
+    one, other = before.cameras[target], after.cameras[target]
+    if kind == "position":
+        return float(np.linalg.norm(other.X_FC[:3, 3] - one.X_FC[:3, 3]))
+    if kind == "aim":
+        return float(np.arccos(np.clip(other.X_FC[:3, 2] @ one.X_FC[:3, 2], -1, 1)))
+    views = [2 * np.arctan(0.5 * camera.width / camera.matrix[0, 0]) for camera in (one, other)]
     return float(abs(views[1] - views[0]))

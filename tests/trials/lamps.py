@@ -1,20 +1,16 @@
 """Lights drawn at random: what is told of boxes in their light against simulated images.
 
-`python -m tests.light.lamps [CELLS [FIRST]]`, 40 by default; FIRST is the first seed. In each cell the arm takes a
-random pose. Of every part that is visible enough, the share of its pixels that have its colour for a detector of
-colours says whether it can be told. Exit code 1 where less than 98 % of the verdicts agree.
+In each cell the arm takes a random pose. Of every part that is visible enough, the share of its pixels that have its
+colour for a detector of colours says whether it can be told.
 """
 
 from __future__ import annotations
 
 import os
 import re
-import sys
-import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ["LP_NUM_THREADS"] = "0"
@@ -33,7 +29,7 @@ from sqrp_cli.run.perception.vision import color_mask
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
-from tests.light.cells import coloured_cell
+from tests.trials.light import coloured_cell
 
 AGREE = 0.98
 """Asked: of the verdicts."""
@@ -43,21 +39,7 @@ MOST_LAMPS, TELLS, FEW = 2, 0.5, 60
 few to say."""
 
 
-class Seen(NamedTuple):
-    """A part before a camera: the verdict on it, and what an image shows."""
-
-    what: str
-    cause: Cause
-    told: float
-    """Share of its silhouette that has its colour in the image."""
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the verdict is that of the image."""
-        return (self.cause is Cause.NONE) == (self.told >= TELLS)
-
-
-def light_up(folder: Path, seed: int) -> None:
+def _light_up(folder: Path, seed: int) -> None:
     """Add lights and gains to a workspace, depending on the seed alone."""
     rng = np.random.default_rng((seed, 28))
     lines = [f"  room: {{intensity: {rng.uniform(0.0, 0.3):.3f}}}"]
@@ -81,12 +63,11 @@ def _list(values: Array) -> str:
     return "[" + ", ".join(f"{value:.4f}" for value in values) + "]"
 
 
-def lit_boxes(seed: int) -> Iterator[Seen]:
-    """The parts of a cell with lights, as its cameras see them while the arm stands somewhere."""
-    with tempfile.TemporaryDirectory() as folder:
-        coloured_cell(Path(folder) / "cell", seed)
-        light_up(Path(folder) / "cell", seed)
-        cell = Cell.load(load_workspace(Path(folder) / "cell"))
+def lamps(seed: int, folder: Path) -> dict[str, Any]:
+    """Of the parts before the cameras whether each is said to be told, and is, while the arm stands somewhere."""
+    coloured_cell(folder / "cell", seed)
+    _light_up(folder / "cell", seed)
+    cell = Cell.load(load_workspace(folder / "cell"))
     workspace, home = cell.workspace, cell.workspace.robot.home
     joints = dict(zip(home, np.random.default_rng(seed).normal(list(home.values()), 0.5).tolist(), strict=True))
     q = np.array([[joints[name] for name in cell.model.arm]])
@@ -100,6 +81,7 @@ def lit_boxes(seed: int) -> Iterator[Seen]:
         positions[model.joint(name).qposadr[0]] = value
     renderer = Renderer(model, tuple(workspace.cameras.values()), 0)
     renderer.move(positions)
+    said, pairs = [], []
     for index, camera in enumerate(workspace.cameras.values()):
         image, bodies = renderer.image(camera.name, 0.0), renderer.solids(camera.name, camera.X_FC).body
         for obj, (verdict,) in zip(parts, found, strict=True):
@@ -107,8 +89,17 @@ def lit_boxes(seed: int) -> Iterator[Seen]:
             shown = bodies == model.body(obj.name).id
             if cause in (Cause.NONE, Cause.TOO_DARK, Cause.TOO_BRIGHT) and shown.sum() >= FEW:
                 told = visible * float(color_mask(image, obj.color or "")[shown].mean())
-                yield Seen(f"{seed} {camera.name} {obj.color} {obj.name}", cause, told)
+                pairs.append([cause is Cause.NONE, told >= TELLS])
+                if pairs[-1][0] != pairs[-1][1]:
+                    said.append(f"{camera.name} {obj.color} {obj.name}: {cause.words}, but {told:.0%} has its colour")
     renderer.close()
+    return {"said": "; ".join(said), "pairs": pairs}
+
+
+def lamps_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    pairs = [pair for one in found for pair in one["pairs"]]
+    agree, told = sum(said == told for said, told in pairs), sum(told for _, told in pairs)
+    yield f"{agree} of {len(pairs)} verdicts agree; without regard to light {told}", agree >= AGREE * len(pairs)
 
 
 def _target(cell: Cell, obj: SceneObject) -> Target:
@@ -118,23 +109,3 @@ def _target(cell: Cell, obj: SceneObject) -> Target:
         limits=cell.workspace.detectors["color"], seeks=obj.name, color=obj.color,
     )  # fmt: skip
     return Target(Atom.of(f"seen({obj.name})"), 1, (box,))
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Print what does not agree, and how much does."""
-    cells, first = (int(value) for value in (*arguments, *("40", "2000")[len(arguments) :]))
-    counts = Counter[tuple[str, bool]]()
-    for seed in range(first, first + cells):
-        for seen in lit_boxes(seed):
-            counts[seen.cause.name, seen.told >= TELLS] += 1
-            if not seen.agrees:
-                print(f"{seen.what}: {seen.cause.words}, but {100 * seen.told:.0f} % has its colour", flush=True)
-    agree = sum(number for (cause, told), number in counts.items() if (cause == "NONE") == told)
-    told = sum(number for (_, told), number in counts.items() if told)
-    share = 100 * agree / max(counts.total(), 1)
-    print(f"{agree} of {counts.total()} verdicts agree ({share:.2f} %); without regard to light {told}")
-    return 0 if agree >= AGREE * counts.total() else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

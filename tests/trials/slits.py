@@ -1,25 +1,32 @@
-"""Random cells in which a slit before the only camera shows what the tool carries for a moment."""
+"""Random cells in which a slit before the only camera shows what the tool carries for a moment.
+
+The truth is computed every millisecond with rays of its own; the default sampling must find all that lasts long.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sqrp_cli import open_cell
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, box_corners, look_at, matrix_to_quaternion, transform
+from sqrp_cli.geometry import Array, Mask, box_corners, look_at, matrix_to_quaternion, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.study.assessment import Study
 from sqrp_cli.study.find import WantedWay, find_way
-from sqrp_cli.study.sampling import Adaptive
+from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.sampling import MAX_STEP, Adaptive
 from sqrp_cli.study.stage import Samples, Stage
+from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.task import read_task
 from tests.random_cell import Crowd, random_cell
+from tests.trials.slit_rays import Rays, seen
 
 SHORTEST, LONGEST = 0.013, 0.144
 """Range of the durations that slits are made for [s]."""
@@ -36,16 +43,6 @@ STEP = 1e-3
 TASK = "pickup green"
 
 
-@dataclass(frozen=True, eq=False)
-class SlitCell:
-    """A cell, and the way in which its task is done there."""
-
-    observer: Observer
-    study: Study
-    kind: str
-    """What its detector needs to see of the box."""
-
-
 class Slit(NamedTuple):
     """A camera with plates before it."""
 
@@ -57,7 +54,7 @@ class Slit(NamedTuple):
     """Poses in the world, shape (4, 4), and sizes, shape (3,) [m]."""
 
 
-def study_of(cell: Cell) -> Study | None:
+def _study_of(cell: Cell) -> Study | None:
     """The fastest way of the first candidate of the task that can be done; None if there is none."""
     for candidate in read_task(TASK, cell.workspace).candidates:
         found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
@@ -66,7 +63,7 @@ def study_of(cell: Cell) -> Study | None:
     return None
 
 
-def watched_box(study: Study) -> TargetBox:
+def _watched_box(study: Study) -> TargetBox:
     """The only box that matters: that of what the tool holds."""
     (target,) = study.targets
     (sought,) = target.boxes
@@ -84,8 +81,8 @@ def every_step(stage: Stage) -> Samples:
     return Samples(np.concatenate(piece), np.concatenate(t))
 
 
-def slit_cell(seed: int, folder: Path) -> SlitCell | None:
-    """The cell of a seed in a folder that does not exist; None if its task cannot be done."""
+def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Study, str] | None:
+    """The cell of a seed, the way in which its task is done, if it can be, and what its detector needs of the box."""
     rng = np.random.default_rng([seed, 27])
     random_cell(folder, Crowd(seed, objects=3, cameras=1))
     file, skill = folder / "workspace.yaml", folder / "skills" / "pickup" / "skill.yaml"
@@ -97,10 +94,10 @@ def slit_cell(seed: int, folder: Path) -> SlitCell | None:
     whole = rng.random() < 0.75
     head = head.replace("min_visible: 0.5", "min_visible: 1") if whole else head
     file.write_text(f"{head}cameras:\n  far: {_camera((2.0, 0.0, 1.0), (0.0, 0.0, 0.2))}\n{after}")
-    open_study = study_of(open_cell(folder).cell)
+    open_study = _study_of(open_cell(folder).cell)
     if open_study is None:
         return None
-    samples, box = every_step(open_study.stage), watched_box(open_study)
+    samples, box = every_step(open_study.stage), _watched_box(open_study)
     X_WB = open_study.stage.states(samples).box_poses(box)
     eye, aim, plates = slit_before(rng, samples, X_WB, box)
     cameras = f"cameras:\n  far: {_camera(eye, aim)}\n"
@@ -111,8 +108,8 @@ def slit_cell(seed: int, folder: Path) -> SlitCell | None:
     )
     file.write_text(head + cameras + after.replace("\nobjects:", f"\nobjects:\n{entries}  #", 1))
     cell = open_cell(folder).cell
-    study = study_of(cell)
-    return None if study is None else SlitCell(cell.observer, study, "whole" if whole else "half")
+    study = _study_of(cell)
+    return None if study is None else (cell.observer, study, "whole" if whole else "half")
 
 
 def _camera(eye: Array | tuple[float, ...], aim: Array | tuple[float, ...]) -> str:
@@ -182,3 +179,65 @@ def _half_width(along: Array, row: int, samples: Samples, duration: float) -> fl
         lasts = 0.0 if row in hidden else samples.t[last] - samples.t[first] - STEP
         smallest, largest = (half, largest) if lasts < duration else (smallest, half)
     return largest
+
+
+class Event(NamedTuple):
+    """A time in which a box is seen between two in which it is not, or the other way round."""
+
+    start: float
+    end: float
+    """[s]."""
+    gained: bool
+    """Whether it is seen then."""
+    found: bool
+    """Whether a sample says so."""
+
+    @property
+    def length(self) -> float:
+        """[s]."""
+        return self.end - self.start
+
+
+def events_of(timeline: Timeline, samples: Samples, covered: Mask) -> list[Event]:
+    """The events between changes of `covered`, the truth in dense samples; no event goes on where nothing is asked."""
+    own, found = timeline.samples.t, []
+    edges = np.flatnonzero(covered[1:] != covered[:-1])
+    for first, last in pairwise(edges.tolist()):
+        start, end = float(samples.t[first + 1]), float(samples.t[last])
+        if np.diff(samples.t[first + 1 : last + 1]).max(initial=0.0) < 0.01:
+            within = (own >= start) & (own <= end) & timeline.monitored
+            known = bool((timeline.covered[within] == covered[first + 1]).any())
+            found.append(Event(start, end, gained=bool(covered[first + 1]), found=known))
+    return found
+
+
+def slits(number: int, folder: Path) -> dict[str, Any] | None:
+    """The events of a cell, each [gained, length, found], and the error of its Q_avg [points], by rays."""
+    made = _slit_cell(number, folder / "cell")
+    if made is None:
+        return None
+    observer, study, kind = made
+    samples, box = every_step(study.stage), _watched_box(study)
+    states, sought = study.stage.states(samples), study.targets[0].boxes[0]
+    rays = Rays([solid for solid in observer.solids if solid.name not in sought.encloses], states.X_WF)
+    (camera,), X_WB = observer.cameras, np.broadcast_to(states.box_poses(box), (len(samples), 4, 4))
+    covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=sought.limits.min_visible)
+    steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
+    truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.timeline.T
+    error = 100 * abs((average_quality(study.timeline) or 0.0) - truth)
+    events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event.length)
+    said = ", ".join(
+        f"{'gain' if event.gained else 'loss'} {1000 * event.length:.0f} ms{'' if event.found else ' MISSED'}"
+        for event in events[:4]
+    )
+    told = [[event.gained, event.length, event.found] for event in events]
+    return {"said": f"{kind:5} error of Q {error:5.2f} points  {said}", "error": error, "events": told}
+
+
+def slits_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    events, errors = [event for one in found for event in one["events"]], [one["error"] for one in found]
+    yield f"error of Q: median {np.median(errors):.3f}, most {max(errors):.3f} points", True
+    for low, high in pairwise([0.0, 0.02, MAX_STEP, 0.1, 0.2, np.inf]):
+        those = [known for _, length, known in events if low <= length < high]
+        said = f"from {1000 * low:.0f} to {1000 * high:.0f} ms: {sum(those)} of {len(those)} found"
+        yield said, low < MAX_STEP or all(those)

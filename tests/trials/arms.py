@@ -1,13 +1,20 @@
-"""The arms of the matrix: URDF and xacro files of installed packages, and variants that are written here."""
+"""What `init` makes of arms as packages ship them, and of variants that are written here.
+
+Each arm of the matrix gets a new workspace from nothing but its URDF or xacro; its task is ranked, and the best
+candidate run once in the simulated cell.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 import site
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from sqrp_cli import new_cell, open_cell
 from tests.task.robots import FEW_AXES, LINKAGES, SIX_AXES, joint, rounded, turning, written_urdf
 
 
@@ -133,7 +140,7 @@ def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:
     return path
 
 
-def linked_packages(folder: Path) -> Path:
+def linked_packages(folder: Path) -> None:
     """A folder in which the packages of rtb-data have the names by which their files refer to each other."""
     data = next(Path(one) / RTB for one in site.getsitepackages() if (Path(one) / RTB).is_dir())
     names = {"abb_irb140": "abb_irb140_description", "abb_irb140_support": "abb_irb140_description"}
@@ -144,4 +151,43 @@ def linked_packages(folder: Path) -> Path:
     for name, path in names.items():
         if not (folder / name).exists():
             (folder / name).symlink_to(data / path)
-    return folder
+
+
+LEAST_RANKED, LEAST_SEEN = 40, 0.98
+"""Asked: arms of packages that rank, and the share of the promised images that show what they should."""
+
+
+def prepare(shared: Path) -> None:
+    """Write the arms that no package ships, and name packages as their files name each other."""
+    for name in ("urdf", "packages"):
+        (shared / name).mkdir()
+    linked_packages(shared / "packages")
+    list(written_arms(shared / "urdf"))
+
+
+def arms(number: int, folder: Path) -> dict[str, Any] | None:
+    """How far an arm gets; those of packages come first."""
+    shipped = [*arms_of_packages()]
+    every = [*shipped, *written_arms(folder.parent / "urdf")]
+    if number >= len(every):
+        return None
+    arm = every[number]
+    os.environ["ROS_PACKAGE_PATH"] = str((folder.parent / "packages").absolute())
+    made = new_cell(folder / "cell", urdf=arm.urdf, tip=arm.tip, run=True)
+    task, run = made.task, made.run
+    can = 0 if task is None else sum(one.feasible for one in open_cell(folder / "cell").rank(task).candidates)
+    nothing = next((str(problem) for problem in made.problems if problem.code == "nothing-in-reach"), "")
+    stopped = "" if run is None or run.reason is None else f"stopped at {run.time:.2f} s: {run.reason}"
+    seen = f"{run.seen}/{run.promised} seen" if run is not None else "not run"
+    good = run is not None and run.outcome == "done" and run.promised > 0 and run.seen >= LEAST_SEEN * run.promised
+    said = f"{arm.name}: {can} of {len(made.objects)} cubes, {seen} {nothing or stopped}"
+    return {"said": said, "name": arm.name, "shipped": number < len(shipped), "ranks": can > 0, "good": good}
+
+
+def arms_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    shipped = [one["ranks"] for one in found if one["shipped"]]
+    yield f"{sum(shipped)} of {len(shipped)} arms of packages rank", sum(shipped) >= min(LEAST_RANKED, len(shipped))
+    lost = [one["name"] for one in found if not one["shipped"] and not one["ranks"]]
+    yield f"written arms that do not rank: {', '.join(lost) or 'none'}", not lost
+    failed = [one["name"] for one in found if one["ranks"] and not one["good"]]
+    yield f"arms that rank and do not run as promised: {', '.join(failed) or 'none'}", not failed

@@ -7,16 +7,23 @@ noise, objects stand a little beside their places, cameras have clocks of their 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from sqrp_cli import open_cell, open_program
+from sqrp_cli.ask.values import silent
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.geometry import axis_rotation, matrix_to_quaternion, pose
+from sqrp_cli.field.audit.bag_footage import BagFootage
+from sqrp_cli.field.audit.report import AuditedCamera
+from sqrp_cli.field.audit.survey import survey
+from sqrp_cli.geometry import axis_rotation, inverse, matrix_to_quaternion, pose
 from sqrp_cli.program.record import Program
 from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.run.cell.mujoco_model import build_model
@@ -25,6 +32,7 @@ from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
 from sqrp_cli.run.record.packed_image import png_of
 from sqrp_cli.run.robot_body import RobotBody
+from tests.conftest import TABLETOP
 
 EPOCH = 1_700_000_000
 FINER = 2
@@ -180,12 +188,58 @@ def random_move(rng: np.random.Generator, turned: bool) -> np.ndarray:
     return pose(R)
 
 
-def cases(count: int, cameras: list[str], seed: int) -> Iterator[dict[str, Truth]]:
-    """Recordings with one moved camera, each beside one that is alike but for that; all with clocks that are off."""
-    for number in range(count):
-        rng = np.random.default_rng((seed, number))
-        name = cameras[number % len(cameras)]
-        offsets = {one: float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.5)) for one in rng.permutation(cameras)[:2]}
-        still = Truth(seed=number, offsets=offsets)
-        moved = replace(still, moved={name: random_move(rng, number % 2 == 0)})
-        yield {f"moved {number}": moved, f"still {number}": still}
+NAMED, TURN, SHIFT, CLOCK = 38 / 40, 0.1, 1e-3, 5e-3
+"""Asked: share of moved cameras that are named; median errors of their poses [deg, m]; largest error of clocks [s]."""
+
+
+def prepare(shared: Path) -> None:
+    """Write the program that is recorded."""
+    open_cell(TABLETOP).rank("pickup g2").write(shared / "pick.yaml")
+
+
+def recordings(number: int, folder: Path) -> dict[str, Any]:
+    """What is found of a recording with a camera that has moved, and of one that is alike but for that.
+
+    The images of the other cameras are the same bytes in both: they are drawn once, and surveyed once.
+    """
+    opened = open_program(folder.parent / "pick.yaml")
+    stated, rng = opened.workspace.cameras, np.random.default_rng((0, number))
+    name = list(stated)[number % len(stated)]
+    offsets = {one: float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.5)) for one in rng.permutation(list(stated))[:2]}
+    still = Truth(seed=number, offsets=offsets)
+    moved = replace(still, moved={name: random_move(rng, number % 2 == 0)})
+    known, drawn, named = dict[str, AuditedCamera](), dict[object, np.ndarray](), dict[str, list[str]]()
+    errors, clocks, wrong_named = [], [], 0
+    with closing(CellPictures(opened.program, opened.workspace, number)) as pictures:
+        for what, truth in (("moved", moved), ("still", still)):
+            record(folder / "run.mcap", pictures, truth, drawn)
+            footage = BagFootage(opened.program, opened.workspace, folder / "run.mcap", {})
+            footage.frames = [frame for frame in footage.frames if frame.camera not in known]
+            cameras = {**known, **survey(opened.program, opened.workspace, footage, silent)}
+            known = {camera: one for camera, one in cameras.items() if camera not in truth.moved}
+            named[what] = [camera for camera, one in cameras.items() if one.moved]
+            timed = {camera: one.clock.offset for camera, one in cameras.items() if one.clock.offset is not None}
+            clocks += [abs(offset - truth.offsets.get(camera, 0.0)) for camera, offset in timed.items()]
+            wrong = {camera for camera, one in cameras.items() if one.clock.wrong}
+            wrong_named += wrong == {camera for camera in truth.offsets if camera in timed}
+            if what == "moved":
+                one, X_FC = cameras[name], stated[name].X_FC
+                X = inverse(truth.moved[name]) @ inverse(X_FC) @ (X_FC if one.pose is None else np.array(one.pose.pose))
+                turn = float(np.degrees(np.linalg.norm(cv2.Rodrigues(X[:3, :3])[0])))
+                errors = [turn, float(np.linalg.norm(X[:3, 3]))]
+    return {
+        "said": f"{name} moved: named {named['moved']}, and {named['still']} where none has", "errors": errors,
+        "named": named["moved"] == [name], "false": bool(named["still"]), "clock": max(clocks), "wrong": wrong_named,
+    }  # fmt: skip
+
+
+def recordings_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    named, n = sum(one["named"] for one in found), len(found)
+    yield f"the camera that has moved, and no other, is named in {named} of {n}", named >= NAMED * n
+    false = sum(one["false"] for one in found)
+    yield f"a camera is named in {false} of {n} recordings in which none has moved", not false
+    turn, shift = np.median([one["errors"] for one in found], axis=0)
+    good = bool(turn <= TURN and shift <= SHIFT)
+    yield f"poses are mended to {turn:.3f} deg and {1e3 * shift:.2f} mm (median)", good
+    clock, right = max(one["clock"] for one in found), sum(one["wrong"] for one in found)
+    yield f"clocks are found to {1e3 * clock:.1f} ms; wrong ones named in {right} of {2 * n}", clock <= CLOCK

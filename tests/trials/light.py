@@ -1,13 +1,25 @@
-"""What simulated cameras show of a motion that goes well, against what is promised: without physics, so quickly."""
+"""What simulated cameras show of a motion that goes well, against what is promised, in cells whose colours collide.
+
+The best candidate is photographed, image by image, without physics, and looked at as in a run: with colours as they
+count, and as if they did not.
+"""
 
 from __future__ import annotations
 
+import os
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+os.environ["LP_NUM_THREADS"] = "0"
 
 import numpy as np
 
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
@@ -30,19 +42,60 @@ from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import verdict
 from sqrp_cli.task.task import read_task
+from tests.random_cell import Crowd, random_cell
+
+PROMISED_AND_SEEN, USUAL_AND_SEEN, STOPS_LEFT, SURPRISES_LEFT = 0.995, 0.98, 0.1, 0.5
+"""Asked: of the images that were promised to show something, of usual images, of the stops without colours, and of the
+images that show what was not promised without colours, by promises alone."""
+PAINTS = ("green", "red", "blue", "yellow", "orange", "purple", "cyan")
+"""Colours that detectors find."""
+
+IMAGE = "{width: 640, height: 480, horizontal_fov: 45 deg}"
+"""Smaller images than those of starters, so that hundreds of runs do not take a day."""
+
+PLAIN = {"cube": 0.0, "block": 0.2, "table": 0.6}
+"""How often each type of object is grey."""
+
+PANELS, AWAY, WIDE = 3, 1.2, 0.8
+"""How many panels stand around the table at most, how far from the robot, and how wide they are [m]."""
+
+
+def coloured_cell(folder: Path, seed: int) -> str:
+    """Make a workspace whose contents, colours and cameras depend on the seed alone; returns a task for it."""
+    rng = np.random.default_rng((seed, 27))
+    random_cell(folder, Crowd(seed, int(rng.integers(6, 13)), int(rng.integers(2, 5))))
+    paints = rng.permutation(PAINTS)[:2].tolist()
+    file = folder / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+
+    def painted(match: re.Match[str]) -> str:
+        color = "grey" if rng.random() < PLAIN[match[1]] else rng.choice(paints)
+        return f"type: {match[1]}, color: {color}"
+
+    text = re.sub(r"type: (\w+), color: \w+", painted, text)
+    text = re.sub(r"\{width: .*\}", IMAGE, text)
+    panels = "".join(_panel(rng, number, paints) for number in range(int(rng.integers(0, PANELS + 1))))
+    text = re.sub(r"(?m)^(  table: .*\n)", lambda table: table[0] + panels, text)
+    color = str(rng.choice(re.findall(r"type: cube, color: (\w+)", text)))
+    text = text[: text.index("tasks:")] + f"tasks:\n  - {{task: pickup {color}}}\n"
+    file.write_text(text, encoding="utf-8")
+    return f"pickup {color}"
+
+
+def _panel(rng: np.random.Generator, number: int, paints: list[str]) -> str:
+    """An upright panel that faces the robot, as a line of a workspace file."""
+    turn = (number + rng.uniform(0.2, 0.8)) * 2 * np.pi / PANELS
+    color, height = rng.choice(paints), rng.uniform(0.3, 0.9)
+    place = f"[{AWAY * np.cos(turn):.3f}, {AWAY * np.sin(turn):.3f}, {height / 2:.3f}], rpy: [0, 0, {turn:.3f}]"
+    size = f"[0.03, {WIDE}, {height:.3f}]"
+    return f"  panel{number}: {{type: panel, color: {color}, size: {size}, pose: {{position: {place}}}, fixed: true}}\n"
+
 
 PERIOD = 0.1
 """Between two images [s]."""
 
 
-def without_colours(cell: Cell) -> Cell:
-    """The cell as it was judged before colours counted."""
-    observer = cell.observer
-    plain = tuple(replace(solid, color=None) for solid in observer.solids)
-    return replace(cell, observer=replace(observer, solids=plain))
-
-
-def best_of(cell: Cell, task: str) -> Study | None:
+def _best_of(cell: Cell, task: str) -> Study | None:
     """The first-ranked candidate; None if there is none."""
     found = {}
     for candidate in read_task(task, cell.workspace).candidates:
@@ -51,12 +104,6 @@ def best_of(cell: Cell, task: str) -> Study | None:
             found[candidate.name] = result
     ranked = rank([one.assessment(verdict(cell, one)) for one in found.values()], "q_eoi")
     return found[ranked[0].candidate.name] if ranked else None
-
-
-def step_of(cell: Cell, result: Study, task: str) -> Step:
-    """The step of a program for a candidate."""
-    step = make_step(task, result, result.assessment(verdict(cell, result)), tuple(cell.workspace.cameras))
-    return with_usual_images(step, result, cell.observer)
 
 
 @dataclass(frozen=True)
@@ -143,3 +190,43 @@ def _follow(model: mujoco.MjModel, positions: Array) -> None:
     for index in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         follower, leader = (model.jnt_qposadr[ids[index]] for ids in (model.eq_obj1id, model.eq_obj2id))
         positions[follower] = model.eq_data[index, 0] + model.eq_data[index, 1] * positions[leader]
+
+
+def light(number: int, folder: Path) -> dict[str, Any]:
+    """Counts of images, promised and usual, of the best candidate with colours and without, and why a run stops."""
+    task, said, found = coloured_cell(folder / "cell", number), "", dict[str, Any]()
+    cell = Cell.load(load_workspace(folder / "cell"))
+    observer = cell.observer
+    plain = replace(observer, solids=tuple(replace(solid, color=None) for solid in observer.solids))
+    for name, judged in (("with", cell), ("without", replace(cell, observer=plain))):
+        best = _best_of(judged, task)
+        if best is not None:
+            result = best.assessment(verdict(judged, best))
+            step = make_step(task, best, result, tuple(judged.workspace.cameras))
+            step, photos = (
+                with_usual_images(step, best, judged.observer),
+                Photos(judged.workspace, best.motion.joint_names),
+            )
+            photos.take(step)
+            tally = photos.against(step)
+            found[name] = [asdict(tally.counts), asdict(tally.rest), tally.stop is not None]
+            if tally.stop or (name == "with" and tally.counts.fp):
+                said += f"{name} colours: {dict(tally.misses)} {tally.stop or ''} "
+    return {"said": said, **found}
+
+
+def light_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    sums = {}
+    for name in ("with", "without"):
+        those = [one[name] for one in found if name in one]
+        counts, rest = (sum((Confusion(**one[k]) for one in those), Confusion()) for k in (0, 1))
+        sums[name] = counts, rest, sum(one[2] for one in those)
+        words = (
+            f"{counts.tp} of {counts.tp + counts.fp} promised images showed it, {rest.tp} of {rest.tp + rest.fp} usual"
+        )
+        said = f"{name} colours: {words} ones, {rest.fn} of {rest.fn + rest.tn} others; {sums[name][2]} stops"
+        good = (counts.precision or 1) >= PROMISED_AND_SEEN and (rest.precision or 1) >= USUAL_AND_SEEN
+        yield said, good or name == "without"
+    (_, rest, stops), (all_counts, _, all_stops) = sums["with"], sums["without"]
+    left = rest.fn <= SURPRISES_LEFT * all_counts.fn and stops <= STOPS_LEFT * all_stops
+    yield "colours leave few surprises and few stops for blindness", left

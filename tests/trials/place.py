@@ -1,18 +1,15 @@
-"""Two cameras for shipped and random cells: `python -m tests.place [CELLS [FIRST]]`, ten random ones by default.
+"""Two cameras for shipped and random cells.
 
 Laws: with one way each, the exact figure of the choice is the best of all pairs, by brute force over the definition at
-instants 4 ms apart; cameras and ways together are never worse than cameras alone; both are proven. Prints a line for
-each cell and the summary; exit code 1 where a law fails.
+instants 4 ms apart; cameras and ways together are never worse than cameras alone; both are proven.
 """
 
 from __future__ import annotations
 
-import sys
-import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,18 +24,12 @@ from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
 from sqrp_cli.task.task import read_task
+from tests.cells import ROOT
 from tests.random_cell import Crowd, random_cell
 
-ROOT = Path(__file__).parents[2]
-
 SHIPPED = ("tabletop", "screws", "tower")
-
-WANTED = Requirements(most=2, objective="mean")
-"""The mean, as the least one is often 0 or 100 % whatever is chosen."""
-
 ANGLES = (30, 22, 26, 34)
 """Fields of view in turn [deg]: so narrow that two cameras do not always see everything."""
-
 MOUNTS = """
 mounts:
   ceiling: {{grid: {{from: [-0.8, -0.8, 1.4], to: [0.8, 0.8, 1.4], step: 40 cm}}}}
@@ -46,24 +37,49 @@ mounts:
 lenses:
   tele: {{image: {{width: 640, height: 480, horizontal_fov: {angle} deg}}, near: 20 cm, far: 4 m, rate: 10 Hz}}
 """
-
 SAME = 1.5e-3
 """Figures that differ by less are the same: brute force places changes to 4 ms."""
 
 
-def placed(folder: Path, angle: int, *, fastest: bool) -> tuple[PlaceDocument, CameraPlacer]:
-    """The best cameras, with what chose them."""
+def place(number: int, folder: Path) -> dict[str, Any]:
+    """The shipped cells come first, then random ones."""
+    cell, angle = folder / "cell", ANGLES[number % len(ANGLES)]
+    if number < len(SHIPPED):
+        cell = ROOT / "workspaces" / SHIPPED[number]
+    else:
+        seed = number - len(SHIPPED)
+        random_cell(cell, Crowd(seed, objects=3 + seed % 3, cameras=1))
+    (folder / "place.yaml").write_text(MOUNTS.format(angle=angle))
+    alone, placer = _placed(cell, folder / "place.yaml", fastest=True)
+    together, _ = _placed(cell, folder / "place.yaml", fastest=False)
+    pairs = _best_pair(placer)
+    laws = {
+        "worse than cameras alone": together.objective >= alone.objective - SAME,
+        "not the best pair": abs(alone.objective - pairs) <= SAME,
+        "not proven": alone.proven and together.proven,
+    }
+    failed = [words for words, holds in laws.items() if not holds]
+    columns = ", ".join(f"{100 * q:.2f}" for q in (together.objective, alone.objective, pairs))
+    said = f"mean Q [%] together, alone, of pairs: {columns}, lens {angle} deg {', '.join(failed)}"
+    return {"said": said, "failed": failed, "gain": 100 * (together.objective - alone.objective)}
+
+
+def place_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    gains = [one["gain"] for one in found]
+    yield f"ways with cameras: {np.mean(gains):+.1f} points on average, most {max(gains):+.1f}", True
+    kept = sum(not one["failed"] for one in found)
+    yield f"{kept} of {len(found)} cells keep all laws", kept == len(found)
+
+
+def _placed(folder: Path, mounts: Path, *, fastest: bool) -> tuple[PlaceDocument, CameraPlacer]:
+    """The best cameras, with what chose them; by the mean, as the least is often 0 or 100 % whatever is chosen."""
     cell = open_cell(folder)
-    with tempfile.TemporaryDirectory() as temporary:
-        file = Path(temporary) / "place.yaml"
-        file.write_text(MOUNTS.format(angle=angle))
-        mounts = read_mounts(file, cell.workspace, tuple(cell.cell.model.links))
     question = PlaceQuestion(
         cell=cell.cell,
         world=cell.cell.initial_world,
         tasks=tuple(read_task(task.task, cell.workspace) for task in cell.workspace.tasks),
-        mounts=mounts,
-        requirements=WANTED,
+        mounts=read_mounts(mounts, cell.workspace, tuple(cell.cell.model.links)),
+        requirements=Requirements(most=2, objective="mean"),
         sampling=Adaptive(),
         fastest=fastest,
     )
@@ -71,7 +87,7 @@ def placed(folder: Path, angle: int, *, fastest: bool) -> tuple[PlaceDocument, C
     return placer.place(), placer
 
 
-def best_pair(placer: CameraPlacer) -> float:
+def _best_pair(placer: CameraPlacer) -> float:
     """The greatest mean quality of at most two cameras that may stand together, with one way of each candidate."""
     table, problem = placer.table, placer.table.problem(0)
     cameras = tuple(table.camera_at(option) for option in range(len(table.options)))
@@ -106,45 +122,3 @@ def _allowed(problem: Problem) -> Iterator[tuple[int, int]]:
         near = site[a] == site[b] or {(site[a], site[b]), (site[b], site[a])} & problem.apart
         if not near and (site[a], b) not in hiding and (site[b], a) not in hiding:
             yield a, b
-
-
-def cells(count: int, first: int, folder: Path) -> Iterator[tuple[str, Path]]:
-    """The shipped cells, then random ones."""
-    for name in SHIPPED:
-        yield name, ROOT / "workspaces" / name
-    for seed in range(first, first + count):
-        random_cell(folder / f"{seed}", Crowd(seed, objects=3 + seed % 3, cameras=1))
-        yield f"random {seed}", folder / f"{seed}"
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Print a line for each cell, and the summary."""
-    count, first = (int(arguments[0]) if arguments else 10), (int(arguments[1]) if len(arguments) > 1 else 0)
-    gains, broken = list[float](), 0
-    print(f"{'mean Q [%]':12} lens  together  alone  pairs")
-    with tempfile.TemporaryDirectory() as folder:
-        for number, (name, cell) in enumerate(cells(count, first, Path(folder))):
-            start, angle = time.process_time(), ANGLES[number % len(ANGLES)]
-            alone, placer = placed(cell, angle, fastest=True)
-            together, _ = placed(cell, angle, fastest=False)
-            pairs = best_pair(placer)
-            laws = {
-                "worse than cameras alone": together.objective >= alone.objective - SAME,
-                "not the best pair": abs(alone.objective - pairs) <= SAME,
-                "not proven": alone.proven and together.proven,
-            }
-            failed = [words for words, holds in laws.items() if not holds]
-            broken += bool(failed)
-            gains.append(100 * (together.objective - alone.objective))
-            columns = "{:>8.2f}  {:>5.2f}  {:>5.2f}".format(
-                *(100 * q for q in (together.objective, alone.objective, pairs))
-            )
-            verdict = f"  FAILS: {', '.join(failed)}" if failed else ""
-            print(f"{name:12} {angle:4}  {columns}  {time.process_time() - start:5.1f} s{verdict}", flush=True)
-    print(f"ways with cameras: {sum(gains) / len(gains):+.1f} points on average, most {max(gains):+.1f}")
-    print(f"{len(gains) - broken} of {len(gains)} cells keep all laws")
-    return 1 if broken else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

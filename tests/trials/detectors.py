@@ -1,26 +1,34 @@
-"""Labelled frames by seed: things at random poses before cameras with different lenses, blurred, noisy and compressed.
+"""Detectors as they are: their curves and how far they read markers, against images that are drawn here.
 
-Each image is the mean of pictures while the shutter is open, with noise, through JPEG; what was drawn is known.
+Curves are learned by `calibrate` from labelled frames of some seeds and judged on those of others: things at random
+poses before cameras with different lenses. Each image is the mean of pictures while the shutter is open, with noise,
+through JPEG; what was drawn is known.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from sqrp_cli.ask.api.calibration import calibrate
 from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.detector import BoxSights, Detector, MarkerRange
+from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.geometry import Array, matrix_to_quaternion, pose
+from sqrp_cli.field.calibrating.fit import DetectorLooks, fit, judge, tell
+from sqrp_cli.geometry import Array, look_at, matrix_to_quaternion, pose
 from sqrp_cli.run.image import ImageArray
+from sqrp_cli.run.perception.vision import find_markers
 from tests.cells import write_cell
-from tests.run.cell.scenes import ROOT
-from tests.run.perception.detector_limits import Stage, tilted
+from tests.run.cell.scenes import ROOT, camera, thing
+from tests.run.perception.detector_limits import Stage, staged, tilted
 
 EXPOSURE = 0.02
 """Of every camera [s]."""
@@ -199,3 +207,131 @@ def _numbers(X: Array) -> list[str]:
 
 def _text(values: Array) -> list[str]:
     return [f"{value:.9g}" for value in values]
+
+
+SPREAD = 1.7
+"""How much nearer and farther than predicted markers are looked at."""
+
+MIDDLE = 0.1
+"""How far from the middle of the image, at most, as a tangent: lenses stretch what is farther out."""
+
+MARKERS = 5
+"""Of a dictionary: which bits a marker has makes up to a tenth of its range."""
+
+
+class Case(NamedTuple):
+    """A marker before a camera."""
+
+    dictionary: str
+    side: float
+    """[m]"""
+    width: int
+    """Of the image, 4:3 [pixels]."""
+    focal: float
+    """[pixels]"""
+    incidence: float
+    """[rad]"""
+    ids: tuple[int, ...] = (5,)
+    """Of the markers that are looked at in turn."""
+
+    @classmethod
+    def by_seed(cls, seed: int) -> Case:
+        """Any dictionary, size and lens, and some of its markers, turned by up to 70 degrees."""
+        random = np.random.default_rng(seed)
+        dictionary = str(random.choice(list(DICTIONARIES)))
+        return cls(
+            dictionary=dictionary,
+            side=round(float(random.uniform(0.03, 0.1)), 3),
+            width=int(random.choice([640, 800, 1024, 1280])),
+            focal=round(float(random.uniform(500.0, 1100.0))),
+            incidence=float(np.radians(random.uniform(0.0, 70.0))),
+            ids=tuple(random.choice(DICTIONARIES[dictionary].ids, MARKERS, replace=False).tolist()),
+        )
+
+    @property
+    def camera(self) -> Camera:
+        size = (self.width, self.width * 3 // 4)
+        return camera(X_FC=look_at((3.0, 0.0, 2.0), (5.0, 0.0, 1.5)), size=size, focal=(self.focal, self.focal))
+
+    @property
+    def markers(self) -> list[ObjectMarker]:
+        return [ObjectMarker(id=one, dictionary=self.dictionary, side=self.side) for one in self.ids]
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Of the plate that a marker is on [m]."""
+        return 1.5 * self.side, 1.5 * self.side, 0.002
+
+    @property
+    def predicted(self) -> float:
+        """How far away nine of ten images show it [m]."""
+        return MarkerRange.of(self.camera, self.markers[0].on(self.size), self.incidence).far
+
+    def measured(self, count: int, seed: int) -> float:
+        """The same by random views, at distances up to `SPREAD` times nearer and farther than predicted [m]."""
+        random, eye = np.random.default_rng([seed, self.width, round(self.focal)]), self.camera
+        plates = [thing(f"plate {one.id}", (4, 0, 0.02), self.size, color="white", marker=one) for one in self.markers]
+        away = pose(position=eye.X_FC[:3, 3] - 10.0 * eye.X_FC[:3, 2])
+        distance = self.predicted * SPREAD ** random.uniform(-1.0, 1.0, count)
+        seen = np.zeros(count, dtype=bool)
+        with staged(plates, [eye]) as stage:
+            for plate in plates:
+                stage.put(plate.name, away)
+            for trial in range(count):
+                plate, wanted = plates[trial % len(plates)], self.ids[trial % len(plates)]
+                center = distance[trial] * np.array([*random.uniform(-MIDDLE, MIDDLE, 2), 1.0])
+                stage.put(plate.name, eye.X_FC @ pose(tilted(center, self.incidence, random), center))
+                found = find_markers(stage.frame("cam", trial).image, self.dictionary)
+                seen[trial] = any(marker.id == wanted for marker in found)
+                stage.put(plate.name, away)
+        return _nine_of_ten(distance, seen)
+
+
+def _nine_of_ten(distance: np.ndarray, seen: np.ndarray) -> float:
+    """The distance at which nine of ten images show it, by a curve through all of them."""
+    one = np.ones(len(distance))
+    sights = BoxSights(pixels=1.0 / distance, incidence=0.0 * one, distance=one, visible=one, blur=0.0 * one)
+    looks = DetectorLooks(sights=sights, seen=seen, covered=seen, pose=np.arange(len(seen)))
+    curve = fit(looks, Detector(kind="aruco", distance=(0.0, 2.0), max_incidence=1.5, min_pixels=0.0))
+    assert curve.pixels
+    share = 0.9 / curve.most
+    return float(np.exp((curve.bias - np.log(share / (1.0 - share))) / curve.pixels))
+
+
+MOST_ERROR, MOST_OF_LIMITS, MOST_OFF = 0.03, 0.5, 0.1
+"""Asked: calibration error, Brier score as a share of that of the limits, and by how much ranges are off."""
+FRAMES, LOOKS = 1600, 1000
+"""Of each kind and seed, and random views of each marker."""
+
+
+def curves(number: int, folder: Path) -> dict[str, Any]:
+    """The curve of a detector, learned from the frames of one seed and judged on those of another."""
+    detector, kind = (("aruco", "plate"), ("color", "cube"))[number]
+    workspace, looks = write_workspace(folder / "cell"), dict[int, DetectorLooks]()
+    for seed in (2, 1):
+        write_frames(workspace, folder / f"{seed}", shots(workspace, kind, FRAMES, seed), seed, detector)
+        found = calibrate(folder / f"{seed}", workspace=folder / "cell")
+        looks[seed] = found.looked[detector]
+    curve, others = found.detectors[detector].curve, looks[2]
+    assert curve is not None
+    own = judge(tell(curve, others, workspace.detectors[detector]), others.seen)
+    ratio, error = own.brier / judge(others.covered * 1.0, others.seen).brier, own.calibration_error
+    said = f"{detector}: calibration error {100 * error:.1f} points, Brier score {ratio:.2f} of that of limits"
+    return {"said": said, "good": bool(error <= MOST_ERROR and ratio <= MOST_OF_LIMITS)}
+
+
+def ranges(number: int, _folder: Path) -> dict[str, Any]:
+    """Any size, dictionary, lens and angle, against images."""
+    case = Case.by_seed(number)
+    predicted, measured = case.predicted, case.measured(LOOKS, number)
+    off = predicted / measured - 1.0
+    said = f"{case}: predicted {predicted:.2f} m, measured {measured:.2f} m, {100 * off:+.1f} %"
+    return {"said": said, "good": bool(abs(off) <= MOST_OFF)}
+
+
+def curves_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    good = sum(one["good"] for one in found)
+    yield f"{good} of {len(found)} are as they should be", good == len(found)
+
+
+ranges_asked = curves_asked

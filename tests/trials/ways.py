@@ -1,11 +1,12 @@
-"""Random cells, and all ways of a candidate in them, each stated by hand in the task."""
+"""Random cells, and all ways of a candidate in them, each stated by hand in the task, against what is shown."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from itertools import product
 from operator import le
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -122,3 +123,17 @@ def compared(way: CandidateResult | WayFigures) -> Figures:
     assert way.q_avg is not None
     assert way.time is not None
     return -round(way.q_eoi / POINT), -round(way.q_avg / POINT), round(way.time, 6)
+
+
+def ways(number: int, folder: Path) -> dict[str, Any]:
+    """What is said of a cell's candidate, against all its ways."""
+    found = cell_with_ways(folder / "cell", number).ways()
+    wrong = "" if found.right else f"  WRONG, by hand {found.by_hand}"
+    said = f"{len(found.by_hand):2} ways, {len(found.optimal)} named, shown {found.shown}{wrong}"
+    return {"said": said, "right": found.right, "done": found.shown is not None}
+
+
+def ways_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    """Whether no better way is found by hand, and the same Pareto set."""
+    wrong, done = sum(not one["right"] for one in found), sum(one["done"] for one in found)
+    yield f"{wrong} of {len(found)} cells wrong; in {done} the part can be picked", not wrong

@@ -1,1 +1,0 @@
-"""Cells that were broken by a known change, and mended by advice."""

@@ -1,1 +1,0 @@
-"""Cells in which colours collide: what is promised of them against what simulated cameras show."""

@@ -1,1 +1,0 @@
-"""Laws of `sqrp place` over shipped and random cells."""
