@@ -44,7 +44,7 @@ ROOMS = {
     "field": ("field ros", 3_373),
     "score": ("score", 2_930),
     "show": ("show", 5_564),
-    "ask": ("ask cli __init__ __main__", 6_160),
+    "ask": ("ask cli __init__ __main__", 5_690),
     "studio": ("studio", 2_162),
     "starter, platform": ("starter platform", 2_068),
 }

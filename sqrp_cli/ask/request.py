@@ -37,18 +37,30 @@ class FieldKind(NamedTuple):
 
     Raises InputError for what says nothing sensible.
     """
+    metavar: str | None = None
+    """How help names the value, unless the option says it."""
 
 
 class OptionWord(NamedTuple):
     """An option or argument of the command line."""
 
-    flags: str
-    """Such as `--by`, `--run/--no-run`, or `TASK` for an argument."""
+    said: str
+    """Such as `--by`, `--jobs N`, `--run/--no-run`, or `TASK` for an argument."""
     help: str
     words: Any = str
     metavar: str | None = None
     complete: str | None = None
     """The function of `cli.completion` that proposes values."""
+
+    @property
+    def flags(self) -> str:
+        """How it is called, without its value."""
+        return self.said.partition(" ")[0]
+
+    @property
+    def value(self) -> str | None:
+        """How help names its value."""
+        return self.said.partition(" ")[2] or self.metavar
 
     @property
     def name(self) -> str:
@@ -69,7 +81,7 @@ class Field(NamedTuple):
     """None for what only Python says; several are read together, by their names."""
     kind: FieldKind
     default: Any
-    kw_only: bool
+    kw_only: bool = True
     uses: tuple[str, ...] = ()
     """Names of further words that it needs."""
     absent: Callable[[], Any] | None = None
@@ -77,18 +89,17 @@ class Field(NamedTuple):
 
 
 def option(
-    flags: str,
+    said: str,
     help: str,  # noqa: A002 - as Typer calls it
     kind: FieldKind,
     *,
     default: Any,
-    metavar: str | None = None,
     complete: str | None = None,
     absent: Callable[[], Any] | None = None,
     kw_only: bool = True,
 ) -> Any:
-    """A field that one option says."""
-    return Field((OptionWord(flags, help, kind.words, metavar, complete),), kind, default, kw_only, absent=absent)
+    """A field that one option says, such as `--jobs N`."""
+    return Field((OptionWord(said, help, kind.words, kind.metavar, complete),), kind, default, kw_only, absent=absent)
 
 
 def argument(
@@ -111,12 +122,12 @@ def flag(flags: str, help: str, *, default: bool = False) -> Any:  # noqa: A002 
 
 def options(*words: OptionWord, kind: FieldKind, default: Any, uses: tuple[str, ...] = ()) -> Any:
     """A field that several options say, read together by their names. uses: names of other words that it needs."""
-    return Field(words, kind, default, True, uses)
+    return Field(words, kind, default, uses=uses)
 
 
 def value(kind: FieldKind, *, default: Any) -> Any:
     """A field that only Python says."""
-    return Field((), kind, default, True)
+    return Field((), kind, default)
 
 
 @dataclass_transform(

@@ -1,7 +1,7 @@
-"""What may be asked: a request for each question of Python, and a command for each of the command line.
+"""What may be asked: a request for each question of Python, and parts that commands of the command line share.
 
 A command is its question, the workspace or program that it is about, and what becomes of the answer.
-Each command has its own in its module.
+Each command has its own in `cli.commands`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, flag, option, options, value
-from sqrp_cli.ask.values import FLAG, PATH, PATHS, PROGRESS, cores, silent
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.run.record.events import Listener
+    from sqrp_cli.score.work.cluster import Cluster
+    from sqrp_cli.score.work.compute import Means
     from sqrp_cli.study.find import TimeLimit
     from sqrp_cli.study.pipeline import Inquiry
     from sqrp_cli.study.result import Criterion
@@ -31,11 +32,8 @@ Ways = Literal["best", "all", "fastest"]
 AnyPath = Any
 """A path, which Python may also give as text."""
 
-
 TASK = values.text("a skill and what to do it with, such as `pickup green`")
-TASK_HELP = 'A skill and what to do it with, such as "pickup red screw".'
-
-CHECK_HELP = 'Check this task as well, such as "pickup green".'
+CHOOSE = "--choose best|N|NAME"
 CHOOSE_HELP = "Which candidate: best, its place in the ranking, or its name; best by default."
 
 
@@ -45,29 +43,27 @@ CHOOSE_HELP = "Which candidate: best, its place in the ranking, or its name; bes
 class CellCommand(Command):
     """What is about a workspace."""
 
-    workspace: Path = argument("WORKSPACE", "Folder of a workspace, or its YAML file.", PATH)
+    workspace: Path = argument("WORKSPACE", "Folder of a workspace, or its YAML file.", values.path)
 
 
 class StartCommand(Command):
     """What is about a workspace, or goes on after a program."""
 
     workspace: Path = argument(
-        "WORKSPACE",
-        "Folder of a workspace, its YAML file, or a PROGRAM: to go on after it.",
-        PATH,
+        "WORKSPACE", "Folder of a workspace, its YAML file, or a PROGRAM: to go on after it.", values.path
     )
 
 
 class OnProgram(Command):
     """What is about a program."""
 
-    program: Path = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", PATH)
+    program: Path = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", values.path)
 
 
 class Seeded(Request):
     """What draws at random."""
 
-    seed: int = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0, metavar="N")
+    seed: int = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0)
 
 
 class Printed(Request):
@@ -86,7 +82,7 @@ class Paged(Request):
     """What may be written as a page."""
 
     report: Path | None = option(
-        "--report", "Write a page with charts and 3D playback, for any browser.", PATH, default=None, metavar="FILE"
+        "--report FILE", "Write a page with charts and 3D playback, for any browser.", values.path, default=None
     )
 
 
@@ -94,12 +90,7 @@ class Chosen(Request):
     """What is about one of several candidates."""
 
     choose: str = option(
-        "--choose",
-        CHOOSE_HELP,
-        values.text("the name of a candidate, or `best`"),
-        default="best",
-        metavar="best|N|NAME",
-        complete="candidates",
+        CHOOSE, CHOOSE_HELP, values.text("the name of a candidate, or `best`"), default="best", complete="candidates"
     )
 
 
@@ -107,9 +98,9 @@ class Worked(Request):
     """What takes a while."""
 
     jobs: int = option(
-        "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, metavar="N", absent=cores
+        "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, absent=values.cores
     )
-    progress: Progress = value(PROGRESS, default=silent)
+    progress: Progress = value(values.progress, default=values.silent)
     """Called with a title and a total; gives what is called with how many are done."""
 
 
@@ -117,10 +108,10 @@ class Sampled(Request):
     """What samples motions."""
 
     sampling: Sampling | None = options(
-        OptionWord("--samples", "N samples per primitive action, instead of as many as needed.", int, "N"),
-        OptionWord("--dt", "A sample every S seconds, instead of as many as needed.", metavar="S"),
-        OptionWord("--tolerance", "Error of Q that sampling may leave, in points; 0.1 by default.", float, "POINTS"),
-        kind=values.SAMPLING,
+        OptionWord("--samples N", "N samples per primitive action, instead of as many as needed.", int),
+        OptionWord("--dt S", "A sample every S seconds, instead of as many as needed."),
+        OptionWord("--tolerance POINTS", "Error of Q that sampling may leave, in points; 0.1 by default.", float),
+        kind=values.sampling,
         default=None,
     )
     """Adaptive by default."""
@@ -130,15 +121,26 @@ class Resumable(Request):
     """What keeps its results."""
 
     out: AnyPath = option(
-        "--out", "Keep results here as they finish; those there are used.", PATH, default=None, metavar="DIR"
+        "--out DIR", "Keep results here as they finish; those there are used.", values.path, default=None
     )
+
+
+class Computed(Sampled, Worked, Resumable):
+    """What many processes compute, and a cluster may."""
+
+    def means(self, seed: int, workers: Cluster | None = None) -> Means:
+        """What computes it. seed: of everything that planning draws at random."""
+        from sqrp_cli.score.work.compute import Means
+        from sqrp_cli.study.sampling import Adaptive
+
+        return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)
 
 
 class Following(Request):
     """What may start after a program."""
 
     after: AnyPath = option(
-        "--after", "Start from the world that this program leaves behind.", PATH, default=None, metavar="PROGRAM"
+        "--after PROGRAM", "Start from the world that this program leaves behind.", values.path, default=None
     )
 
 
@@ -148,14 +150,15 @@ class Following(Request):
 class TaskRequest(Following, Sampled, Worked):
     """A task in a cell."""
 
-    task: str = argument("TASK", TASK_HELP, TASK, complete="tasks", kw_only=False)
+    task: str = argument(
+        "TASK", 'A skill and what to do it with, such as "pickup red screw".', TASK, complete="tasks", kw_only=False
+    )
     ways: Ways = option(
         "--ways",
         "Take the best of all ways of a candidate, or the fastest branch with the first yaw and side, seen or not; "
         "other yaws and sides may be faster.",
         values.one_of("best", "fastest"),
         default="best",
-        metavar="best|fastest",
     )
 
     @property
@@ -175,11 +178,10 @@ class Limited(Request):
     """What may limit the time of ways."""
 
     max_time: TimeLimit | str | float | None = option(
-        "--max-time",
+        "--max-time T",
         "How long a way may take: 20 s, or 1.25x the time of the fastest of all.",
-        values.TIME_LIMIT,
+        values.time_limit,
         default=None,
-        metavar="T",
     )
 
 
@@ -194,7 +196,6 @@ class RankRequest(Limited, TaskRequest):
         "What counts first; q_eoi by default.",
         values.one_of("q_eoi", "q_avg", "time", "delay", "expected_time"),
         default="q_eoi",
-        metavar="q_eoi|q_avg|time|delay|expected_time",
     )
     ways: Ways = option(
         "--ways",
@@ -202,11 +203,10 @@ class RankRequest(Limited, TaskRequest):
         "yaw and side, seen or not; other yaws and sides may be faster.",
         values.one_of("best", "all", "fastest"),
         default="best",
-        metavar="best|all|fastest",
     )
     calibration: Calibration | None = options(
-        OptionWord("--calibration", "What if the cameras are off by this (1 sigma)?", metavar='"5 mm, 0.5 deg"'),
-        kind=values.CALIBRATION,
+        OptionWord('--calibration "5 mm, 0.5 deg"', "What if the cameras are off by this (1 sigma)?"),
+        kind=values.calibration,
         default=None,
         uses=("seed",),
     )
@@ -220,20 +220,13 @@ class ExplainRequest(Limited, TaskRequest):
     """
 
     choose: str | None = option(
-        "--choose",
-        CHOOSE_HELP,
-        values.CHOICE,
-        default="best",
-        metavar="best|N|NAME",
-        complete="candidates",
-        kw_only=False,
+        CHOOSE, CHOOSE_HELP, values.choice, default="best", complete="candidates", kw_only=False
     )
     step: int | None = option(
         "--step",
         "Of a task of several steps, or of a program: which; by default the one seen worst.",
         values.count(1),
         default=None,
-        metavar="N",
     )
 
 
@@ -244,25 +237,22 @@ class AdviseRequest(Chosen, Resumable, TaskRequest):
     """
 
     want: str | None = option(
-        "--want",
+        "--want WISH",
         'Such as "q_eoi 100 %, time 20 s"; by default the thresholds of the task in the workspace.',
         values.text("a wish such as `q_eoi 100 %, time 20 s`"),
         default=None,
-        metavar="WISH",
     )
     kinds: Any = option(
-        "--kinds",
+        "--kinds KIND,...",
         "What may change, all of it: way, path, object, aim, position, lens, camera.",
-        values.KINDS,
+        values.kinds,
         default=None,
-        metavar="KIND,...",
     )
     ways: Ways = option(
         "--ways",
         "fastest: the motion stays as rank --ways fastest has it.",
         values.one_of("best", "fastest"),
         default="best",
-        metavar="best|fastest",
     )
 
 
@@ -273,11 +263,13 @@ class CheckRequest(Following, Worked):
     are those of `rank --ways fastest`; without that, rank takes the best of all ways.
     """
 
-    task: str | None = argument("TASK", CHECK_HELP, TASK, default=None, complete="tasks", kw_only=False)
-    plan: bool | None = value(values.WHERE_NEEDED, default=None)
+    task: str | None = argument(
+        "TASK", 'Check this task as well, such as "pickup green".', TASK, default=None, complete="tasks", kw_only=False
+    )
+    plan: bool | None = value(values.where_needed, default=None)
     """Whether to plan the steps to do first; by default if no candidate can be done at once."""
     planner: Planner | None = option(
-        "--planner", "Plan with this engine of unified-planning.", values.PLANNER, default=None, metavar="NAME"
+        "--planner NAME", "Plan with this engine of unified-planning.", values.planner, default=None
     )
 
 
@@ -288,30 +280,28 @@ class Clustered(Request):
     """What a cluster may compute."""
 
     cluster: str | None = option(
-        "--cluster",
+        "--cluster ADDRESS",
         "Compute on this Dask cluster: tcp://HOST:PORT or scheduler file.",
         values.text("an address or a file"),
         default=None,
-        metavar="ADDRESS",
     )
     tls: tuple[Path, Path, Path] | None = option(
-        "--tls",
+        "--tls CA CERT KEY",
         "With --cluster: encrypt, by the certificate of its authority, your own, and its key (PEM files).",
         FieldKind(tuple[Path, Path, Path], lambda value, _: value),
         default=None,
-        metavar="CA CERT KEY",
     )
 
 
-class ScoreRequest(Sampled, Worked, Resumable):
+class ScoreRequest(Computed):
     """Score all tasks of the workspace."""
 
 
-ALLOW = "What may get worse: points of Q, percent of times."
+class PlaceRequest(Computed):
+    """Find where cameras should go, and prove that no others do better.
 
-
-class PlaceRequest(Sampled, Worked, Resumable):
-    """Find where cameras should go, and prove that no others do better."""
+    The mounts and lenses to choose from are in the file place.yaml beside the workspace.
+    """
 
     tasks: Sequence[str] = argument(
         "TASK...",
@@ -320,65 +310,49 @@ class PlaceRequest(Sampled, Worked, Resumable):
         default=(),
         complete="tasks",
     )
-    cameras: int | None = option("--cameras", "Most cameras on mounts.", values.count(1), default=None, metavar="N")
+    cameras: int | None = option("--cameras", "Most cameras on mounts.", values.count(1), default=None)
     want: str | None = option(
-        "--want",
+        "--want WISH",
         'As few cameras as possible with which every candidate has it, such as "q_eoi 100 %, delay 0.5 s".',
         values.text("a wish such as `q_eoi 100 %, delay 0.5 s`"),
         default=None,
-        metavar="WISH",
     )
     objective: str = option(
         "--objective",
         "Which quality of all candidates counts first.",
         values.one_of("least", "mean"),
         default="least",
-        metavar="least|mean",
     )
-    survive: int = option("--survive", "1: any one camera may fail.", values.count(0, 1), default=0, metavar="N")
+    survive: int = option("--survive", "1: any one camera may fail.", values.count(0, 1), default=0)
     keep: Sequence[str] = option(
-        "--keep",
+        "--keep CAMERA",
         "A camera of the workspace that stays.",
         values.texts("names of cameras"),
         default=(),
-        metavar="CAMERA",
         complete="cameras",
     )
-    budget: float | None = option(
-        "--budget", "Most that the cameras may cost.", values.number(0.0), default=None, metavar="PRICE"
-    )
+    budget: float | None = option("--budget PRICE", "Most that the cameras may cost.", values.number(0.0), default=None)
     ways: Ways = option(
         "--ways",
         "fastest: ways stay as rank --ways fastest has them.",
         values.one_of("best", "fastest"),
         default="best",
-        metavar="best|fastest",
     )
     mounts: AnyPath = option(
-        "--mounts", "Mounts and lenses; by default place.yaml beside the workspace.", PATH, default=None, metavar="FILE"
+        "--mounts FILE", "Mounts and lenses; by default place.yaml beside the workspace.", values.path, default=None
     )
     time: float | None = option(
-        "--time",
+        "--time T",
         "Longest time for choosing, once all mounts are looked from; then the best so far.",
-        values.SECONDS,
+        values.seconds,
         default=None,
-        metavar="T",
     )
     gap: float = option(
-        "--gap",
-        "How far from the best the quality may be, in points.",
-        values.number(0.0, 100.0),
-        default=0.0,
-        metavar="POINTS",
+        "--gap POINTS", "How far from the best the quality may be, in points.", values.number(0.0, 100.0), default=0.0
     )
 
 
 # Questions about programs.
-
-FAULTS = (
-    "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
-    "perception-crash:cam1@4, 2:slip@a4 in step 2"
-)
 
 
 class RunRequest(Request):
@@ -388,30 +362,25 @@ class RunRequest(Request):
     """
 
     faults: Sequence[str] = option(
-        "--fault",
-        f"Let this happen: {FAULTS}; repeatable.",
+        "--fault FAULT",
+        "Let this happen: slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, "
+        "latency:cam3=0.5, perception-crash:cam1@4, 2:slip@a4 in step 2; repeatable.",
         values.texts("texts such as ['slip@a4+0.4']"),
         default=(),
-        metavar="FAULT",
         kw_only=False,
     )
     film: AnyPath = option(
-        "--record",
+        "--record FILE",
         "*.mp4: film all cameras, with what is seen drawn in. *.mcap, or *.bag for ROS 1: images, joints, frames, "
         "boxes and verdicts, as Foxglove and RViz show them and `sqrp audit` reads them.",
-        PATH,
+        values.path,
         default=None,
-        metavar="FILE",
     )
-    log: AnyPath = option(
-        "--log", "Write what happens, one JSON document per line.", PATH, default=None, metavar="FILE"
-    )
-    frames: AnyPath = option(
-        "--frames", "Keep every image, as `sqrp audit` reads them.", PATH, default=None, metavar="DIR"
-    )
-    listeners: Sequence[Listener] = value(values.LISTENERS, default=())
+    log: AnyPath = option("--log FILE", "Write what happens, one JSON document per line.", values.path, default=None)
+    frames: AnyPath = option("--frames DIR", "Keep every image, as `sqrp audit` reads them.", values.path, default=None)
+    listeners: Sequence[Listener] = value(values.listeners, default=())
     """Called with each event as it happens."""
-    witnessed: bool = value(FLAG, default=True)
+    witnessed: bool = value(values.flag, default=True)
     """Whether the events have the true poses, for a page; a log always has them."""
 
 
@@ -425,7 +394,7 @@ class AuditRequest(Request):
     recording: AnyPath = argument(
         "RECORDING",
         "Of a run of it: MCAP, rosbag2 or a bag of ROS 1; or a folder with PNG files and `frames.csv`.",
-        PATH,
+        values.path,
         kw_only=False,
     )
     threshold: float = option(
@@ -433,17 +402,15 @@ class AuditRequest(Request):
         "Least share of predicted detections that must have come true; 97% by default.",
         values.share(0.0),
         default=0.97,
-        metavar="PERCENT",
         kw_only=False,
     )
     topics: Mapping[str, str] | None = option(
-        "--topic",
+        "--topic CAMERA=TOPIC",
         "Images of a camera whose name is not in its topic's; repeatable.",
-        values.TOPICS,
+        values.topics,
         default=None,
-        metavar="CAMERA=TOPIC",
     )
-    progress: Progress = value(PROGRESS, default=silent)
+    progress: Progress = value(values.progress, default=values.silent)
 
 
 class CalibrateRequest(Request):
@@ -453,15 +420,18 @@ class CalibrateRequest(Request):
     """
 
     frames: AnyPath = argument(
-        "FRAMES", "What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`.", PATH, kw_only=False
+        "FRAMES",
+        "What `sqrp run --frames` kept, a recording, or PNG files and `labels.csv`.",
+        values.path,
+        kw_only=False,
     )
     workspace: AnyPath = option(
-        "--workspace", "The cell that `labels.csv` is about.", PATH, default=None, metavar="WORKSPACE"
+        "--workspace WORKSPACE", "The cell that `labels.csv` is about.", values.path, default=None
     )
     program: AnyPath = option(
-        "--program", "The program that was run, if it is not in FRAMES.", PATH, default=None, metavar="FILE"
+        "--program FILE", "The program that was run, if it is not in FRAMES.", values.path, default=None
     )
-    progress: Progress = value(PROGRESS, default=silent)
+    progress: Progress = value(values.progress, default=values.silent)
 
 
 # A new workspace, and questions about one as it stands.
@@ -476,29 +446,24 @@ class InitRequest(Request):
 
     asked_by = "new_cell"
 
-    folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", PATH, kw_only=False)
+    folder: AnyPath = argument("DIR", "The new folder; it must not exist or be empty.", values.path, kw_only=False)
     arguments: Mapping[str, str] | None = argument(
-        "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.XACRO, default=None, kw_only=True
+        "NAME:=VALUE", "Arguments of a xacro, such as ur_type:=ur5e.", values.xacro, default=None, kw_only=True
     )
     urdf: AnyPath = option(
-        "--urdf",
-        "Your arm, URDF or xacro; without it, one of the program's own.",
-        values.URDF,
-        default=None,
-        metavar="FILE",
+        "--urdf FILE", "Your arm, URDF or xacro; without it, one of the program's own.", values.urdf, default=None
     )
     moveit: AnyPath = option(
-        "--moveit", "Its configuration of MoveIt; one beside the URDF is found.", PATH, default=None, metavar="DIR"
+        "--moveit DIR", "Its configuration of MoveIt; one beside the URDF is found.", values.path, default=None
     )
     package_roots: Sequence[AnyPath] = option(
-        "--package-root", "Where packages are looked up; may be repeated.", PATHS, default=(), metavar="DIR"
+        "--package-root DIR", "Where packages are looked up; may be repeated.", values.paths, default=()
     )
     tip: str | None = option(
-        "--tip",
+        "--tip LINK",
         "The link at the end of the arm, of a robot with several arms.",
         values.text("the name of a link"),
         default=None,
-        metavar="LINK",
     )
     run: bool = flag("--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.")
-    progress: Progress = value(PROGRESS, default=silent)
+    progress: Progress = value(values.progress, default=values.silent)

@@ -47,6 +47,11 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+def reads(words: Any) -> Callable[[Callable[[Any, str], Any]], FieldKind]:  # noqa: ANN401 - a type, or a list of one
+    """A kind of field, made of the function that reads a value by its name. words: see `FieldKind`."""
+    return lambda read: FieldKind(words, read)
+
+
 def text(expected: str) -> FieldKind:
     """Text that is not empty."""
 
@@ -58,10 +63,6 @@ def text(expected: str) -> FieldKind:
         return value
 
     return FieldKind(str, read)
-
-
-def _choice(value: object, name: str) -> str | None:
-    return None if value is None else text("the name of a candidate, `best`, or None for all").read(value, name)
 
 
 def texts(expected: str) -> FieldKind:
@@ -85,7 +86,7 @@ def one_of(*known: str) -> FieldKind:
             raise bad_option(f"{name} is `{value}`; {expected_names(value, known)}")
         return value
 
-    return FieldKind(str, read)
+    return FieldKind(str, read, "|".join(known))
 
 
 def count(least: int, most: int | None = None) -> FieldKind:
@@ -97,7 +98,7 @@ def count(least: int, most: int | None = None) -> FieldKind:
             raise refused(name, value, f"a whole number from {least} {upto}")
         return value
 
-    return FieldKind(int, read)
+    return FieldKind(int, read, "N")
 
 
 def number(least: float, most: float = math.inf) -> FieldKind:
@@ -127,7 +128,7 @@ def share(least: float) -> FieldKind:
             raise refused(name, value, f"a number from {least:g} to 1")
         return value
 
-    return FieldKind(str, read)
+    return FieldKind(str, read, "PERCENT")
 
 
 def function(expected: str) -> FieldKind:
@@ -141,26 +142,40 @@ def function(expected: str) -> FieldKind:
     return FieldKind(None, read)
 
 
-def _path(value: object, name: str) -> Path:
+flag = FieldKind(bool, lambda value, _name: value)
+progress = function("a function of a title and a total")
+
+
+@reads(Path)
+def path(value: object, name: str) -> Path:
+    """A path."""
     if not isinstance(value, str | Path) or not str(value):
         raise refused(name, value, "a path, as text or as a pathlib.Path")
     return Path(value)
 
 
-def _paths(value: object, name: str) -> tuple[Path, ...]:
+@reads(list[Path])
+def paths(value: object, name: str) -> tuple[Path, ...]:
+    """Several paths; a single one is none."""
     if isinstance(value, str | Path) or not isinstance(value, Sequence):
         raise refused(name, value, "several paths, in a list")
-    return tuple(_path(one, name) for one in value)
+    return tuple(path.read(one, name) for one in value)
 
 
-CHOICE = FieldKind(str, _choice)
-FLAG = FieldKind(bool, lambda value, _name: value)
-PATH = FieldKind(Path, _path)
-PATHS = FieldKind(list[Path], _paths)
-PROGRESS = function("a function of a title and a total")
+@reads(str)
+def urdf(value: object, name: str) -> object:
+    """A path, or an address of a package as text."""
+    return value if isinstance(value, str) and value else path.read(value, name)
 
 
-def _time_limit(value: object, name: str) -> TimeLimit:
+@reads(str)
+def choice(value: object, name: str) -> object:
+    """A candidate, or None for all."""
+    return None if value is None else text("the name of a candidate, `best`, or None for all").read(value, name)
+
+
+@reads(str)
+def time_limit(value: object, name: str) -> TimeLimit:
     """A limit of time: `20 s`, `1.25x`, or seconds."""
     from sqrp_cli.study.find import TimeLimit
 
@@ -171,12 +186,20 @@ def _time_limit(value: object, name: str) -> TimeLimit:
     return TimeLimit.read(str(value), name)
 
 
-TIME_LIMIT = FieldKind(str, _time_limit)
+def _quantity(said: str, name: str, dimension: Dimension, more: str = "", least: float = -math.inf) -> float:
+    """A value in SI units, with or without its unit; above `least`, of which `more` tells."""
+    from sqrp_cli.files.units import expected_quantity, read_quantity
+
+    found = read_quantity(said)
+    if found is None or found.dimension not in (None, dimension) or not least < found.value < math.inf:
+        raise bad_option(f"{name} is `{said}`, expected {expected_quantity(dimension)}{more}")
+    return found.value
 
 
-def _sampling(value: Sampling | Words, name: str) -> Sampling:
+@reads(None)
+def sampling(value: Sampling | Words, name: str) -> Sampling:
     """A sampling, as a value or by its words: `samples`, `dt` or `tolerance`."""
-    from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.files.units import TIME
     from sqrp_cli.study.sampling import Adaptive, FixedCount, FixedStep
 
     said = value if isinstance(value, Words) else {}
@@ -189,12 +212,10 @@ def _sampling(value: Sampling | Words, name: str) -> Sampling:
                 raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
             return FixedCount(samples)
         case {"dt": str() as dt}:
-            quantity = read_quantity(dt)
-            if quantity is None or quantity.dimension not in (None, TIME):
-                raise bad_option(f"--dt is `{dt}`, expected {expected_quantity(TIME)}")
-            if quantity.value < LEAST_STEP:
-                raise bad_option(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
-            return FixedStep(quantity.value)
+            step = _quantity(dt, "--dt", TIME)
+            if step < LEAST_STEP:
+                raise bad_option(f"--dt is {step:g} s, expected at least {LEAST_STEP:g} s")
+            return FixedStep(step)
         case {"tolerance": float() as points}:
             if not (math.isfinite(points) and 100 * LEAST_TOLERANCE <= points <= 100):
                 raise bad_option(f"--tolerance is {points:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
@@ -213,30 +234,24 @@ def _sampling(value: Sampling | Words, name: str) -> Sampling:
     raise refused(name, value, expected)
 
 
-SAMPLING = FieldKind(None, _sampling)
+@reads(str)
+def calibration(value: Calibration | Words, name: str) -> Calibration:
+    """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed.
 
-
-def _calibration(value: Calibration | Words, name: str) -> Calibration:
-    """Standard deviations of camera poses, as a value or in words such as `5 mm, 0.5 deg` with a seed."""
+    In words each of length and angle has its unit, and either may be left out.
+    """
+    from sqrp_cli.files.units import ANGLE, LENGTH, read_quantity
     from sqrp_cli.study.robustness import Calibration
 
     match value:
-        case {"calibration": str() as said, "seed": seed} if isinstance(value, Words):
-            return Calibration(*_pose_errors(said, name), seed)
         case Calibration(float() | int() as position, float() | int() as rotation, int() as seed) if (
             0 <= position <= 1 and 0 <= rotation <= 1 and seed >= 0
         ):
             return value
-    raise refused(name, value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
-
-
-CALIBRATION = FieldKind(str, _calibration)
-
-
-def _pose_errors(said: str, name: str) -> tuple[float, float]:
-    """A length [m] and an angle [rad], each with its unit; either may be left out."""
-    from sqrp_cli.files.units import ANGLE, LENGTH, read_quantity
-
+        case {"calibration": str() as said, "seed": seed} if isinstance(value, Words):
+            pass
+        case _:
+            raise refused(name, value, "Calibration(position, rotation, seed) with up to 1 m and up to 1 rad")
     found: dict[Dimension, float] = {}
     for part in (one.strip() for one in said.split(",")):
         quantity = read_quantity(part)
@@ -257,28 +272,27 @@ def _pose_errors(said: str, name: str) -> tuple[float, float]:
             found[quantity.dimension] = quantity.value
             continue
         raise bad_option(f"{name}: `{part}` {wrong}; try `5 mm, 0.5 deg`")
-    return found.get(LENGTH, 0.0), found.get(ANGLE, 0.0)
+    return Calibration(found.get(LENGTH, 0.0), found.get(ANGLE, 0.0), seed)
 
 
-def _listeners(value: object, name: str) -> Sequence[Any]:
+@reads(None)
+def listeners(value: object, name: str) -> Sequence[Any]:
+    """Functions of an event."""
     if not isinstance(value, Sequence) or not all(map(callable, value)):
         raise refused(name, value, "functions of an event, in a list")
     return value
 
 
-LISTENERS = FieldKind(None, _listeners)
-
-
-def _flag_or_none(value: object, name: str) -> bool:
+@reads(None)
+def where_needed(value: object, name: str) -> bool:
+    """Whether to do something; None, which is the default: where it is needed."""
     if not isinstance(value, bool):
         raise refused(name, value, "True, False, or None for where it is needed")
     return value
 
 
-WHERE_NEEDED = FieldKind(None, _flag_or_none)
-
-
-def _planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
+@reads(str)
+def planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
     """A function that plans, or the name of an engine of unified-planning."""
     if isinstance(value, str):
         from sqrp_cli.logic.unified_planner import engine_planner
@@ -287,10 +301,8 @@ def _planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
     return function("a function such as sqrp_cli.logic.planner.find_plan").read(value, name)
 
 
-PLANNER = FieldKind(str, _planner)
-
-
-def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
+@reads(str)
+def kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
     from sqrp_cli.search.moves import read_kinds
 
@@ -301,10 +313,8 @@ def _kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     return read_kinds(kinds)
 
 
-KINDS = FieldKind(str, _kinds)
-
-
-def _topics(value: object, name: str) -> dict[str, str]:
+@reads(list[str])
+def topics(value: object, name: str) -> dict[str, str]:
     """Topics by camera, as a mapping or in texts `CAMERA=TOPIC`."""
     if isinstance(value, Mapping):
         return dict(value)
@@ -319,43 +329,26 @@ def _topics(value: object, name: str) -> dict[str, str]:
     return pairs
 
 
-TOPICS = FieldKind(list[str], _topics)
-
-
-def _rate(value: object, name: str) -> float:
+@reads(str)
+def rate(value: object, name: str) -> float:
     """A rate of 1 to 2000 Hz, such as `100` or `50 Hz`."""
-    from sqrp_cli.files.units import FREQUENCY, expected_quantity, read_quantity
+    from sqrp_cli.files.units import FREQUENCY
 
-    quantity = read_quantity(str(value))
-    if quantity is None or quantity.dimension not in (None, FREQUENCY):
-        raise bad_option(f"{name} is `{value}`, expected {expected_quantity(FREQUENCY)}")
-    if not 1.0 <= quantity.value <= 2000.0:
-        raise bad_option(f"{name} is {quantity.value:g} Hz, expected 1 to 2000 Hz")
-    return quantity.value
+    found = _quantity(str(value), name, FREQUENCY)
+    if not 1.0 <= found <= 2000.0:
+        raise bad_option(f"{name} is {found:g} Hz, expected 1 to 2000 Hz")
+    return found
 
 
-RATE = FieldKind(str, _rate)
-
-
-def _seconds(value: object, name: str) -> float:
+@reads(str)
+def seconds(value: object, name: str) -> float:
     """A time above 0, such as `60` or `90 s`, in seconds."""
-    from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.files.units import TIME
 
-    quantity = read_quantity(str(value))
-    if quantity is None or quantity.dimension not in (None, TIME) or not 0.0 < quantity.value < math.inf:
-        raise bad_option(f"{name} is `{value}`, expected {expected_quantity(TIME)}, more than 0")
-    return quantity.value
+    return _quantity(str(value), name, TIME, ", more than 0", 0.0)
 
 
-SECONDS = FieldKind(str, _seconds)
-
-
-def _xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
+@reads(list[str])
+def xacro(value: object, name: str) -> Mapping[str, str] | tuple[str, ...]:
     """Arguments of a xacro, as a mapping or in texts `NAME:=VALUE`."""
     return dict(value) if isinstance(value, Mapping) else texts("texts such as ur_type:=ur5e").read(value, name)
-
-
-XACRO = FieldKind(list[str], _xacro)
-
-URDF = FieldKind(str, lambda value, name: value if isinstance(value, str) and value else _path(value, name))
-"""A path, or an address of a package as text."""

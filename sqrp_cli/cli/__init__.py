@@ -1,1 +1,1 @@
-"""The command line: one thin file per command."""
+"""The command line: a chapter of commands for each thing that users do."""

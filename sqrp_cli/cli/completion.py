@@ -143,8 +143,8 @@ def _workspace(ctx: typer.Context) -> Workspace | None:
 
 
 def _readable(path: Path | None) -> Workspace | None:
+    from sqrp_cli.ask.api.program import Start
     from sqrp_cli.cell.load import load_workspace
-    from sqrp_cli.cli.start import Start
 
     with suppress(InputError, OSError):
         return load_workspace(Start.of(path, None).workspace) if path is not None else None

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import OpenProgram
+from sqrp_cli.cli.command import line
 from sqrp_cli.document import Document
 from sqrp_cli.errors import InputError, Place, Problem, bad_option
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
 
 class Patches(NamedTuple):
@@ -76,7 +77,7 @@ def open_to_write(
     if report is not None:
         check_report(report)
     cell = open_with_warnings(workspace, seed)
-    check_not_read([patch, report], [*read, *(file.path for file in cell.workspace.files.values())])
+    check_not_read([patch, report], [*read, *cell.files])
     return cell
 
 
@@ -93,6 +94,15 @@ def program_with_warnings(path: Path, seed: int = 0) -> OpenProgram:
     program = read_program(path, seed)
     program.check()
     return program
+
+
+def _print_warnings(cell: OpenCell) -> None:
+    """Raises InputError with the errors, if there are any."""
+    from sqrp_cli.show.terminal.console import print_problems
+
+    print_problems(problem for problem in cell.findings if problem.severity != "error")
+    if cell.errors:
+        raise InputError(*cell.errors)
 
 
 def check_needed(what: str, there: object, about: Mapping[str, object]) -> None:
@@ -133,24 +143,15 @@ def answer(result: Document, *, as_json: bool, **how: bool) -> None:
         result.show(**how)
 
 
-def _print_warnings(cell: OpenCell) -> None:
-    """Raises InputError with the errors, if there are any."""
-    from sqrp_cli.show.terminal.console import print_problems
-
-    print_problems(problem for problem in cell.findings if problem.severity != "error")
-    if cell.errors:
-        raise InputError(*cell.errors)
-
-
-def page_is_written(file: Path, write: Callable[..., None], arguments: Sequence[str], jobs: int) -> bool:
+def page_is_written(file: Path, write: Callable[..., None], **how: object) -> bool:
     """Write a page, and say where it is; returns False if Ctrl-C came first.
 
-    write: takes the file; arguments: of the command, which the page shows; jobs: processes to use at most.
+    write: takes the file, and the words of the command line, which the page shows. how: what else it takes.
     """
-    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note
 
     try:
-        write(file, arguments=arguments, jobs=jobs, progress=progress)
+        write(file, arguments=line.get(), **how)
     except KeyboardInterrupt:
         note(f"interrupted before {file} was written")
         return False

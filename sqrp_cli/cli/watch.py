@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import typer
-
+from sqrp_cli.cli.command import line
 from sqrp_cli.errors import ExitCode, bad_option
 from sqrp_cli.records import dataclass
 
@@ -21,8 +20,8 @@ if TYPE_CHECKING:
     from sqrp_cli.show.documents.explanation import CandidateStudy, Sample
     from sqrp_cli.study.result import CandidateResult
 
-EXECUTE = "sqrp.execute"
-"""Where a context keeps the function that runs a command line."""
+execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")
+"""The function that runs a command line."""
 
 INTERVAL = 0.2
 """Time between two looks at the files [s]."""
@@ -68,10 +67,10 @@ def is_shown_again(answer: Document) -> bool:
     return watcher is not None
 
 
-def watched(context: typer.Context, refused: Mapping[str, object]) -> ExitCode:
+def watched(refused: Mapping[str, object]) -> ExitCode:
     """Run a command, and again whenever a file that it has read is saved, until Ctrl-C.
 
-    context: of the command. refused: options that are senseless with `--watch`, by name, with their values.
+    refused: options that are senseless with `--watch`, by name, with their values.
     What is wrong with a file is told, and the command waits for it to be saved again. Raises KeyboardInterrupt.
     """
     from sqrp_cli.files.input_file import noted_files
@@ -79,7 +78,7 @@ def watched(context: typer.Context, refused: Mapping[str, object]) -> ExitCode:
 
     if given := [name for name, value in refused.items() if value]:
         raise bad_option(f"--watch and {given[0]} exclude each other; give one of them")
-    execute, again = context.meta[EXECUTE], [word for word in context.obj if word != "--watch"]
+    again = [word for word in line.get() if word != "--watch"]
     files: set[Path] = set()
     told = False
     shown = _watcher.set(_Watcher())
@@ -87,7 +86,7 @@ def watched(context: typer.Context, refused: Mapping[str, object]) -> ExitCode:
         while True:
             stamps = _Stamps(files)
             with noted_files() as read:
-                code = execute(again)
+                code = execute.get()(again)
             if code == ExitCode.INTERRUPTED:
                 return ExitCode.INTERRUPTED
             stamps.add(read)

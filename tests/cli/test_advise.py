@@ -15,7 +15,7 @@ import pytest
 
 from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cli.commands import advise as advise_command
+from sqrp_cli.cli.commands.tasks import write_change
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.geometry import look_at
 from sqrp_cli.motion.cell import Cell
@@ -189,10 +189,10 @@ def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
     unwritten = replace(first, content=why, patch="", unwritten=why.problems[0].message)
     found = replace(found, advice=(unwritten, *others))
     file = tmp_path / "advice.patch"
-    assert advise_command._write(found, small, None, file) == f"change 2 is in {file}"
+    assert write_change(found, small, None, file) == f"change 2 is in {file}"
     assert file.read_text().endswith(found.advice[1].patch)
     with pytest.raises(InputError, match="would have to say"):
-        advise_command._write(found, small, 1, file)
+        write_change(found, small, 1, file)
     assert "No patch: the file of cam6 would have to say 1, 2 and 3." in str(replace(found, advice=(unwritten,)))
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cli.app import COMMANDS
+from sqrp_cli.cli.app import app
 from tests.cells import shipped_cell, write_cell
 
-NAMES = [module.NAME for module in COMMANDS]
+NAMES = [one.name for one in app.registered_commands]
 
 
 @pytest.mark.parametrize("command", ["", *NAMES])

@@ -393,7 +393,7 @@ def test_ctrl_c_while_the_program_is_loaded_is_told_in_one_line(sqrp_process):
 def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
     # Every candidate waits, so that the signal certainly comes in between.
     program = (
-        "import signal, time\nfrom sqrp_cli.task import pipeline\n"
+        "import signal, time\nfrom sqrp_cli.study import pipeline\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
         "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
@@ -415,7 +415,7 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
     def broken(*_, **__):
         raise RuntimeError("the moon\nis in the way")
 
-    monkeypatch.setattr("sqrp_cli.cli.commands.rank.open_to_write", broken)
+    monkeypatch.setattr("sqrp_cli.cli.commands.tasks.open_to_write", broken)
     outcome = sqrp("rank", watch, "watch seen", "--json")
     assert (outcome.code, outcome.out) == (70, "")
     assert len(outcome.err.splitlines()) == 1

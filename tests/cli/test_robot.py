@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from sqrp_cli.cli.commands.run import _check
+from sqrp_cli.cli.commands.runs import check_cell
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.cell.ros_checks import CellCheck
 from tests.trials.wire import small_cell
@@ -49,7 +49,7 @@ def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
     file = SimpleNamespace(mend_of_lateness="slower")
     session: Any = SimpleNamespace(robot=SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file)))
     with pytest.raises(InputError) as caught:
-        _check(session, tmp_path / "robot.yaml", as_json=True)
+        check_cell(session, tmp_path / "robot.yaml", as_json=True)
     assert [problem.mend for problem in caught.value.problems] == [None, None, "slower", None]
 
 

@@ -139,7 +139,7 @@ def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
     audit: AuditDocument, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = replace(audit, cameras={"cam3": replace(audit.cameras["cam3"], pose=None)})
-    monkeypatch.setattr("sqrp_cli.cli.commands.audit.audited", lambda *_: lost)
+    monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: lost)
     found = sqrp("audit", quick_cell.program, "run.mcap", "--patch", quick_cell.folder / "no.patch", columns=200)
     little = "Images of cam3 show too little of the cell to tell where it is"
     assert f"{little}, or it has moved by more than can be found out.\n" in found.out
@@ -149,7 +149,7 @@ def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
 def test_how_a_patch_is_written_is_said_until_it_is(
     audit: AuditDocument, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sqrp_cli.cli.commands.audit.audited", lambda *_: audit)
+    monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: audit)
     patch = quick_cell.folder / "moved.patch"
     for option, said in [((), True), (("--patch", patch), False)]:
         found = sqrp("audit", quick_cell.program, "run.mcap", *option, columns=200)

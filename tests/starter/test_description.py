@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cli.commands.init import _split
+from sqrp_cli.cli.commands.workspaces import folder_and_arguments
 from sqrp_cli.errors import InputError
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
@@ -73,9 +73,9 @@ def test_a_changed_xacro_changes_what_was_understood_and_a_comment_does_not(src:
 
 
 def test_folder_and_arguments_come_in_any_order() -> None:
-    assert _split(["kind:=short", "cell", "a:=b:=c"]) == (Path("cell"), {"kind": "short", "a": "b:=c"})
+    assert folder_and_arguments(["kind:=short", "cell", "a:=b:=c"]) == (Path("cell"), {"kind": "short", "a": "b:=c"})
     with pytest.raises(InputError, match="found the folders `one`, `two`"):
-        _split(["one", "two"])
+        folder_and_arguments(["one", "two"])
 
 
 URDF = '<robot name="ur5"><link name="base"/><link name="tip"/><joint name="j" type="fixed"><parent link="base"/>'

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.score.scorecard import Scorecard
+    from sqrp_cli.score.work.cluster import Cluster
     from sqrp_cli.search.advice_result import AdviceDocument
+    from sqrp_cli.search.placing_program import Watch
     from sqrp_cli.search.placing_result import PlaceDocument
     from sqrp_cli.show.documents.checks import Check
     from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
@@ -39,7 +41,7 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     seed: of everything that planning draws at random. Raises InputError, with file, line and column, for a workspace
     that cannot be used.
     """
-    cell = OpenCell.read(values.PATH.read(path, "path"), values.count(0).read(seed, "seed"))
+    cell = OpenCell.read(values.path.read(path, "path"), values.count(0).read(seed, "seed"))
     if cell.errors:
         raise InputError(*cell.errors)
     return cell
@@ -152,11 +154,19 @@ def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:
     """All tasks of the workspace."""
     from sqrp_cli.score.score import read_cells
     from sqrp_cli.score.scorecard import score_cells
-    from sqrp_cli.score.work.compute import Means, open_computer
-    from sqrp_cli.study.sampling import Adaptive
+    from sqrp_cli.score.work.compute import open_computer
 
-    with open_computer(Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, cell.seed)) as computer:
+    with open_computer(ask.means(cell.seed)) as computer:
         return score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress)
+
+
+def placed(
+    cell: OpenCell, ask: PlaceRequest, workers: Cluster | None = None, watch: Watch | None = None
+) -> PlaceDocument:
+    """Where cameras should go. workers: of a cluster. watch: told what is sought, the best so far and the bound."""
+    from sqrp_cli.ask.api.placing import find_placement
+
+    return find_placement(cell.cell, ask, ask.means(cell.seed, workers), watch, cell.content)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +209,11 @@ class OpenCell:
         return (*self.workspace.warnings, *lint(self.workspace))
 
     @property
+    def files(self) -> list[Path]:
+        """The files that it was read from."""
+        return [file.path for file in self.workspace.files.values()]
+
+    @property
     def errors(self) -> tuple[Problem, ...]:
         """The findings that keep the cell from being used."""
         return tuple(problem for problem in self.findings if problem.severity == "error")
@@ -221,13 +236,7 @@ class OpenCell:
 
         how: the other fields of a `PlaceRequest`.
         """
-        from sqrp_cli.ask.api.placing import find_placement
-        from sqrp_cli.score.work.compute import Means
-        from sqrp_cli.study.sampling import Adaptive
-
-        ask = PlaceRequest(tasks=tasks, **how)
-        means = Means(ask.sampling or Adaptive(), ask.jobs, None, ask.out, self.seed)
-        return find_placement(self.cell, ask, means=means, progress=ask.progress, content=self.content)
+        return placed(self, PlaceRequest(tasks=tasks, **how))
 
     def scene(self) -> ShowDocument:
         """The workspace as understood."""

@@ -29,18 +29,11 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.requests import PlaceRequest
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.score.scorecard import Progress
     from sqrp_cli.score.work.compute import Means
 
 
 def find_placement(
-    cell: Cell,
-    request: PlaceRequest,
-    *,
-    means: Means,
-    progress: Progress,
-    watch: Watch | None = None,
-    content: bytes | None = None,
+    cell: Cell, request: PlaceRequest, means: Means, watch: Watch | None, content: bytes | None
 ) -> PlaceDocument:
     """The best cameras for some tasks; at Ctrl-C the best so far, if verdicts are complete.
 
@@ -73,7 +66,7 @@ def find_placement(
     with closing(Results(means.out)) as results:
         asked = replace(question, verdicts=_verdicts(cell, means, results))
         seconds = inf if request.time is None else request.time
-        placer = CameraPlacer(asked, progress, watch, seconds=seconds, gap=0.01 * request.gap)
+        placer = CameraPlacer(asked, request.progress, watch, seconds=seconds, gap=0.01 * request.gap)
         found = placer.place()
     file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
     if not found.cameras:

@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.ask import values
 from sqrp_cli.ask.api.cell import OpenCell
@@ -42,13 +42,37 @@ DEFAULT_RUNS = 20
 """Runs of a sweep."""
 
 
+class Start(NamedTuple):
+    """Where a task starts: in the world of a workspace, or in the one that a program leaves behind."""
+
+    workspace: Path
+    after: Path | None
+    """The program after which it starts; None: in the world of the workspace."""
+
+    @classmethod
+    def of(cls, named: Path, after: Path | None, written: Path | None = None) -> Start:
+        """The start that a command line names: a workspace, or a program in place of its workspace and of `--after`.
+
+        written: the program to which steps are appended; that implies to start after it. Raises InputError.
+        """
+        from sqrp_cli.program.file import find_workspace, is_program, load_program
+
+        if not is_program(named):
+            return cls(named, after)
+        if after is not None:
+            message = f"{named} is a program, so the task starts after it and not after {after}"
+            raise bad_option(message, mend="leave out --after, or name a workspace")
+        same = written is not None and written.exists() and written.samefile(named)
+        return cls(find_workspace(load_program(named), named), None if same else named)
+
+
 def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
     """Read a program and the workspace that it was made for.
 
     seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
     fit its workspace as it is now.
     """
-    program = OpenProgram.read(values.PATH.read(path, "path"), values.count(0).read(seed, "seed"))
+    program = OpenProgram.read(values.path.read(path, "path"), values.count(0).read(seed, "seed"))
     if program.cell.errors:
         raise InputError(*program.cell.errors)
     program.check()
@@ -169,7 +193,7 @@ class OpenProgram:
     @property
     def files(self) -> list[Path]:
         """The files that it was read from."""
-        return [self.path, *(file.path for file in self.workspace.files.values())]
+        return [self.path, *self.cell.files]
 
     @property
     def warnings(self) -> list[Problem]:
@@ -286,21 +310,24 @@ class OpenProgram:
             outputs=outputs,
         )
 
-    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent) -> SweepDocument:
+    def sweep(
+        self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent, option: str = "slip"
+    ) -> SweepDocument:
         """Run the program `count` times with a slip at other instants of a primitive action.
 
-        slip: as `sqrp run --sweep` takes it, such as `slip@a4`. At Ctrl-C the result has the runs that are finished.
+        slip: as `sqrp run --sweep` takes it, such as `slip@a4`; option: what gives it, for messages. At Ctrl-C the
+        result has the runs that are finished.
         """
         from sqrp_cli.run.faults import parse_sweep
         from sqrp_cli.run.record.report import SweepDocument, SweptRun
 
-        values.text("a slip and where, such as `slip@a4`").read(slip, "slip")
+        values.text("a slip and where, such as `slip@a4`").read(slip, option)
         values.count(1).read(count, "count")
-        values.PROGRESS.read(progress, "progress")
+        values.progress.read(progress, "progress")
         simulation = self._simulation()
         from sqrp_cli.run.start import sweep
 
-        place, primitive = parse_sweep(slip, self.program.steps, "slip")
+        place, primitive = parse_sweep(slip, self.program.steps, option)
         runs: list[SweptRun] = []
         with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
             runs.extend(sweep(simulation, place.number, primitive, count, lambda: advance(1)))  # keeps the finished
@@ -341,7 +368,7 @@ class OpenProgram:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run read from its log. Raises InputError for anything but the log of a complete run."""
-    logged = LoggedRun.read(values.PATH.read(log, "log"))
+    logged = LoggedRun.read(values.path.read(log, "log"))
     if (run := logged.replay()) is None:
         raise logged.no_report
     return run

@@ -57,7 +57,7 @@ def read_result(path: str | Path) -> Document:
     from sqrp_cli.files.input_file import read_text
     from sqrp_cli.files.json_file import json_name, parse_json
 
-    file = values.PATH.read(path, "path")
+    file = values.path.read(path, "path")
     text = read_text(file, LARGEST)
     data = parse_json(file, text)
     kind = data.get("document") if isinstance(data, dict) else None

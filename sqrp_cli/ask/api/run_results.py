@@ -97,7 +97,7 @@ class SimulatedRun(RunReport):
         """
         from sqrp_cli.show.pages.run_page import write_run
 
-        file = values.PATH.read(path, "path")
+        file = values.path.read(path, "path")
         values.texts("the words of a command, in a list").read(arguments, "arguments")
         outputs = replace(self.outputs, page=file)
         outputs.check_names()

@@ -107,7 +107,7 @@ class Session:
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
         """Append a candidate of a ranking to a program file; see `Ranking.write`."""
-        file = values.PATH.read(path, "path")
+        file = values.path.read(path, "path")
         values.text("the name of a candidate, or `best`").read(choose, "choose")
         check_choice(self.task, choose)
         chosen = choose_candidate(ranking.candidates, choose)

@@ -1,1 +1,1 @@
-"""One thin module per command: options in, one call, a result out."""
+"""The commands, chapter by chapter: options in, one call, a result out."""

@@ -130,8 +130,8 @@ def test_without_the_extra_only_what_needs_it_says_so(
     writer.close()
     # The program itself is not what this is about.
     script = (
-        f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import audit, run\n"
-        "audit.program_with_warnings = run.program_with_warnings = lambda *_: None\n"
+        f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import runs\n"
+        "runs.program_with_warnings = lambda *_: None\n"
         "from sqrp_cli.cli.main import main\nmain()"
     )
     command = [sys.executable, "-c", script, *(word.format(log=log) for word in words)]

@@ -1,37 +1,33 @@
-"""`sqrp score`: every task of many workspaces, with thresholds and a baseline; or variants of one of them."""
+"""Many tasks at once: `score`, which also compares variants of a workspace, and `diff` of two versions of one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, flag, option
-from sqrp_cli.ask.values import PATH
-from sqrp_cli.cli.command import command_of
-from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late
+from sqrp_cli.cli.command import command
+from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late, page_is_written
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.api.scores import ScoreRun
     from sqrp_cli.score.scorecard import Expected, Scorecard
     from sqrp_cli.score.work.compute import Means
 
-NAME = "score"
-
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
-
 
 ALLOW = "What may get worse: points of Q, percent of times."
 ALLOWANCE = 0.5
 """Changes for the worse that are no regression yet: points of Q, percent of times."""
 
 
-class ScoreCommand(
+class _Score(
     requests.ScoreRequest,
     requests.Paged,
     requests.Clustered,
@@ -49,32 +45,30 @@ class ScoreCommand(
         "PATH...", "Workspaces, folders of workspaces, or patterns such as 'cells/*'.", values.texts("paths")
     )
     baseline: Path | None = option(
-        "--baseline", "Fail where something is worse than in this file.", PATH, default=None, metavar="FILE"
+        "--baseline FILE", "Fail where something is worse than in this file.", values.path, default=None
     )
     save_baseline: Path | None = option(
-        "--save-baseline", "Write the scores, to compare later ones with.", PATH, default=None, metavar="FILE"
+        "--save-baseline FILE", "Write the scores, to compare later ones with.", values.path, default=None
     )
-    allow: float = option("--allow", ALLOW, values.number(0.0), default=ALLOWANCE, metavar="POINTS")
+    allow: float = option("--allow POINTS", ALLOW, values.number(0.0), default=ALLOWANCE)
     allow_missing: bool = flag("--allow-missing", "Pass though the baseline has workspaces or tasks that are gone.")
-    junit: Path | None = option("--junit", "Write a JUnit file for a CI server.", PATH, default=None, metavar="FILE")
-    summary: Path | None = option("--summary", "Write a Markdown summary.", PATH, default=None, metavar="FILE")
+    junit: Path | None = option("--junit FILE", "Write a JUnit file for a CI server.", values.path, default=None)
+    summary: Path | None = option("--summary FILE", "Write a Markdown summary.", values.path, default=None)
     resume: bool = flag("--resume", "Say that --out is that of an interrupted run, to go on with it.")
     vary: Sequence[str] = option(
-        "--vary",
+        "--vary PATH=FROM:TO:N",
         "Score variants of a workspace, and name the best.",
         values.texts("values by their paths"),
         default=(),
-        metavar="PATH=FROM:TO:N",
     )
     draws: int | None = option(
-        "--draws", "With --vary: so many at random, not a grid.", values.count(1, 10_000), default=None, metavar="N"
+        "--draws", "With --vary: so many at random, not a grid.", values.count(1, 10_000), default=None
     )
     patch: Path | None = option(
-        "--patch",
+        "--patch FILE",
         "With --vary: where the best variant goes; NAME-best.patch by default.",
-        PATH,
+        values.path,
         default=None,
-        metavar="FILE",
     )
 
     @property
@@ -84,13 +78,13 @@ class ScoreCommand(
         return {name: path for name, path in (named | {"--report": self.report}).items() if path is not None}
 
 
-def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+@command("score", _Score)
+def score(ask: _Score) -> ExitCode:
     """Score all, or variants of one, once the options agree and the outputs can be written."""
     from sqrp_cli.score.work.cluster import connected
 
     if ask.watch:
-        refused = {"--json": ask.json, "--vary": ask.vary, "--save-baseline": ask.save_baseline}
-        return watched(context, refused)
+        return watched({"--json": ask.json, "--vary": ask.vary, "--save-baseline": ask.save_baseline})
     if ask.resume and ask.out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise bad_option("--resume needs the folder with the results", mend=mend)
@@ -104,10 +98,7 @@ def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer'
     if ask.report is not None:
         check_report(ask.report)
     with connected(ask.cluster, note_late, ask.tls) as workers:
-        from sqrp_cli.score.work.compute import Means
-        from sqrp_cli.study.sampling import Adaptive
-
-        means = Means(ask.sampling or Adaptive(), ask.jobs, workers, ask.out, ask.seed)
+        means = ask.means(ask.seed, workers)
         if ask.vary:
             return _vary(ask, means)
         from sqrp_cli.score.baselines.baseline import load_baseline
@@ -116,22 +107,28 @@ def score(context: Any, ask: ScoreCommand) -> ExitCode:  # noqa: ANN401 - Typer'
         check_not_read(ask.outputs.values(), [ask.baseline])
         known = None if ask.baseline is None else load_baseline(ask.baseline, means.sampling)
         expected = None if known is None else Expected(known, ask.allow, may_vanish=ask.allow_missing)
-        return _score(ask, expected, means, context.obj)
+        return _score(ask, expected, means)
 
 
-def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments: Sequence[str]) -> ExitCode:
-    """Score all, compare with the baseline, write the requested files and print; arguments: of the command.
+def _score(ask: _Score, expected: Expected | None, means: Means) -> ExitCode:
+    """Score all, compare with the baseline, write the requested files and print.
 
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
     could be scored, and the rest as errors.
     """
     from sqrp_cli.ask.api.scores import ScoreRun, nothing_scored, why_not_scored
-    from sqrp_cli.show.terminal.console import note, progress
+    from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     findings = None
     try:
         with ScoreRun.open(ask.paths, list(ask.outputs.values()), means, progress) as run:
-            findings = _findings(run)
+            for cell in run.cells:
+                print_problems(problem for problem in cell.problems if problem.severity == "warning")
+                if cell.workspace is not None and not cell.tasks:
+                    note(f"{cell.name} lists no tasks")
+            findings = run.score()
+            print_problems(run.doubts)
+            note(run.count(interrupted=bool(findings.interrupted)))
             if expected is not None and not findings.interrupted:
                 findings = run.compare(findings, expected)
                 if findings.interrupted:
@@ -141,8 +138,8 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
         if ask.report is not None and findings.results and not findings.interrupted:
             from sqrp_cli.show.pages.candidate_page import write_scores
 
-            write_scores(run.cells, findings, means, ask.report, arguments=arguments, progress=progress)
-            note(f"open {ask.report} in a browser")
+            if not page_is_written(ask.report, partial(write_scores, run.cells, findings, means), progress=progress):
+                findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except KeyboardInterrupt:
         if findings is None:
             raise
@@ -150,35 +147,15 @@ def _score(ask: ScoreCommand, expected: Expected | None, means: Means, arguments
         findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except InputError:  # a file that cannot be written takes nothing from what was scored
         if findings is not None and not nothing_scored(findings):
-            show(findings, as_json=ask.json)
+            answer(findings, as_json=ask.json)
         raise
     if nothing_scored(findings):
         raise InputError(*why_not_scored(findings))
-    return show(findings, as_json=ask.json)
+    answer(findings, as_json=ask.json)
+    return _exit_code(findings)
 
 
-def _findings(run: ScoreRun) -> Scorecard:
-    """Score; prints warnings on the way."""
-    from sqrp_cli.show.terminal.console import note, print_problems
-
-    for cell in run.cells:
-        print_problems(problem for problem in cell.problems if problem.severity == "warning")
-        if cell.workspace is not None and not cell.tasks:
-            note(f"{cell.name} lists no tasks")
-    findings = run.score()
-    print_problems(run.doubts)
-    note(run.count(interrupted=bool(findings.interrupted)))
-    return findings
-
-
-def show(findings: Scorecard, *, as_json: bool) -> ExitCode:
-    """Print the findings; returns their exit code."""
-    answer(findings, as_json=as_json)
-    return exit_code(findings)
-
-
-def exit_code(findings: Scorecard) -> ExitCode:
-    """What a scoring run ends with."""
+def _exit_code(findings: Scorecard) -> ExitCode:
     if findings.interrupted:
         return ExitCode.INTERRUPTED
     if findings.count("error"):
@@ -186,7 +163,7 @@ def exit_code(findings: Scorecard) -> ExitCode:
     return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
-def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
+def _vary(ask: _Score, means: Means) -> ExitCode:
     """Score variants, print them and write the best as a patch."""
     from sqrp_cli.ask.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
@@ -223,7 +200,39 @@ def _vary(ask: ScoreCommand, means: Means) -> ExitCode:
         PATCHES.write(patch, content)
         found = replace(found, patch=str(patch))
     answer(replace(found, workspace=name), as_json=ask.json)
-    return exit_code(found.variants[0].findings)
+    return _exit_code(found.variants[0].findings)
 
 
-command = command_of(ScoreCommand, score)
+class _Diff(requests.ScoreRequest, requests.Clustered, requests.Seeded, requests.Printed, Command):
+    """Compare two versions of a workspace.
+
+    Show what differs, field by field, and which camera therefore no longer sees which literal, and when.
+    """
+
+    before: Path = argument("A", "A workspace as it was.", values.path)
+    after: Path = argument("B", "The workspace as it is now.", values.path)
+    allow: float = option("--allow POINTS", ALLOW, values.number(0.0), default=ALLOWANCE)
+
+
+@command("diff", _Diff)
+def diff(ask: _Diff) -> ExitCode:
+    """Compare, and print what differs."""
+    from sqrp_cli.score.work.cluster import connected
+
+    with connected(ask.cluster, note_late, ask.tls) as workers:
+        from sqrp_cli.ask.api.scores import why_not_scored
+        from sqrp_cli.score.scorecard import Scorecard, difference, read_versions
+        from sqrp_cli.score.work.compute import open_computer
+        from sqrp_cli.show.terminal.console import progress
+
+        means = ask.means(ask.seed, workers)
+        old, new = read_versions(ask.before, ask.after)
+        if not ask.json and old.content == new.content:  # nothing can differ, not even what is computed
+            findings = Scorecard(document="diff", results=())
+        else:
+            with open_computer(means) as computer:
+                findings = difference(old, new, computer, ask.allow, progress)
+        if findings.count("error"):
+            raise InputError(*why_not_scored(findings))
+        answer(findings, as_json=ask.json)
+        return _exit_code(findings)

@@ -1,24 +1,21 @@
-"""`sqrp program`: the steps of a program, its export for a real arm, and its making at a terminal."""
+"""The steps of a program, its export for a real arm, and its making at a terminal: `program`."""
 
 from __future__ import annotations
 
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import requests, values
-from sqrp_cli.ask.request import Command, argument, option
-from sqrp_cli.ask.values import FLAG, PATH
-from sqrp_cli.cli.command import command_of
+from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_own
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_option, nearest
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad_option, nearest
 
 if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.program.record import Program
-
-NAME = "program"
 
 NEW = "new"
 """Given instead of a file, it makes a new program in questions and answers."""
@@ -27,30 +24,32 @@ DEFAULT_RATE = 100.0
 """Points per second of an export [Hz]."""
 
 
-class ProgramCommand(requests.Printed, Command):
+class _Program(requests.Printed, Command):
     """List the steps of a program and what they add up to.
 
     `sqrp program new WORKSPACE` makes a program in questions and answers: what can be done now, how well each way is
     seen, which one to take.
     """
 
-    program: Path = argument("PROGRAM|new", "A program file, or `new` to make one.", PATH)
-    workspace: Path | None = argument("WORKSPACE", "With `new`: the workspace to make it for.", PATH, default=None)
-    drop_last: bool = option("--drop-last", "Take the last step back.", FLAG, default=False)
+    program: Path = argument("PROGRAM|new", "A program file, or `new` to make one.", values.path)
+    workspace: Path | None = argument(
+        "WORKSPACE", "With `new`: the workspace to make it for.", values.path, default=None
+    )
+    drop_last: bool = flag("--drop-last", "Take the last step back.")
     export: Path | None = option(
-        "--export",
+        "--export OUT",
         "Write the joint trajectory (*.csv, *.yaml for ROS JointTrajectory) or all that is planned (*.mcap, *.bag for "
         "ROS 1).",
-        PATH,
+        values.path,
         default=None,
-        metavar="OUT",
     )
     rate: float | None = option(
-        "--rate", "Points per second of the export; 100 by default.", values.RATE, default=None, metavar="HZ"
+        "--rate HZ", "Points per second of the export; 100 by default.", values.rate, default=None
     )
 
 
-def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - Typer's context
+@command("program", _Program)
+def program(ask: _Program) -> ExitCode:
     """List, shorten or export a program, or make a new one."""
     file, workspace = ask.program, ask.workspace
     if str(file) == NEW:
@@ -78,7 +77,7 @@ def program(_context: Any, ask: ProgramCommand) -> ExitCode:  # noqa: ANN401 - T
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
     if ask.drop_last and cell is not None:
         if not found.steps:
-            raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
+            raise bad_input("no-steps", "this program has no step that could be dropped", Place(file))
         notes.append(f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}")
         found = made_for(found.without_last_step(), file, cell)
         save_program(found, file)
@@ -122,13 +121,14 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
     from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK
     from sqrp_cli.ros.bag import SUFFIXES
 
-    if target.suffix.lower() not in (*FORMATS, *SUFFIXES):
+    suffix = target.suffix.lower()
+    if suffix not in (*FORMATS, *SUFFIXES):
         message = f"--export is `{target}`; expected a name that ends in .csv, or in .yaml, .mcap or .bag for ROS"
         raise bad_option(message)
     if not program.steps:
-        raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
+        raise bad_input("no-steps", "this program has no steps, so there is nothing to export", Place(file))
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
-    if target.suffix.lower() in SUFFIXES:
+    if suffix in SUFFIXES:
         from sqrp_cli.run.cell.requirements import check_packages
 
         check_writable(target)
@@ -137,12 +137,9 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
         write_planned_run(target, program, workspace)
         return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
-    if target.suffix.lower() != ".csv":
+    joints = program.joints
+    if suffix != ".csv":
         check_own(target, YAML_MARK, "exported trajectory")
-    arm = [joint for joint in program.joints if joint in workspace.robot.home]
-    joints = program.joints if target.suffix.lower() == ".csv" else arm
-    write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
+        joints = tuple(joint for joint in program.joints if joint in workspace.robot.home)
+    write_atomically(target, FORMATS[suffix](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
-
-
-command = command_of(ProgramCommand, program)

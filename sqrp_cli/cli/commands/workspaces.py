@@ -1,0 +1,239 @@
+"""A workspace as it stands, and what its files may say: `show`, `set`, `studio`, `rules`, `schema` and `init`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from sqrp_cli.ask import requests, values
+from sqrp_cli.ask.api.cell import OpenCell
+from sqrp_cli.ask.api.new_cell import made
+from sqrp_cli.ask.api.results import is_result, read_result
+from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.cli.command import command
+from sqrp_cli.cli.options import answer, check_needed, open_with_warnings
+from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option
+
+
+class _Show(requests.Printed, requests.CellCommand):
+    """Show how a workspace is understood, or the table of a saved result.
+
+    Of a workspace: robot, cameras, objects, skills and state, with every path and pose resolved.
+    """
+
+    workspace: Path = argument(
+        "WORKSPACE", "Folder of a workspace, its YAML file, or what a command wrote with --json.", values.path
+    )
+
+
+@command("show", _Show)
+def show(ask: _Show) -> ExitCode:
+    """Print what was understood, or found."""
+    if is_result(ask.workspace):
+        answer(read_result(ask.workspace), as_json=ask.json)
+        return ExitCode.OK
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.show.terminal.console import print_problems
+
+    cell = OpenCell.read(ask.workspace)
+    scene = cell.scene()
+    print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(scene.cell)))
+    answer(scene, as_json=ask.json)
+    return ExitCode.OK
+
+
+class _Set(requests.CellCommand):
+    """Set values of a workspace file by their paths, as the studio does. Comments and layout stay.
+
+    Nothing is written where the result would be no workspace.
+    """
+
+    path: Sequence[str] = argument(
+        "PATH=VALUE...", "Values by dotted path, such as cameras.cam1.rate=20.", values.texts("values by their paths")
+    )
+
+
+@command("set", _Set)
+def set_values(ask: _Set) -> ExitCode:
+    """Write the values, if the result is a workspace."""
+    from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
+    from sqrp_cli.files.yaml_edit import with_values
+    from sqrp_cli.show.terminal.console import note, print_problems
+    from sqrp_cli.task.task import impossible_tasks
+
+    file = workspace_file(ask.workspace)
+    document = read_workspace_document(file)
+    said: dict[str, str] = {}
+    for text in ask.path:
+        path, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not path:
+            raise bad_option(f"found `{text}`, expected PATH=VALUE, such as cameras.cam1.rate=20")
+        if path in said:
+            raise bad_option(f"`{path}` is set twice; give one value")
+        said[path] = value
+    content = with_values(document, said)
+    if content == document.content:
+        note(f"{file} says so already; nothing was written")
+        return ExitCode.OK
+    opened = OpenCell.read(ask.workspace, 0, content)
+    findings = (*opened.findings, *impossible_tasks(opened.workspace))
+    print_problems(one for one in findings if one.severity != "error")
+    if errors := [one for one in findings if one.severity == "error"]:
+        raise InputError(*errors)
+    replace_workspace(document, content)
+    note(f"{file} is written")
+    return ExitCode.OK
+
+
+class _Studio(requests.Worked, requests.Seeded, requests.CellCommand):
+    """Open a live page of a cell: move cameras, parts and the robot, and see what that changes.
+
+    The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
+    """
+
+    task: str | None = argument(
+        "TASK", "The first that the workspace lists by default.", requests.TASK, default=None, complete="tasks"
+    )
+    port: int = option("--port", "By default one that is free.", values.count(0, 65535), default=0)
+    no_browser: bool = flag("--no-browser", "Open no browser, only print the address.")
+
+
+@command("studio", _Studio)
+def studio(ask: _Studio) -> ExitCode:
+    """Show the page until Ctrl-C. Raises InputError where the workspace has no skill, or no such task."""
+    import asyncio
+    import threading
+    import webbrowser
+
+    from sqrp_cli.show.pages.assembly import check_libraries
+    from sqrp_cli.show.terminal.console import note, say_raw
+    from sqrp_cli.studio.rankings import WorkerProcess
+    from sqrp_cli.studio.server import check_server
+
+    def ready(address: str) -> None:
+        say_raw(address)
+        sys.stdout.flush()
+        note("the studio is at this address; Ctrl-C closes it")
+        if not ask.no_browser:
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # w3m would stay
+
+    check_server()
+    check_libraries()
+    worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
+    try:
+        opened = open_with_warnings(ask.workspace, ask.seed)
+        from sqrp_cli.studio.session import Studio
+        from sqrp_cli.task.task import read_task
+
+        known = opened.workspace
+        if ask.task is None and not known.tasks and not known.skills:
+            message = "the workspace has no skills, so there is nothing to rank"
+            raise bad_option(message, known.whole_file, mend="list some under `skills`")
+        task = ask.task or next((one.task for one in known.tasks), next(iter(known.skills), ""))
+        read_task(task, known)
+        studio = Studio(opened, task, ask.jobs, worker)
+        try:
+            asyncio.run(studio.run(ask.port, ready))
+        except KeyboardInterrupt:
+            note("closed")
+        finally:
+            studio.close()
+    finally:
+        worker.close()
+    return ExitCode.OK
+
+
+class _Rules(requests.Printed, Command):
+    """List all findings: their codes, what each looks for, and why.
+
+    With CODE, show one finding in full, with an example that passes and one that fails.
+    """
+
+    code: str | None = argument(
+        "CODE",
+        "A finding, such as wrong-unit; all of them unless given.",
+        values.text("a code"),
+        default=None,
+        complete="codes",
+    )
+
+
+@command("rules", _Rules)
+def show_rules(ask: _Rules) -> ExitCode:
+    """Print findings."""
+    from sqrp_cli.checks.registry import rule_of, rules
+    from sqrp_cli.show.documents.checks import RulesDocument
+
+    chosen = list(rules().values()) if ask.code is None else [rule_of(ask.code)]
+    answer(RulesDocument(rules=chosen), as_json=ask.json)
+    return ExitCode.OK
+
+
+class _Schema(Command):
+    """Print the JSON Schema of a file, or of what a command prints with --json.
+
+    Editors complete and check files with it, programs read documents with it.
+    """
+
+    name: str = argument(
+        "NAME",
+        "workspace, skill, mounts (place.yaml), robot (run --robot), for files; log, for a line of the file of run "
+        "--log; or a command, such as rank, for its --json.",
+        values.text("a name"),
+        default="workspace",
+        complete="schemas",
+    )
+    json: bool = flag("--json", "Print one JSON document and nothing else, as always.")
+
+
+@command("schema", _Schema)
+def schema(ask: _Schema) -> ExitCode:
+    """Print a schema."""
+    import json
+
+    from sqrp_cli.show.documents.schemas import schema_of
+    from sqrp_cli.show.terminal.console import say_raw
+
+    say_raw(json.dumps(schema_of(ask.name), indent=2))
+    return ExitCode.OK
+
+
+class _Init(requests.InitRequest, requests.Printed, Command):
+    run: bool = flag(
+        "--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.", default=True
+    )
+
+
+@command("init", _Init)
+def init(ask: _Init) -> ExitCode:
+    """Make it, run its task once, and print."""
+    from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
+    from sqrp_cli.show.terminal.console import note, print_problems, progress
+
+    folder, given = folder_and_arguments([str(ask.folder), *(ask.arguments or ())])
+    of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}
+    check_needed("the arm of --urdf", ask.moveit if ask.urdf is None else ask.urdf, of_arm)
+    for root in ask.package_roots:
+        if not Path(root).is_dir():
+            raise bad_input("missing-folder", f"--package-root: there is no folder {root}")
+    try:
+        found = made(ask.but(folder=folder, arguments=given, progress=progress))
+    except KeyboardInterrupt:
+        if (folder / WORKSPACE_FILE).exists():
+            note(f"{folder} is made, but its task was not run: sqrp check {shlex.quote(str(folder))}")
+        raise
+    print_problems(found.problems)
+    answer(found, as_json=ask.json)
+    return ExitCode.OK if found.works else ExitCode.NONE_FEASIBLE
+
+
+def folder_and_arguments(words: Sequence[str]) -> tuple[Path, dict[str, str]]:
+    """The folder and the arguments of a xacro, in whatever order they come. Raises InputError without one folder."""
+    given = dict(word.split(":=", 1) for word in words if ":=" in word)
+    folders = [word for word in words if ":=" not in word]
+    if len(folders) != 1:
+        found = ", ".join(f"`{word}`" for word in folders) or "none"
+        raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}")
+    return Path(folders[0]), given
