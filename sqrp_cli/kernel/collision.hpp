@@ -93,7 +93,7 @@ inline Pose joint_pose(const double* terms, bool turns, double at) {
     return X;
 }
 
-// An arm, and solids that it carries or that rest; arrays of Python, which says what each is: `placed_scene.py`.
+// An arm, and solids that it carries or that rest; arrays of Python, which says what each is: `motion/collision.py`.
 struct Collisions {
     int64_t joints, driven, arm, spine_joints, bodies, pairs;
     const int64_t *parents, *turns;

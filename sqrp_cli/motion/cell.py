@@ -8,9 +8,8 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.motion.collision import CollisionScene, SelfContacts, find_self_contacts
+from sqrp_cli.motion.collision import CollisionScene, NamePairs, SelfContacts, find_self_contacts
 from sqrp_cli.motion.fingers import closed_on
-from sqrp_cli.motion.placed_scene import NamePairs
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.sight.observer import Observer

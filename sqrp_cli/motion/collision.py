@@ -1,8 +1,14 @@
-"""The solids of robot, tool and objects, the pairs that must not touch, and links that touch by design."""
+"""Collisions of the arm, its tool and the held object with themselves and the cell, proven continuously along paths.
+
+Two solids are proven apart over a stretch of a path if their distance in its middle exceeds a bound of their relative
+motion within it. Other stretches are halved until a contact is found. The kernel does this: `kernel/collision.hpp`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import field, replace
+from functools import cached_property
 from itertools import product
 from weakref import WeakKeyDictionary
 
@@ -10,18 +16,223 @@ import numpy as np
 
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.geometry import Array, inverse, pose, transform
-from sqrp_cli.motion.placed_scene import CLEARANCE, MotionBound, NamePairs, PlacedScene, pair
+from sqrp_cli.geometry import Array, Indices, Mask, inverse, pose, transform
+from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.joint_tree import Mount
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.sight.solids import distance, load_solids, scale_doubt
+from sqrp_cli.sight.solids import Solid, distance, load_solid, load_solids, scale_doubt
+from sqrp_cli.trajectory import JointPath
+
+CLEARANCE = 1e-3
+"""Distance that the arm keeps from everything [m]; the workspace's padding adds to it for fixed objects."""
 
 SAMPLES = 200
 """Joint positions that are tried, spread over the limits of the joints."""
 
 ALWAYS = 0.95
 """Share of the positions in which a pair must touch to count as always touching."""
+
+RESOLUTION = 0.5e-3
+"""Two solids that may violate the clearance within a motion of less than this [m] count as touching."""
+
+FIRST_LOOK = 9
+"""Positions along a path that `PlacedScene.is_free` checks before the proof."""
+
+NamePairs = frozenset[tuple[str, str]]
+"""Pairs of names of links or objects, each in alphabetical order."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two links or objects that come closer than the clearance (or could, by less than a resolution of motion)."""
+
+    first: str
+    second: str
+    """Names of links or objects, the outer one of the arm first."""
+    s: float = 0.0
+    """Position on the path, in [0, 1]."""
+    clearance: float = CLEARANCE
+    """Distance that they have to keep [m]."""
+    doubt: str = ""
+    """What makes the size of one of them doubtful, if anything does."""
+
+    def __str__(self) -> str:
+        hits = f"{self.first} hits {self.second}"
+        if self.clearance > CLEARANCE:
+            hits = f"{self.first} comes closer to {self.second} than {self.clearance:.3g} m"
+        return f"{hits} ({self.doubt})" if self.doubt else hits
+
+
+def pair(first: str, second: str) -> tuple[str, str]:
+    """Two names in alphabetical order."""
+    return (first, second) if first < second else (second, first)
+
+
+class MotionBound:
+    """What moves each link, from the axes of the joints; the kernel computes the bounds themselves (`Places::bound`).
+
+    The spine are the joints on the way to the tool frame, those included that follow others. Rods, as those of a
+    parallel linkage, hang on joints beside it that follow joints of the arm.
+
+    spine: index of each joint of the spine among all of the robot, s of them.
+    depth: for every link of robot and tool, how many joints of the spine move it: the first `depth` ones.
+    rods: the joints beside the spine that move a link with the arm, from the spine outwards, by link; most have none.
+    radii: distance [m] of the outermost link from the axis of each of the arm's n joints at one configuration, shape
+    (n,); 1 for a prismatic joint. A measure of size, not a bound.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        """Find the axes of the joints."""
+        tree, n = model.tree, len(model.arm)
+        ratios = np.abs(model.arm_ratios)
+        driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
+        self.spine = [joint for joint in tree.chain(model.tool_frame) if joint in driven]
+        moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}
+        self.depth = {link: sum(joint in self.spine for joint in by) for link, by in moved_by.items()}
+        beside = {link: tuple(joint for joint in by if joint not in self.spine) for link, by in moved_by.items()}
+        self.rods = {link: joints for link, joints in beside.items() if joints}
+        q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
+        frames = model.frame_poses(model.with_fingers(q[None]))[0, self.spine]
+        origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
+        axes = (frames[:, :3, :3] @ tree.axes[self.spine][:, :, None])[..., 0]
+        distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
+        self.radii: Array = ratios[self.spine].T @ np.where(tree.turns[self.spine], distances, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScene:
+    """A collision scene with every object in its place: B solids, and P pairs of them that must not touch."""
+
+    model: RobotModel
+    bound: MotionBound
+    solids: tuple[Solid, ...]
+    mounts: tuple[Mount, ...]
+    """What carries the parent of each."""
+    depth: tuple[int, ...]
+    """How many joints of the spine move each."""
+    inner: Indices
+    outer: Indices
+    """Indices of the solids of each pair, the outer one of the arm in `outer`, shape (P,)."""
+    clearance: Array
+    """Distance that each pair has to keep [m], shape (P,)."""
+    fingers: Array
+    """Positions of the fingers' joints, shape (f,)."""
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    """What makes the sizes of some objects doubtful, by name."""
+
+    def allowing(self, allowed: NamePairs) -> PlacedScene:
+        """The same scene, in which contacts of these pairs of names do not count."""
+        names = [solid.part.parent for solid in self.solids]
+        pairs = zip(self.inner.tolist(), self.outer.tolist(), strict=True)
+        kept = np.array([pair(names[i], names[j]) not in allowed for i, j in pairs], dtype=bool)
+        return replace(self, inner=self.inner[kept], outer=self.outer[kept], clearance=self.clearance[kept])
+
+    def check(self, q: Array) -> Contact | None:
+        """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
+        return self.check_all(q[None])[0]
+
+    def check_all(self, q: Array) -> tuple[Contact | None, ...]:
+        """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
+        return tuple(self._contact(int(row.nonzero()[0][-1])) if row.any() else None for row in self._touching(q))
+
+    def touching_pairs(self, q: Array) -> tuple[NamePairs, ...]:
+        """All pairs of names that touch at each of m joint positions, shape (m, n)."""
+        contacts = ([self._contact(k) for k in row.nonzero()[0].tolist()] for row in self._touching(q, every=True))
+        return tuple(frozenset(pair(contact.first, contact.second) for contact in row) for row in contacts)
+
+    def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
+        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are found sooner.
+
+        spare: what the proof may require beyond the clearance [m]; a larger value is faster.
+        """
+        samples = path.positions(np.linspace(0.0, 1.0, FIRST_LOOK))
+        return not self._touching(samples).any() and self.check_path(path, spare) is None
+
+    def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
+        """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
+
+        The fingers are checked at steps of at most `RESOLUTION`.
+        """
+        share = np.linspace(0.0, 1.0, 1 + finger_steps(self.model, self.fingers, fingers, RESOLUTION))
+        positions = self.fingers + share[:, None] * (fingers - self.fingers)
+        found = self._touching(np.concatenate([np.tile(q, (len(share), 1)), positions], axis=1), every=True)
+        if not found.any():
+            return None
+        step, k = (int(index[0]) for index in found.nonzero())
+        return self._contact(k, float(share[step]))
+
+    def check_path(self, path: JointPath, resolution: float = RESOLUTION) -> Contact | None:
+        """The first contact along a path; None proves that there is none, not only at samples.
+
+        None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
+        `resolution` [m]; the path keeps the clearance up to there.
+        """
+        pieces = path.breaks, path.coefficients, path.derivative_bounds()
+        found = self._kernel.first_contact(*pieces, self.fingers, resolution)
+        return None if found is None else self._contact(*found)
+
+    def motion_bounds(self, q: Array, variation: Array) -> Array:
+        """How far the solids of each pair can move against each other, at most [m], shape (P,).
+
+        q: joint positions, (n,), from which each may differ by as much as the variation says, (n,).
+        """
+        return self._kernel.motion_bounds(self.model.with_fingers(q, self.fingers), variation)
+
+    def _contact(self, k: int, s: float = 0.0) -> Contact:
+        """That of a pair, by its index."""
+        first, second = (self.solids[index[k]].part.parent for index in (self.outer, self.inner))
+        doubt = self.doubts.get(first) or self.doubts.get(second, "")
+        return Contact(first, second, s, float(self.clearance[k]), doubt)
+
+    def _touching(self, q: Array, *, every: bool = False) -> Mask:
+        """Which pairs touch at each of m joint positions, shape (m, P); only the last one of each if not `every`."""
+        return self._kernel.touching(self.model.with_fingers(q, self.fingers), every=every)
+
+    @cached_property
+    def _kernel(self) -> kernel.Collisions:
+        """The scene as the kernel reads it."""
+        tree, couplings = self.model.tree, self.model.couplings
+        rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
+        whole = {
+            "parents": tree.parents,
+            "turns": tree.turns,
+            "spine": self.bound.spine,
+            "frame": [mount.joint for mount in self.mounts],
+            "depth": self.depth,
+            "rods_from": np.cumsum([0, *map(len, rods)]),
+            "rods": [joint for joints in rods for joint in joints],
+            "inner": self.inner,
+            "outer": self.outer,
+        }
+        real = {
+            "axes": tree.axes,
+            "terms": tree.terms,
+            "ratios": couplings.ratios,
+            "offsets": couplings.offsets,
+            "radii": self.bound.radii,
+            "X_FP": [mount.X_JL for mount in self.mounts],
+            "clearance": self.clearance,
+        }
+        return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)
+
+
+def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> int:
+    """Number of equal steps of the fingers from start to end, (f,) each, so that no point moves over `step` [m].
+
+    At least 1. Measured at the boxes around the solids, along 33 positions.
+    """
+    share = np.linspace(0.0, 1.0, 33)[:, None]
+    poses = model.link_poses(
+        np.concatenate([np.broadcast_to(model.home, (33, len(model.home))), start + share * (end - start)], axis=1)
+    )
+    corners = [
+        transform(poses[part.parent], load_solid(part).corners)
+        for part in model.parts
+        if part.parent in model.fingers.links
+    ]
+    longest = max((float(np.linalg.norm(np.diff(c, axis=0), axis=-1).max()) for c in corners), default=0.0)
+    return max(1, int(np.ceil(32 * longest / step)))
 
 
 class CollisionScene:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.motion.collision import CollisionScene
-from sqrp_cli.motion.placed_scene import finger_steps
+from sqrp_cli.motion.collision import CollisionScene, finger_steps
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.robot.kinematics import FingerModel, RobotModel
 from sqrp_cli.sight.solids import distance

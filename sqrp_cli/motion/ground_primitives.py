@@ -12,16 +12,14 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.motion.collision import CollisionScene
+from sqrp_cli.motion.collision import CollisionScene, NamePairs, pair
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
-from sqrp_cli.motion.placed_scene import NamePairs, pair
 from sqrp_cli.motion.tool_curve import ToolCurve, arc_through, helix_about, tool_line
-from sqrp_cli.motion.waypoints import WaypointGrounder, setting_number, setting_value
+from sqrp_cli.motion.waypoints import WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import BranchChoice
-from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.sight.solids import distance
-from sqrp_cli.skill.settings import ANY, MotionValue, Reference, Setting
+from sqrp_cli.skill.settings import ANY, MotionValue, Reference
 from sqrp_cli.skill.skill import (
     HOME,
     ArcMove,
@@ -139,144 +137,129 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             X_WO=world.X_WO,
             X_TO=X_TO,
         )
-        named, begun = _waypoints_of(primitive), replace(use, world=world)
-        if (missing := next(filter(None, map(waypoints.missing, named)), None)) is not None:
+        match primitive:  # its waypoints, the last one at its end; of a helix, its axis
+            case StraightMove():
+                names = primitive.waypoints
+            case ArcMove():
+                names = tuple(primitive.to)
+            case JointMove(to=name) | HelixMove(axis=name):
+                names = (name,)
+            case _:
+                names = ()
+        if (missing := next(filter(None, map(waypoints.missing, names)), None)) is not None:
             return Infeasible((missing,))
         curves, guard = _curves(primitive, X_WT, waypoints), None
         if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
             # Its first part ends where contact is expected; the rest is where it goes on without.
-            line, other = tool_line(X_WT, curves[0].X_end), use.binding[primitive.until_contact]
+            (line,), other = curves, use.binding[primitive.until_contact]
             expected = other in world.X_WO and other != world.held
             share = _contact_share(scene, world, line, other) if expected else None
             first = line if share is None else tool_line(X_WT, line.poses(np.array([share]))[0])
-            guard = GuardedLine(setting_number(primitive.force, use.values), tool_line(first.X_end, line.X_end))
+            guard = GuardedLine(waypoints.number(primitive.force), tool_line(first.X_end, line.X_end))
             curves = (first,)
-        X_end = curves[-1].X_end if curves else waypoints.pose(named[-1]) if named else X_WT
-        after = _after(primitive, begun, X_end, scene)
+        X_end = curves[-1].X_end if curves else waypoints.pose(names[-1]) if names else X_WT
+        after = _after(primitive, waypoints, world, X_end, scene)
         if isinstance(after, Infeasible):
             return after
-        ground = _ground(primitive, named[-1] if named else None, X_WT, X_end, begun)
-        grounded.append(_with_fingers(replace(ground, curves=curves, guard=guard), model, after))
+        ground = GroundPrimitive(
+            name=primitive.name,
+            kind=type(primitive),
+            to=names[-1] if names else None,
+            X_start=X_WT,
+            X_end=X_end,
+            world=world,
+            curves=curves,
+            guard=guard,
+        )
+        ground = _with_settings(ground, primitive, waypoints, use.vias.get(primitive.name))
+        start, end = model.finger_positions(world.joints), model.finger_positions(after.joints)
+        if not np.array_equal(start, end):  # as long as its standstill, or longer
+            fingers = move_fingers(model.fingers, start, end, ground.hold)
+            ground = replace(ground, fingers=fingers, hold=fingers.duration)
+        grounded.append(ground)
         X_WT, world = X_end, after
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
-
-
-def _waypoints_of(primitive: PrimitiveAction) -> tuple[str, ...]:
-    """Names of the waypoints of a primitive, the last one at its end (a helix: its axis)."""
-    match primitive:
-        case JointMove(to=to):
-            return (to,)
-        case StraightMove(waypoints=waypoints):
-            return waypoints
-        case ArcMove(to=waypoints):
-            return tuple(waypoints)
-        case HelixMove(axis=axis):
-            return (axis,)
-    return ()
 
 
 def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGrounder) -> tuple[ToolCurve, ...]:
     """What a move takes the tool along; empty if it is none of the tool."""
     match primitive:
         case StraightMove(waypoints=names):
-            poses = [X_start, *map(waypoints.pose, names)]
-            return tuple(tool_line(one, other) for one, other in pairwise(poses))
+            return tuple(tool_line(one, other) for one, other in pairwise([X_start, *map(waypoints.pose, names)]))
         case ArcMove(to=[through, end]):
             return (arc_through(X_start, waypoints.pose(through)[:3, 3], waypoints.pose(end)),)
         case HelixMove(axis=axis, turn=turn, advance=advance, keep_orientation=keep):
-            angle, along = (setting_number(setting, waypoints.values) for setting in (turn, advance))
+            angle, along = waypoints.number(turn), waypoints.number(advance)
             return (helix_about(waypoints.pose(axis), X_start, angle, along, keep_orientation=keep),)
     return ()
 
 
-def _ground(primitive: PrimitiveAction, to: str | None, X_start: Array, X_end: Array, use: SkillUse) -> GroundPrimitive:
-    values = use.values
-    base = GroundPrimitive(
-        name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=use.world
-    )
+def _with_settings(
+    ground: GroundPrimitive, primitive: PrimitiveAction, waypoints: WaypointGrounder, vias: Array | None
+) -> GroundPrimitive:
+    """The primitive with the values of its settings; vias: those of a joint move."""
+    number, values = waypoints.number, waypoints.values
     match primitive:
-        case JointMove():
-            via_home = to != HOME and setting_value(primitive.via, values) == HOME
+        case JointMove(to=to):
+            home, via_home = to == HOME, to != HOME and setting_value(primitive.via, values) == HOME
             settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
+            named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
             return replace(
-                base,
-                home=to == HOME,
+                ground,
+                home=home,
                 via_home=via_home,
-                vias=None if via_home else use.vias.get(primitive.name),
+                vias=None if via_home else vias,
                 branches=BranchChoice(*(str(setting_value(setting, values)) for setting in settings.values())),
-                free={} if to == HOME else _free(settings, values),
-                speed=setting_number(primitive.speed, values),
+                free={name: one for name, one in named.items() if not home and values[one] == ANY},
+                speed=number(primitive.speed),
             )
         case ToolMove():
-            named = [*primitive.touching, getattr(primitive, "until_contact", None)]
+            touched = [*primitive.touching, getattr(primitive, "until_contact", None)]
             return replace(
-                base,
-                speed=setting_number(primitive.speed, values),
-                acceleration=setting_number(primitive.acceleration, values),
-                jerk=setting_number(primitive.jerk, values),
-                turn_speed=None if primitive.turn_speed is None else setting_number(primitive.turn_speed, values),
-                touching=frozenset(use.binding[name] for name in named if name is not None),
+                ground,
+                speed=number(primitive.speed),
+                acceleration=number(primitive.acceleration),
+                jerk=number(primitive.jerk),
+                turn_speed=None if primitive.turn_speed is None else number(primitive.turn_speed),
+                touching=frozenset(waypoints.binding[name] for name in touched if name is not None),
             )
         case Grasp() | Release() | Wait() | FingerMove():
-            return replace(base, hold=setting_number(primitive.duration, values))
+            return replace(ground, hold=number(primitive.duration))
 
 
-def _free(settings: Mapping[str, Setting], values: Mapping[str, MotionValue]) -> dict[str, str]:
-    """The parameters of settings that leave them free, by the settings' names."""
-    named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
-    return {name: parameter for name, parameter in named.items() if values[parameter] == ANY}
-
-
-def _with_fingers(primitive: GroundPrimitive, model: RobotModel, after: World) -> GroundPrimitive:
-    """The primitive with the motion of its fingers up to the world after it, as long as its standstill, or longer."""
-    start, end = model.finger_positions(primitive.world.joints), model.finger_positions(after.joints)
-    if np.array_equal(start, end):
-        return primitive
-    fingers = move_fingers(model.fingers, start, end, primitive.hold)
-    return replace(primitive, fingers=fingers, hold=fingers.duration)
-
-
-def _after(primitive: PrimitiveAction, use: SkillUse, X_WT: Array, scene: CollisionScene) -> World | Infeasible:
+def _after(
+    primitive: PrimitiveAction, waypoints: WaypointGrounder, world: World, X_WT: Array, scene: CollisionScene
+) -> World | Infeasible:
     """The world after a primitive that ends with the tool at X_WT.
 
     Grasp closes the fingers on the object and attaches it, release opens them and detaches it.
     """
-    world, fingers = use.world, scene.model.fingers
+    name, model = primitive.name, scene.model
+    fingers: Array | str
     match primitive:
-        case Grasp(name=name, object=parameter):
-            grasped = use.binding[parameter]
+        case Grasp(object=parameter):
+            grasped = waypoints.binding[parameter]
             if world.held is not None:
                 return Infeasible((f"the tool still holds `{world.held}`, so `{name}` cannot grasp `{grasped}`",))
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
             X_TO = inverse(X_WT) @ world.X_WO[grasped]
-            closed = closed_on(scene, grasped, X_TO, scene.model.finger_positions(world.joints))
-            if isinstance(closed, str):
-                return Infeasible((f"{name}: {closed}",))
-            joints = {**world.joints, **dict(zip(fingers.joints, closed.tolist(), strict=True))}
-            return replace(world, held=grasped, X_TO=X_TO, joints=joints)
-        case Release(name=name):
+            fingers = closed_on(scene, grasped, X_TO, model.finger_positions(world.joints))
+            world = replace(world, held=grasped, X_TO=X_TO)
+        case Release(width=width):
             if world.held is None or world.X_TO is None:
                 return Infeasible((f"the tool holds nothing that `{name}` could release",))
-            X_WO = {**world.X_WO, world.held: X_WT @ world.X_TO}
-            freed = replace(world, X_WO=X_WO, held=None, X_TO=None)
-            return _with_fingers_at(primitive, use, freed, scene.model)
-        case FingerMove(name=name):
+            world = replace(world, X_WO={**world.X_WO, world.held: X_WT @ world.X_TO}, held=None, X_TO=None)
+            fingers = opened_to(model.fingers, None if width is None else waypoints.number(width))
+        case FingerMove(width=width):
             if world.held is not None:
                 return Infeasible((f"the tool holds `{world.held}`, so `{name}` cannot move its fingers",))
-            return _with_fingers_at(primitive, use, world, scene.model)
-    return world
-
-
-def _with_fingers_at(
-    primitive: FingerMove | Release, use: SkillUse, world: World, model: RobotModel
-) -> World | Infeasible:
-    """The world with the fingers as wide open as a primitive says; as far as they do where it does not."""
-    width = None if primitive.width is None else setting_number(primitive.width, use.values)
-    positions = opened_to(model.fingers, width)
-    if isinstance(positions, str):
-        return Infeasible((f"{primitive.name}: {positions}",))
-    return replace(world, joints={**world.joints, **dict(zip(model.fingers.joints, positions.tolist(), strict=True))})
+            fingers = opened_to(model.fingers, None if width is None else waypoints.number(width))
+        case _:
+            return world
+    if isinstance(fingers, str):
+        return Infeasible((f"{name}: {fingers}",))
+    return replace(world, joints={**world.joints, **dict(zip(model.fingers.joints, fingers.tolist(), strict=True))})
 
 
 def _with_allowed_contacts(
@@ -289,35 +272,22 @@ def _with_allowed_contacts(
     """
     worlds = [*(primitive.world for primitive in primitives), final]
     allowed: list[set[tuple[str, str]]] = [set() for _ in primitives]
+    cuts = [-1, *(i for i, primitive in enumerate(primitives) if primitive.kind is JointMove), len(primitives)]
     for i, primitive in enumerate(primitives):
-        if primitive.kind is Grasp:
-            name, resting = worlds[i + 1].held, worlds[i]
-        elif primitive.kind is Release:
-            name, resting = worlds[i].held, worlds[i + 1]
-        else:
-            continue
-        if name is None:
-            continue
-        carriers = scene.supports(name, resting.X_WO[name], resting)
-        contacts = {pair(name, other) for other in carriers}
-        at_tool = {pair(name, link) for link in scene.model.hand_links}
-        for k in _without_joint_moves(primitives, i):
-            allowed[k] |= contacts | (at_tool if k == i or not scene.model.fingers.joints else set())
-    for i, primitive in enumerate(primitives):
-        for k in range(i, _without_joint_moves(primitives, i).stop) if primitive.touching else ():
+        first = max(cut for cut in cuts if cut < i) + 1
+        last = min(cut for cut in cuts if cut > i)
+        for k in range(i, last) if primitive.touching else ():
             own = {*scene.model.hand_links, *filter(None, [worlds[k].held])}
             allowed[k] |= {pair(one, other) for one in own for other in primitive.touching if one != other}
+        before = primitive.kind is Release  # held before it, and resting after it; of a grasp the other way round
+        name, resting = worlds[i if before else i + 1].held, worlds[i + 1 if before else i]
+        if name is None or primitive.kind not in (Grasp, Release):
+            continue
+        contacts = {pair(name, other) for other in scene.supports(name, resting.X_WO[name], resting)}
+        at_tool = {pair(name, link) for link in scene.model.hand_links}
+        for k in range(first, last):
+            allowed[k] |= contacts | (at_tool if k == i or not scene.model.fingers.joints else set())
     return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
-
-
-def _without_joint_moves(primitives: Sequence[GroundPrimitive], i: int) -> range:
-    """Indices around i of the primitives up to the nearest joint move before and after."""
-    first = last = i
-    while first > 0 and primitives[first - 1].kind is not JointMove:
-        first -= 1
-    while last + 1 < len(primitives) and primitives[last + 1].kind is not JointMove:
-        last += 1
-    return range(first, last + 1)
 
 
 TOUCH = 1e-5

@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.blended_path import motion_through
-from sqrp_cli.motion.placed_scene import Contact
+from sqrp_cli.motion.collision import Contact
 from sqrp_cli.motion.sections import Branch, MotionProblem, Section, Ways
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import find_way

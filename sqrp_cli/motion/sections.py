@@ -12,8 +12,8 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.ground_primitives import GroundPrimitive
-from sqrp_cli.motion.placed_scene import PlacedScene
 from sqrp_cli.motion.position_limits import near_limits, whole_turns
 from sqrp_cli.motion.straight_line import LIMIT_SAMPLES, follow_within_limits, limit_reason
 from sqrp_cli.motion.timing import MotionLimits, time_path, time_paths

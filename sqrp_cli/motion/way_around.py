@@ -20,7 +20,7 @@ from sqrp_cli.motion.blended_path import (
     longest_reaches,
     piece_durations,
 )
-from sqrp_cli.motion.placed_scene import PlacedScene
+from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory

@@ -20,9 +20,8 @@ def setting_value(setting: Setting, values: Mapping[str, MotionValue]) -> Motion
     return values[setting.parameter] if isinstance(setting, Reference) else setting
 
 
-def setting_number(setting: Setting, values: Mapping[str, MotionValue]) -> float:
-    """The value of a setting that is a number, in SI units."""
-    return number_of(setting_value(setting, values))
+class _UnknownPlaceError(Exception):
+    """Why the pose of a waypoint is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,78 +55,64 @@ class WaypointGrounder:
         - offset: the other pose, moved along the axes of itself, the world or an object;
         - pose: that of the tool frame, or of a held object, in the world or relative to an object.
         """
-        if name == skill.HOME:
-            return self.X_WH
         if name not in self._found:
-            self._found[name] = self._pose(name)
+            self._found[name] = self.X_WH if name == skill.HOME else self._pose(self.waypoints[name])
         return self._found[name]
-
-    def _pose(self, name: str) -> Array:
-        match self.waypoints[name]:
-            case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
-                grasped = self.binding[parameter]
-                X_OS = side_pose(self.objects[grasped].size, side_of(setting_value(side, self.values)))
-                return (
-                    self.X_WO[grasped] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
-                )
-            case skill.PutWaypoint(object=parameter, on=surface) as put:
-                held, carrier = self.binding[parameter], self.binding[surface]
-                settings = (self._number(setting) for setting in (put.along, put.across, put.yaw))
-                X_BO = put_pose(self.objects[held].size, self.objects[carrier].size, *settings)
-                return self.X_WO[carrier] @ X_BO @ inverse(self.X_TO[held])
-            case skill.RetreatWaypoint(waypoint=other, distance=distance):
-                return self.pose(other) @ pose(position=(0.0, 0.0, -self._number(distance)))
-            case skill.RaiseWaypoint(waypoint=other, distance=distance):
-                return pose(position=(0.0, 0.0, self._number(distance))) @ self.pose(other)
-            case skill.TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
-                return (
-                    self.pose(other)
-                    @ pose(axis_rotation(2, self._number(turn)))
-                    @ pose(axis_rotation(0, self._number(tilt)))
-                )
-            case skill.OffsetWaypoint(waypoint=other, offset=offset, along=along):
-                X_WT, shift = self.pose(other), np.array([self._number(part) for part in offset])
-                axes = X_WT if along == TOOL else self._frame(along)
-                return pose(position=axes[:3, :3] @ shift) @ X_WT
-            case skill.PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
-                of_tool = pose() if held is None else inverse(self.X_TO[self.binding[held]])
-                return self._frame(frame) @ X_FT @ of_tool
-
-    def _frame(self, name: str) -> Array:
-        """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""
-        return pose() if name == WORLD else self.X_WO[self.binding.get(name, name)]
 
     def missing(self, name: str) -> str | None:
         """Why the pose of a waypoint is unknown; None if it is known."""
-        names = [] if name == skill.HOME else [name]
-        for known in names:
-            names += [other for other in skill.origins(self.waypoints[known]) if other not in names]
-        return next(filter(None, map(self._lack, names)), None)
-
-    def _lack(self, name: str) -> str | None:
-        """What a waypoint itself lacks, apart from its origins."""
-        match self.waypoints[name]:
-            case skill.GraspWaypoint(object=parameter):
-                return self._unplaced(parameter)
-            case skill.PutWaypoint(object=parameter, on=surface):
-                return self._not_held(parameter) or self._unplaced(surface)
-            case skill.OffsetWaypoint(along=frame) if frame not in (TOOL, WORLD):
-                return self._unplaced(frame)
-            case skill.PoseWaypoint(frame=frame, of=held):
-                lost = None if held is None else self._not_held(held)
-                return lost or (None if frame == WORLD else self._unplaced(frame))
+        try:
+            self.pose(name)
+        except _UnknownPlaceError as why:
+            return str(why)
         return None
 
-    def _not_held(self, parameter: str) -> str | None:
+    def number(self, setting: Setting) -> float:
+        """The value of a setting that is a number, in SI units."""
+        return number_of(setting_value(setting, self.values))
+
+    def _pose(self, waypoint: skill.Waypoint) -> Array:
+        number = self.number
+        match waypoint:
+            case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
+                X_WO = self._placed(parameter)
+                X_OS = side_pose(self.objects[self.binding[parameter]].size, side_of(setting_value(side, self.values)))
+                return X_WO @ X_OS @ pose(axis_rotation(2, number(yaw)), (0, 0, number(depth)))
+            case skill.PutWaypoint(object=parameter, on=surface) as put:
+                X_TO, X_WB = self._held(parameter), self._placed(surface)
+                size, below = (self.objects[self.binding[name]].size for name in (parameter, surface))
+                X_BO = put_pose(size, below, number(put.along), number(put.across), number(put.yaw))
+                return X_WB @ X_BO @ inverse(X_TO)
+            case skill.RetreatWaypoint(waypoint=other, distance=distance):
+                return self.pose(other) @ pose(position=(0.0, 0.0, -number(distance)))
+            case skill.RaiseWaypoint(waypoint=other, distance=distance):
+                X_WT = self.pose(other)
+                return pose(position=(0.0, 0.0, number(distance))) @ X_WT
+            case skill.TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
+                X_WT = self.pose(other)
+                return X_WT @ pose(axis_rotation(2, number(turn))) @ pose(axis_rotation(0, number(tilt)))
+            case skill.OffsetWaypoint(waypoint=other, offset=offset, along=along):
+                axes = None if along == TOOL else self._placed(along)
+                X_WT = self.pose(other)
+                shift = np.array([number(part) for part in offset])
+                return pose(position=(X_WT if axes is None else axes)[:3, :3] @ shift) @ X_WT
+            case skill.PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
+                of_tool = pose() if held is None else inverse(self._held(held))
+                return self._placed(frame) @ X_FT @ of_tool
+
+    def _placed(self, frame: str) -> Array:
+        """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""
+        name = self.binding.get(frame, frame)
+        if frame != WORLD and name not in self.X_WO:
+            raise _UnknownPlaceError(f"it is not known where `{name}` is")
+        return pose() if frame == WORLD else self.X_WO[name]
+
+    def _held(self, parameter: str) -> Array:
+        """The pose X_TO of an object that is held, or was last, shape (4, 4)."""
         name = self.binding[parameter]
-        return None if name in self.X_TO else f"the tool does not hold `{name}`"
-
-    def _unplaced(self, parameter: str) -> str | None:
-        name = self.binding.get(parameter, parameter)
-        return None if name in self.X_WO else f"it is not known where `{name}` is"
-
-    def _number(self, setting: Setting) -> float:
-        return setting_number(setting, self.values)
+        if name not in self.X_TO:
+            raise _UnknownPlaceError(f"the tool does not hold `{name}`")
+        return self.X_TO[name]
 
 
 def put_pose(

@@ -27,8 +27,8 @@ from sqrp_cli.geometry import Array, Mask, transform
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.fingers import move_fingers
-from sqrp_cli.motion.placed_scene import CLEARANCE
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import BoxVerdicts, Observer
 from sqrp_cli.sight.scene_states import SceneStates

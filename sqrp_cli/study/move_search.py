@@ -16,7 +16,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.blended_path import motion_through
-from sqrp_cli.motion.placed_scene import PlacedScene
+from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer

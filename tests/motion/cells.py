@@ -14,9 +14,8 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
-from sqrp_cli.motion.collision import CollisionScene
+from sqrp_cli.motion.collision import CollisionScene, pair
 from sqrp_cli.motion.ground_primitives import SkillUse
-from sqrp_cli.motion.placed_scene import pair
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Robot

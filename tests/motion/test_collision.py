@@ -13,13 +13,14 @@ import pytest
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, axis_rotation, pose, transform
-from sqrp_cli.motion.collision import CollisionScene, find_self_contacts
-from sqrp_cli.motion.placed_scene import (
+from sqrp_cli.motion.collision import (
     CLEARANCE,
     RESOLUTION,
+    CollisionScene,
     Contact,
     MotionBound,
     PlacedScene,
+    find_self_contacts,
     pair,
 )
 from sqrp_cli.robot.kinematics import RobotModel

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, transform
-from sqrp_cli.motion.collision import CollisionScene
-from sqrp_cli.motion.placed_scene import MotionBound, PlacedScene
+from sqrp_cli.motion.collision import CollisionScene, MotionBound, PlacedScene
 from sqrp_cli.robot.joint_tree import Mount
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Part, Sphere

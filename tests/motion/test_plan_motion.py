@@ -13,7 +13,7 @@ import pytest
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
-from sqrp_cli.motion.placed_scene import CLEARANCE, pair
+from sqrp_cli.motion.collision import CLEARANCE, pair
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.timing import MotionLimits, joint_move, time_path
 from sqrp_cli.motion.tool_curve import tool_line

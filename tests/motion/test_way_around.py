@@ -12,7 +12,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.motion import joint_moves
-from sqrp_cli.motion.placed_scene import CLEARANCE
+from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.stop_and_return import recovery_over
 from sqrp_cli.motion.timing import MotionLimits, joint_move_duration

@@ -19,7 +19,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.motion.placed_scene import CLEARANCE, pair
+from sqrp_cli.motion.collision import CLEARANCE, pair
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.study.pipeline import Assignment

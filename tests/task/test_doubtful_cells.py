@@ -14,7 +14,7 @@ from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool, swept_cam
 from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.motion.placed_scene import PlacedScene
+from sqrp_cli.motion.collision import PlacedScene
 from tests.cells import shipped_cell, write_cell
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
