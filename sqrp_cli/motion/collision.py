@@ -195,25 +195,14 @@ class PlacedScene:
         tree, couplings = self.model.tree, self.model.couplings
         rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
         whole = {
-            "parents": tree.parents,
-            "turns": tree.turns,
-            "spine": self.bound.spine,
-            "frame": [mount.joint for mount in self.mounts],
-            "depth": self.depth,
-            "rods_from": np.cumsum([0, *map(len, rods)]),
-            "rods": [joint for joints in rods for joint in joints],
-            "inner": self.inner,
-            "outer": self.outer,
-        }
+            "parents": tree.parents, "turns": tree.turns, "spine": self.bound.spine, "depth": self.depth,
+            "frame": [mount.joint for mount in self.mounts], "rods_from": np.cumsum([0, *map(len, rods)]),
+            "rods": [joint for joints in rods for joint in joints], "inner": self.inner, "outer": self.outer,
+        }  # fmt: skip
         real = {
-            "axes": tree.axes,
-            "terms": tree.terms,
-            "ratios": couplings.ratios,
-            "offsets": couplings.offsets,
-            "radii": self.bound.radii,
-            "X_FP": [mount.X_JL for mount in self.mounts],
-            "clearance": self.clearance,
-        }
+            "axes": tree.axes, "terms": tree.terms, "ratios": couplings.ratios, "offsets": couplings.offsets,
+            "radii": self.bound.radii, "X_FP": [mount.X_JL for mount in self.mounts], "clearance": self.clearance,
+        }  # fmt: skip
         return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)
 
 
@@ -222,15 +211,10 @@ def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> in
 
     At least 1. Measured at the boxes around the solids, along 33 positions.
     """
-    share = np.linspace(0.0, 1.0, 33)[:, None]
-    poses = model.link_poses(
-        np.concatenate([np.broadcast_to(model.home, (33, len(model.home))), start + share * (end - start)], axis=1)
-    )
-    corners = [
-        transform(poses[part.parent], load_solid(part).corners)
-        for part in model.parts
-        if part.parent in model.fingers.links
-    ]
+    fingers = start + np.linspace(0.0, 1.0, 33)[:, None] * (end - start)
+    poses = model.link_poses(np.concatenate([np.tile(model.home, (33, 1)), fingers], axis=1))
+    parts = [part for part in model.parts if part.parent in model.fingers.links]
+    corners = [transform(poses[part.parent], load_solid(part).corners) for part in parts]
     longest = max((float(np.linalg.norm(np.diff(c, axis=0), axis=-1).max()) for c in corners), default=0.0)
     return max(1, int(np.ceil(32 * longest / step)))
 

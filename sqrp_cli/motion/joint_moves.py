@@ -12,11 +12,10 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
-from sqrp_cli.motion.blended_path import motion_through
 from sqrp_cli.motion.collision import Contact
 from sqrp_cli.motion.sections import Branch, MotionProblem, Section, Ways
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
-from sqrp_cli.motion.way_around import find_way
+from sqrp_cli.motion.way_around import find_way, motion_through
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import Trajectory
@@ -190,7 +189,7 @@ class JointMoves:
         if tries == 0 or problem.primitives[index].via_home or isinstance(direct, FoundMove):
             return None
         ends, limits, scene = self._ends(i, previous, chosen), self._limits(index), problem.scenes[index]
-        found = find_way(scene, *ends, problem.bounds, scene.bound.radii, limits, tries, problem.seed)
+        found = find_way(scene, *ends, problem.bounds, limits, tries, problem.seed)
         self.tries += found.tries
         return None if found.trajectory is None else FoundMove(found.trajectory, direct.second)
 

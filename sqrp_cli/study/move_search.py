@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.motion.blended_path import motion_through
 from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.timing import MotionLimits
+from sqrp_cli.motion.way_around import motion_through
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.observation import look_at

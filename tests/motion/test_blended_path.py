@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.motion.blended_path import blended_path, motion_through
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.timing import MotionLimits, joint_move
+from sqrp_cli.motion.way_around import blended_path, motion_through
 from sqrp_cli.robot.kinematics import RobotModel
 from tests.motion.cells import Cell, thing
 from tests.motion.phases import phase_samples

@@ -68,8 +68,7 @@ class Compared:
         moves = {move.primitive: move for move in open_moves(direct, self.candidate.open_paths)}
         others: dict[int, Trajectory] = {}
         for space in move_spaces(cell, direct, moves, np.inf):
-            ends, radii = (space.q0, space.q1), space.scene.bound.radii
-            found = find_way_around(space.scene, *ends, space.bounds, radii, space.limits, MOST_TRIES, cell.seed)
+            found = find_way_around(space.scene, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed)
             if found.trajectory is not None:
                 others[space.move.primitive] = found.trajectory
         motion = with_trajectories(cell, direct, others)
