@@ -35,7 +35,7 @@ ROOMS = {
     "logic": ("logic", 2_946),
     "skill, program": ("skill program", 1_976),
     "task": ("task", 1_085),
-    "motion": ("motion", 3_128),
+    "motion": ("motion", 2_991),
     "sight": ("kernel sight", 1_532),
     "study": ("study", 4_507),
     "search": ("search", 5_223),
