@@ -79,17 +79,13 @@ class GraspWaypoint(Entry):
     """The tool at the centre of one side of an object, pointing into it."""
 
     object: ParameterName = Field(description="The skill parameter that names the object.")
-    side: settings.Side = Field(
-        description="Outward axis of that side: +x, -x, +y, -y, +z or -z; any: each that looks like +z to the tool."
-    )
-    yaw: settings.Yaw = Field(
-        default=0.0,
-        description="Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the "
-        "sides +x and -x). any: each at which the object looks the same to the tool.",
-    )
-    depth: settings.Distance = Field(
-        default=0.0, description="How far the tool frame goes into the object, between fingers."
-    )
+    side: settings.Side
+    """Outward axis of that side: +x, -x, +y, -y, +z or -z; any: each that looks like +z to the tool."""
+    yaw: settings.Yaw = 0.0
+    """Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the sides +x and
+    -x). any: each at which the object looks the same to the tool."""
+    depth: settings.Distance = 0.0
+    """How far the tool frame goes into the object, between fingers."""
 
 
 class PutWaypoint(Entry):
@@ -97,13 +93,11 @@ class PutWaypoint(Entry):
 
     object: ParameterName = Field(alias="put", description="The skill parameter that names the held object.")
     on: ParameterName = Field(alias="onto", description="The skill parameter that names what it is put on.")
-    along: settings.OffsetShare = Field(
-        default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
-    )
+    along: settings.OffsetShare = 0.0
+    """Where along its x axis: 0 in the middle, -1 and 1 at the edges."""
     across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
-    yaw: settings.Yaw = Field(
-        default=0.0, description="Turn against what it is put on; any: each at which it looks the same."
-    )
+    yaw: settings.Yaw = 0.0
+    """Turn against what it is put on; any: each at which it looks the same."""
 
 
 class TurnWaypoint(Entry):
@@ -133,10 +127,8 @@ class OffsetWaypoint(Entry):
 
     waypoint: Origin
     offset: Annotated[list[settings.Offset], Field(min_length=3, max_length=3, description="Along x, y and z.")]
-    along: StaticFrame = Field(
-        default=TOOL,
-        description="Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object.",
-    )
+    along: StaticFrame = TOOL
+    """Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object."""
 
 
 class PoseWaypoint(Entry):
@@ -144,9 +136,8 @@ class PoseWaypoint(Entry):
 
     pose: Pose = Field(description="Of the tool frame, or of the object in `of`, in the frame.")
     frame: StaticFrame = Field(default=WORLD, description="`world`, a skill parameter or an object.")
-    of: ParameterName | None = Field(
-        default=None, description="The skill parameter that names the held object whose pose it is, not the tool's."
-    )
+    of: ParameterName | None = None
+    """The skill parameter that names the held object whose pose it is, not the tool's."""
 
     @property
     def X_FT(self) -> Array:
@@ -176,9 +167,8 @@ class Primitive(Entry):
     """What all primitive actions have in common."""
 
     name: Name = Field(description="What formulas call it, as in `a1.start`.")
-    does: Annotated[str, StringConstraints(min_length=1, max_length=40)] | None = Field(
-        default=None, description="What it does, in a word or two for people, such as `lift`; by default its kind."
-    )
+    does: Annotated[str, StringConstraints(min_length=1, max_length=40)] | None = None
+    """What it does, in a word or two for people, such as `lift`; by default its kind."""
     _kind: ClassVar[str]
     """What actions of its kind do."""
 
@@ -196,20 +186,15 @@ class JointMove(Primitive):
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
     speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
-    elbow: settings.Elbow = Field(
-        default="any", description="How the arm is bent at the end: up, down, any (each is tried) or fastest."
-    )
-    shoulder: settings.Shoulder = Field(
-        default="any", description="On which side the shoulder is: left, right, any or fastest."
-    )
+    elbow: settings.Elbow = "any"
+    """How the arm is bent at the end: up, down, any (each is tried) or fastest."""
+    shoulder: settings.Shoulder = "any"
+    """On which side the shoulder is: left, right, any or fastest."""
     wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip, any or fastest.")
     via: settings.Via = Field(default="direct", description="direct, home: with a stop at home on the way; or any.")
-    path: settings.Path = Field(
-        default="$path",
-        validate_default=True,
-        description="direct: straight in joint space; seen: where the cameras lose least; any: the better. "
-        "By default as a task says, `path=seen`, and else direct.",
-    )
+    path: settings.Path = Field(default="$path", validate_default=True)
+    """direct: straight in joint space; seen: where the cameras lose least; any: the better. By default as a task says,
+    `path=seen`, and else direct."""
 
 
 class ToolMove(Primitive):
@@ -218,15 +203,10 @@ class ToolMove(Primitive):
     speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
     acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
     jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
-    turn_speed: settings.TurnSpeed | None = Field(
-        default=None, description="How fast the tool may turn, such as 90 deg/s; by default as fast as the joints can."
-    )
-    touching: list[ParameterName] = Field(
-        default=[],
-        max_length=20,
-        description="Skill parameters of the objects that tool and held object may touch from here to the next joint "
-        "move.",
-    )
+    turn_speed: settings.TurnSpeed | None = None
+    """How fast the tool may turn, such as 90 deg/s; by default as fast as the joints can."""
+    touching: list[ParameterName] = Field(default=[], max_length=20)
+    """Skill parameters of the objects that tool and held object may touch from here to the next joint move."""
 
 
 WaypointName = Annotated[Name, Names("waypoint")]
@@ -239,11 +219,9 @@ class StraightMove(ToolMove):
     to: ListOr[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], WaypointName] = Field(
         alias="straight_move", description="The waypoint to go to, or a list of them."
     )
-    until_contact: ParameterName | None = Field(
-        default=None,
-        description="The skill parameter of an object: the move ends where tool or held object touch it, at the "
-        "waypoint if they do not.",
-    )
+    until_contact: ParameterName | None = None
+    """The skill parameter of an object: the move ends where tool or held object touch it, at the waypoint if they do
+    not."""
     force: settings.Force = Field(default=5.0, description="With `until_contact`: what counts as contact [N].")
 
     @model_validator(mode="after")
@@ -274,9 +252,8 @@ class HelixMove(ToolMove):
     axis: WaypointName = Field(alias="helix", description="The waypoint whose z axis it goes about.")
     turn: settings.Turns = Field(description="By how much, right-handed; also several turns.")
     advance: settings.Offset = Field(default=0.0, description="How far it goes along that axis meanwhile.")
-    keep_orientation: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="Whether the tool does not turn while it goes round."
-    )
+    keep_orientation: Annotated[bool, Field(strict=True)] = False
+    """Whether the tool does not turn while it goes round."""
 
 
 class FingerMove(Primitive):
@@ -300,9 +277,8 @@ class Release(Primitive):
 
     _kind = "let go"
     duration: settings.Duration = Field(alias="release", description="The duration.")
-    width: settings.Distance | None = Field(
-        default=None, description="Clear width to which fingers open; by default as far as they do."
-    )
+    width: settings.Distance | None = None
+    """Clear width to which fingers open; by default as far as they do."""
 
 
 class Wait(Primitive):
@@ -352,20 +328,16 @@ MOST_ENTRIES = 200  # of a kind in a skill
 class SkillFile(Entry):
     """How a skill moves, and what the cameras must see while it does."""
 
-    motion: dict[Name, MotionValues] = Field(
-        default={}, max_length=MOST_ENTRIES, description="Parameters of the motion with the values to try."
-    )
+    motion: dict[Name, MotionValues] = Field(default={}, max_length=MOST_ENTRIES)
+    """Parameters of the motion with the values to try."""
     waypoints: dict[Name, Waypoint] = Field(default={}, max_length=MOST_ENTRIES, description="Poses of the tool frame.")
-    primitives: list[PrimitiveAction] = Field(
-        min_length=1, max_length=100, description="What the robot does, one after the other."
-    )
-    formulas: list[FormulaOrText] = Field(
-        default=[], max_length=MOST_ENTRIES, description="What must hold while all goes well."
-    )
+    primitives: list[PrimitiveAction] = Field(min_length=1, max_length=100)
+    """What the robot does, one after the other."""
+    formulas: list[FormulaOrText] = Field(default=[], max_length=MOST_ENTRIES)
+    """What must hold while all goes well."""
     faults: dict[Name, FormulaEntry] = Field(default={}, max_length=MOST_ENTRIES, description="What may go wrong.")
-    targets: dict[Name, TargetSpec] = Field(
-        default={}, max_length=MOST_ENTRIES, description="What decides each predicate, and where to look."
-    )
+    targets: dict[Name, TargetSpec] = Field(default={}, max_length=MOST_ENTRIES)
+    """What decides each predicate, and where to look."""
 
 
 @dataclass(frozen=True)

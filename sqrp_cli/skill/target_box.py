@@ -44,27 +44,21 @@ class BoxSpec(Entry):
     """A box of a target: where to look for what."""
 
     name: Name = Field(description="What output calls it.")
-    frame: StoredFrame = Field(
-        description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
-        "`@start` (where it was when the skill began)."
-    )
+    frame: StoredFrame
+    """`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with `@start` (where it
+    was when the skill began)."""
     fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
-    at: Name | None = Field(
-        default=None,
-        description="With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame "
-        "`tool`), or in the world, from where the box moves with its frame.",
-    )
+    at: Name | None = None
+    """With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame `tool`), or in the
+    world, from where the box moves with its frame."""
     margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
     size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
     pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
     detector: Name = Field(description="The detector of the workspace that looks for it.")
-    normal: UnitVector | None = Field(
-        default=None, description="Direction away from the surface that it lies on (markers)."
-    )
-    encloses: tuple[Text, ...] | None = Field(
-        default=None,
-        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
-    )
+    normal: UnitVector | None = None
+    """Direction away from the surface that it lies on (markers)."""
+    encloses: tuple[Text, ...] | None = None
+    """Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame."""
 
     @model_validator(mode="after")
     def _consistent(self) -> BoxSpec:
@@ -89,9 +83,8 @@ class BoxSpec(Entry):
 class TargetSpec(Entry):
     """What decides a predicate."""
 
-    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
-        default=1, description="How many cameras must each see all boxes."
-    )
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = 1
+    """How many cameras must each see all boxes."""
     boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
 
 
