@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, dotted
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
-from sqrp_cli.files.yaml_edit import appended, edited, respelled, with_entries
+from sqrp_cli.files.yaml_edit import appended, with_entries, with_values
 from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.records import dataclass
@@ -73,7 +73,7 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
             angle = 2.0 * np.arctan(0.5 * camera.width / focal)
             values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
         named = {f"{dotted(path)}.image.{name}": text for name, text in values.items()}
-        content = edited(parse_yaml(document.path, content), named)
+        content = with_values(parse_yaml(document.path, content), named)
     return content
 
 
@@ -142,11 +142,8 @@ def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Seque
 
 def with_curve(document: SourceDocument, detector: str, curve: Curve) -> bytes:
     """The file with another curve of a detector."""
-    path: KeyPath = ("detectors", detector)
     text = _flow({"bias": curve.bias, **curve.terms, "most": curve.most})
-    if "curve" in _at(document, path):
-        return respelled(document, (*path, "curve"), "curve", text)
-    return appended(document, path, f"curve: {text}")
+    return with_values(document, {f"detectors.{detector}.curve": text})
 
 
 def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
@@ -161,7 +158,7 @@ def with_base(document: SourceDocument, X_WB: Array) -> bytes:
         return _with_pose(document, path, X_WB, None, body=False)
     turned = {} if np.allclose(X_WB[:3, :3], np.eye(3), atol=_SAME) else {"rpy": matrix_to_rpy(X_WB[:3, :3])}
     entry = {"position": _places(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
-    return appended(document, path[:-1], f"base: {_flow(entry)}")
+    return with_values(document, {dotted(path): _flow(entry)})
 
 
 def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
@@ -187,10 +184,8 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
         old, new = read_quantity(stated[key]), read_quantity(text)
         if old is None or new is None or (new.value - old.value) * (1 if key in _LEAST else -1) > 0:
             changed[dotted((*path, key))] = text
-    content = edited(document, changed) if changed else document.content
-    for key in [key for key in thresholds if key not in stated]:
-        content = appended(parse_yaml(document.path, content), path, f"{key}: {_flow(thresholds[key])}")
-    return content
+    added = {dotted((*path, key)): _flow(value) for key, value in thresholds.items() if key not in stated}
+    return with_values(document, changed | added)
 
 
 _THEN = " then "  # between the steps of a task of several
@@ -222,10 +217,10 @@ def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array
                 old = read_quantity(before)
                 if old is None or abs(old.value - number) > _SAME:
                     leaves[f"{dotted(path)}.{key}.{axis}"] = _number(before, number, dimension)
-        return edited(document, leaves)
+        return with_values(document, leaves)
     aimed = ("look_at", "up") if look_at is None else ()
     kept = {key: value for key, value in stated.items() if key not in (*wanted, *aimed)}
-    return respelled(document, path, str(path[-1]), _flow({**wanted, **kept}))
+    return with_values(document, {dotted(path): _flow({**wanted, **kept})})
 
 
 def _number(stated: object, value: float, dimension: Dimension) -> str:

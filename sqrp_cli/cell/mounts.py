@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
@@ -51,54 +51,28 @@ Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
 HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
 
 
-def _stops(way: ArrayLike, step: float) -> Array:
-    """How many places there are along ways of lengths (...) [m], with a step between neighbours, shape (...)."""
-    return np.floor(np.asarray(way) / step + 1e-9) + 1
+class Laid(NamedTuple):
+    """The axes along which places are laid out, shape (k, 3), and how many there are along each, shape (k,)."""
+
+    axes: Array
+    counts: NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RailEntry(Stored):
-    """Places along a straight line, the first at `from`."""
+class SpanEntry(Stored):
+    """Places at equal steps: on a rail along a line; on a grid along the axes of the frame, between two corners."""
 
-    start: Annotated[Position, Field(alias="from", description="Where it begins.")]
-    end: Annotated[Position, Field(alias="to", description="Where it ends.")]
+    start: Annotated[Position, Field(alias="from", description="Where it begins; one corner.")]
+    end: Annotated[Position, Field(alias="to", description="Where it ends; the opposite corner.")]
     step: Size
-    """Between neighbouring places."""
+    """Between neighbouring places, of a grid along each axis."""
 
-    @property
-    def count(self) -> int:
-        """How many places there are, without making them."""
-        return int(_stops(float(np.linalg.norm(np.subtract(self.end, self.start))), self.step))
-
-    def places(self) -> Array:
-        """The places, shape (n, 3)."""
+    def laid(self, *, is_line: bool) -> Laid:
+        """How the places of a rail, or of a grid, are laid out; without making them."""
         way = np.subtract(self.end, self.start)
-        length = float(np.linalg.norm(way))
-        steps = np.arange(self.count)[:, None] * self.step
-        places: Array = np.array(self.start) + (steps * way / length if length > 0 else 0.0 * steps)
-        return places
-
-
-@dataclass(frozen=True, kw_only=True)
-class GridEntry(Stored):
-    """Places on a grid along the axes of the frame: a box, a plane where two coordinates are equal."""
-
-    start: Annotated[Position, Field(alias="from", description="One corner.")]
-    end: Annotated[Position, Field(alias="to", description="The opposite corner.")]
-    step: Size
-    """Between neighbouring places along each axis."""
-
-    @property
-    def count(self) -> int:
-        """How many places there are, without making them."""
-        return int(np.prod(_stops(np.abs(np.subtract(self.end, self.start)), self.step)))
-
-    def places(self) -> Array:
-        """The places, x slowest, z fastest; shape (n, 3)."""
-        start, end = np.array(self.start), np.array(self.end)
-        counts = _stops(np.abs(end - start), self.step).astype(int)
-        axes = [a + np.sign(b - a) * self.step * np.arange(n) for a, b, n in zip(start, end, counts, strict=True)]
-        return np.array(list(product(*axes)))
+        lengths = np.array([np.linalg.norm(way)]) if is_line else np.abs(way)
+        axes = way[None] / max(float(lengths[0]), LEAST_LENGTH) if is_line else np.diag(np.sign(way))
+        return Laid(axes, np.floor(lengths / self.step + 1e-9).astype(int) + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +141,9 @@ class MountEntry(Stored):
     """`world`, or the link that carries the camera."""
     points: Annotated[list[Position], Field(min_length=1)] | None = None
     """Single places."""
-    rail: RailEntry | None = None
+    rail: SpanEntry | None = None
     """Places along a line."""
-    grid: GridEntry | None = None
+    grid: SpanEntry | None = None
     """Places in a plane or a box."""
     aims: AimsEntry | None = None
     """In which directions; by default at the targets."""
@@ -193,15 +167,24 @@ class MountEntry(Stored):
             )
 
     @property
+    def span(self) -> SpanEntry | None:
+        """The places at equal steps, if they are not single ones."""
+        return self.rail or self.grid
+
+    @property
     def count(self) -> int:
         """How many places there are, without making them."""
-        laid = self.rail or self.grid
-        return len(self.points or ()) if laid is None else laid.count
+        if self.span is None:
+            return len(self.points or ())
+        return int(np.prod(self.span.laid(is_line=self.rail is not None).counts))
 
     def places(self) -> Array:
-        """The places, shape (n, 3)."""
-        laid = self.rail or self.grid
-        return np.array(self.points, dtype=float).reshape(-1, 3) if laid is None else laid.places()
+        """The places, of a grid x slowest, z fastest; shape (n, 3)."""
+        if self.span is None:
+            return np.array(self.points, dtype=float).reshape(-1, 3)
+        axes, counts = self.span.laid(is_line=self.rail is not None)
+        places: Array = self.span.start + self.span.step * np.array(list(product(*map(range, counts)))) @ axes
+        return places
 
 
 @dataclass(frozen=True, kw_only=True)

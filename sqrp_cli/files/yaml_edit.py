@@ -25,16 +25,14 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
     belongs to an anchor that is also used elsewhere.
     """
-    text = document.content.decode("utf-8-sig")
-    known = document.leaves
+    known, (text, root) = document.leaves, _text_and_root(document)
     for path in values:
         if path not in known:
             message = f"the file has no value `{path}`; {expected_names(path, known)}"
             raise bad_input("unknown-value", message, Place(document.path))
-    root = _root(text)
-    nodes = {path: _node(root, tuple(path.split("."))) for path in values}
-    spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
-    for start, end, value in spans:
+    nodes = [(_node(root, tuple(path.split("."))), value) for path, value in values.items()]
+    for node, value in sorted(nodes, key=lambda one: int(one[0].start_mark.index), reverse=True):
+        start, end = node.start_mark.index, node.end_mark.index
         value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
         text = text[:start] + value + rest
     return _changed_only(
@@ -56,12 +54,15 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
         document = parse_yaml(document.path, content)
         known = {dotted(keys): keys for keys in document.values}
         keys, (parent, _, key) = known.get(path) if path else None, path.rpartition(".")
-        if keys is not None and isinstance(document.at(keys[:-1]), dict):
-            content = respelled(document, keys, str(keys[-1]), text)
-        elif keys is not None:
-            whole = document.content.decode("utf-8-sig")
-            node = _node(_root(whole), keys)
-            content = _checked(document, whole[: node.start_mark.index] + text + whole[_end(node) :], keys)
+        if keys is not None:
+            whole, root = _text_and_root(document)
+            node, new = _node(root, keys), text
+            start = node.start_mark.index
+            if isinstance(document.at(keys[:-1]), dict):  # from its key on, so that a block becomes a value beside it
+                entries = _node(root, keys[:-1]).value
+                start = next(name.start_mark.index for name, _ in entries if str(name.value) == str(keys[-1]))
+                new = f"{keys[-1]}: {text}"
+            content = _checked(document, whole[:start] + new + whole[_end(node) :], keys)
         elif key and parent in known and isinstance(document.at(known[parent]), dict):
             content = appended(document, known[parent], f"{key}: {text}")
         else:
@@ -76,12 +77,9 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
 def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | None:
     """What `with_values` writes to make a content of a document; None where that cannot make it."""
     after = parse_yaml(before.path, content)
-    text = content.decode("utf-8-sig")
-    root = _root(text)
-    values = {}
-    for path in _differing(before.data, after.data, ()):
-        node = _node(root, path)
-        values[dotted(path)] = text[node.start_mark.index : _end(node)]
+    text, root = _text_and_root(after)
+    nodes = {path: _node(root, path) for path in _differing(before.data, after.data, ())}
+    values = {dotted(path): text[node.start_mark.index : _end(node)] for path, node in nodes.items()}
     try:
         return values if with_values(before, values) == content else None
     except InputError:
@@ -100,51 +98,25 @@ def _differing(before: object, after: object, path: KeyPath) -> Iterator[KeyPath
         yield path
 
 
-def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
-    """Keys and values of a mapping, its own before merged ones."""
-    own, merged = [], []
-    for key, value in node.value:
-        if key.value == "<<" and key.style is None:
-            merged += _pairs(value)
-        else:
-            own.append((str(key.value), value))
-    return [*own, *merged]
-
-
-def respelled(document: SourceDocument, path: KeyPath, key: str, value: str) -> bytes:
-    """The content of a document with an entry of a mapping, key and value, written anew; both as YAML text in a line.
-
-    Raises InputError where that would change anything else.
-    """
-    text = document.content.decode("utf-8-sig")
-    node = _node(_root(text), path[:-1])
-    name, old = next((name, value) for name, value in node.value if str(name.value) == str(path[-1]))
-    text = text[: name.start_mark.index] + f"{key}: {value}" + text[_end(old) :]
-    return _checked(document, text, path)
-
-
 def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:
     """The content of a document with an item after the last one of a mapping or list; item: as YAML text in a line.
 
     An item of a mapping has its key. A mapping or list that is missing is added at the end of the file; only at the top
     of a file may one be missing. Raises InputError where that would change anything else.
     """
-    text = document.content.decode("utf-8-sig")
+    text, root = _text_and_root(document)
     listed = ":" not in item.partition("{")[0]
     if path not in document.values:
         text = text.rstrip("\n") + f"\n\n{path[-1]}:\n  {'- ' if listed else ''}{item}\n"
         return _checked(document, text, path)
-    node = _node(_root(text), path)
+    node = _node(root, path)
     if _in_one_line(node) or not node.value:
         end = text.rindex("]" if listed else "}", node.start_mark.index, node.end_mark.index)
         before = text[:end].rstrip()
         text = before + (", " if node.value else "") + item + text[end:]
         return _checked(document, text, path)
-    first = node.value[0] if listed else node.value[0][0]
-    end = _end(node)
-    line = text.find("\n", end)
-    line = len(text) if line < 0 else line
-    column = node.start_mark.column if listed else first.start_mark.column
+    line = text.find("\n", _end(node)) % (len(text) + 1)  # at the end of the text if there is none
+    column = (node if listed else node.value[0][0]).start_mark.column
     new = f"\n{' ' * column}{'- ' if listed else ''}{item}"
     return _checked(document, text[:line] + new + text[line:], path)
 
@@ -155,13 +127,13 @@ def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str],
     items: as YAML text with their keys; at least one entry is left. Comments between entries go, those within stay.
     Raises InputError where that would change anything else.
     """
-    text = document.content.decode("utf-8-sig")
+    text, root = _text_and_root(document)
     if path not in document.values:
         content = document.content
         for item in items:
             content = appended(parse_yaml(document.path, content), path, item)
         return content
-    node = _node(_root(text), path)
+    node = _node(root, path)
     entries = [(str(key.value), text[key.start_mark.index : _end(value)]) for key, value in node.value]
     left = [*(entry for name, entry in entries if name in kept), *items]
     if _in_one_line(node) or not node.value:
@@ -170,8 +142,7 @@ def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str],
         return _checked(document, text[:start] + new + text[end:], path)
     first, end = node.value[0][0].start_mark, _end(node)
     if entries[-1][0] not in kept:
-        line = text.find("\n", end)
-        end = len(text) if line < 0 else line
+        end = text.find("\n", end) % (len(text) + 1)
     new = f"\n{' ' * first.column}".join(left)
     return _checked(document, text[: first.index] + new + text[end:], path)
 
@@ -193,18 +164,27 @@ def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Call
     return content
 
 
-def _root(text: str) -> yaml.Node:
+def _text_and_root(document: SourceDocument) -> tuple[str, yaml.Node]:
+    text = document.content.decode("utf-8-sig")
     root = yaml.compose(text, yaml.SafeLoader)
     assert root is not None  # noqa: S101 - it has values
-    return root
+    return text, root
 
 
 def _node(node: yaml.Node, path: KeyPath) -> yaml.Node:
+    """The value at a path; of a mapping its own keys come before merged ones."""
+
+    def pairs(node: yaml.Node) -> Iterator[tuple[str, yaml.Node]]:
+        merged = [value for key, value in node.value if key.value == "<<" and key.style is None]
+        yield from ((str(key.value), value) for key, value in node.value if key.value != "<<" or key.style is not None)
+        for value in merged:
+            yield from pairs(value)
+
     for key in path:
         if isinstance(node, yaml.SequenceNode):
             node = node.value[int(key)]
         else:
-            node = next(value for name, value in _pairs(node) if name == str(key))
+            node = next(value for name, value in pairs(node) if name == str(key))
     return node
 
 

@@ -125,7 +125,7 @@ def test_the_files_use_the_fields_of_every_model() -> None:
     assert len(models) >= 35
     known = {(model.__name__, name) for model in models for name, _, _ in stated_fields(model)}
     used = {(use.model, use.name) for use in USES}
-    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec", "RailEntry", "LensEntry"} <= {
+    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec", "SpanEntry", "LensEntry"} <= {
         model for model, _ in used
     }
     assert known - used == WAITING
