@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.files.validation import validate
-from sqrp_cli.geometry import Array
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import Variable, merge_domains
 from sqrp_cli.logic.literal import Atom
@@ -248,25 +247,9 @@ def _held_at_the_end(skill: Skill) -> str | None:
     return held
 
 
-class ObjectsAtStart(NamedTuple):
-    """The objects, with what the facts say of the one in the tool."""
-
-    objects: dict[str, SceneObject]
-    warnings: tuple[Problem, ...]
-
-
-class _Grip(NamedTuple):
-    """How a skill, which makes a fact true, holds an object, and the object's pose in the tool frame, (4, 4)."""
-
-    fact: Atom
-    skill: Skill
-    held: Held
-    X_TO: Array
-
-
 def with_held_by_facts(
-    objects: Mapping[str, SceneObject], facts: Mapping[Atom, int], skills: Collection[Skill], document: SourceDocument
-) -> ObjectsAtStart:
+    objects: dict[str, SceneObject], facts: Mapping[Atom, int], skills: Collection[Skill], document: SourceDocument
+) -> tuple[dict[str, SceneObject], list[Problem]]:
     """The objects, with the held one placed in the tool by the facts; and a warning if its entry does not state that.
 
     facts: each with its place in the list. It is held as the skills that make the fact true would grasp it, with
@@ -279,40 +262,37 @@ def with_held_by_facts(
     stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
     names = {fact.arguments[0] for fact in stated}
     if len(names) != 1 or any(obj.X_TO is not None for obj in objects.values()):
-        return ObjectsAtStart(dict(objects), ())
+        return objects, []
     (name,) = names
-    grips = []
-    for use in [(fact, skill) for fact in stated for skill in holding[fact.predicate]]:
-        skill = use[1]
+    grips: list[tuple[Atom, Skill, Held]] = []
+    for fact, skill in [(one, skill) for one in stated for skill in holding[one.predicate]]:
         of_it = (w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint))
         grasp = next((waypoint for waypoint in of_it if waypoint.object == _held_at_the_end(skill)), None)
         if grasp is not None:
-            settings = (grasp.side, grasp.yaw, grasp.depth)
             side, yaw, depth = (
-                skill.defaults[one.parameter] if isinstance(one, Reference) else one for one in settings
+                skill.defaults[one.parameter] if isinstance(one, Reference) else one
+                for one in (grasp.side, grasp.yaw, grasp.depth)
             )
-            how = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth))
-            grips.append(_Grip(*use, how, how.X_TO(objects[name].size)))
+            held = Held(held=cast("BoxSide", side_of(side)), yaw=number_of(yaw), depth=number_of(depth))
+            grips.append((fact, skill, held))
     if not grips:
-        return ObjectsAtStart(dict(objects), ())
-    path, first = ("objects", name, "pose"), grips[0]
-    side = first.held.held
-    for other in grips[1:]:
-        if not np.allclose(first.X_TO, other.X_TO, rtol=0.0, atol=1e-9):
-            both = " and ".join(f"`{fact}`" for fact in dict.fromkeys((first.fact, other.fact)))
+        return objects, []
+    path, size, (fact, skill, first) = ("objects", name, "pose"), objects[name].size, grips[0]
+    for another, other_skill, other in grips[1:]:
+        if not np.allclose(first.X_TO(size), other.X_TO(size), rtol=0.0, atol=1e-9):
+            both = " and ".join(f"`{one}`" for one in dict.fromkeys((fact, another)))
             message = (
-                f"the state has {both}, so `{name}` begins in the tool, but `{first.skill.name}` holds it by its side"
-                f" {side} and `{other.skill.name}` in another way, by its side {other.held.held}"
+                f"the state has {both}, so `{name}` begins in the tool, but `{skill.name}` holds it by its side"
+                f" {first.held} and `{other_skill.name}` in another way, by its side {other.held}"
             )
-            mend = f"say how it is held: `pose: {{held: {side}}}`, with `yaw` and `depth` as needed"
+            mend = f"say how it is held: `pose: {{held: {first.held}}}`, with `yaw` and `depth` as needed"
             raise document.error("ambiguous-hold", path, message, mend)
     message = (
-        f"the state has `{first.fact}`, so `{name}` begins in the tool,"
-        f" held by its side {side} as `{first.skill.name}` does it"
+        f"the state has `{fact}`, so `{name}` begins in the tool, held by its side {first.held} as `{skill.name}` does"
+        " it"
     )
-    mend = f"write `pose: {{held: {side}}}`"
-    warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
-    return ObjectsAtStart({**objects, name: replace(objects[name], pose=first.held)}, (warning,))
+    warning = document.problem("held-by-the-facts", path, message, f"write `pose: {{held: {first.held}}}`")
+    return {**objects, name: replace(objects[name], pose=first)}, [replace(warning, severity="warning")]
 
 
 def _contradictions(
@@ -322,15 +302,15 @@ def _contradictions(
     document: SourceDocument,
 ) -> Iterator[Problem]:
     """Facts that no sequence of skills can make true together with the fact that an object is held."""
+    changes = [
+        [{use.predicate for use in changed} for changed in (skill.action.effect.adds, skill.action.effect.deletes)]
+        for skill in skills
+    ]
 
     def excludes(one: str, other: str) -> bool:
         """Whether every skill that makes one of the two predicates true makes the other false."""
-        for skill in skills:
-            adds = {use.predicate for use in skill.action.effect.adds}
-            deletes = {use.predicate for use in skill.action.effect.deletes}
-            if (one in adds and other not in deletes) or (other in adds and one not in deletes):
-                return False
-        return True
+        pairs = ((one, other), (other, one))
+        return all(a not in adds or b in deletes for adds, deletes in changes for a, b in pairs)
 
     for fact in facts:
         for skill in holding.get(fact.predicate, ())[:1]:
