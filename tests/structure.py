@@ -28,12 +28,12 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_362),
-    "files": ("files", 2_349),
+    "files": ("files", 2_329),
     "robot": ("robot", 3_231),
     "camera": ("camera", 2_167),
-    "cell": ("cell", 3_469),
+    "cell": ("cell", 3_408),
     "logic": ("logic", 2_946),
-    "skill, program": ("skill program", 1_976),
+    "skill, program": ("skill program", 1_941),
     "task": ("task", 1_085),
     "motion": ("motion", 2_991),
     "sight": ("kernel sight", 1_532),

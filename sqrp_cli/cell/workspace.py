@@ -16,9 +16,9 @@ from sqrp_cli.camera.camera import Camera, CameraEntry
 from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.light import MOST_LIGHTS, Light
 from sqrp_cli.camera.markers import Marker
+from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, digest_of_values
 from sqrp_cli.cell.fixture_file import FixturesEntry
 from sqrp_cli.cell.scene import ObjectEntry, SceneObject
-from sqrp_cli.cell.understood import Understood, digest_of_understood, understood
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.files.entries import Entry, Finite, In, Name, PoseMatrix, Share, Stored, Text, Written, refused
 from sqrp_cli.files.input_file import SourceFile, digest_of
@@ -147,14 +147,14 @@ class Workspace:
     """Position of every key of the file, by dotted path."""
 
     @cached_property
-    def understood(self) -> Understood:
+    def canonical_values(self) -> CanonicalValues:
         """What it says, without what has no meaning for the cell."""
-        return understood(self, {file.path: file.digest for file in self.files.values()})
+        return canonical_values(self, {file.path: file.digest for file in self.files.values()})
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of what was understood."""
-        return digest_of_understood(self.understood)
+        """SHA-256 of these values."""
+        return digest_of_values(self.canonical_values)
 
     @property
     def file_digest(self) -> str:

@@ -16,8 +16,8 @@ from typing import Any
 
 import yaml
 
+from sqrp_cli.cell.canonical_values import digest_of_values, what_changed, with_skills
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cell.understood import digest_of_understood, what_changed, with_skills
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import shortest_path
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
@@ -131,9 +131,9 @@ def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Pr
 
 def made_for(program: Program, path: Path, workspace: Workspace) -> Program:
     """A program that is right for a workspace, to be saved at `path` with what that says now."""
-    said = with_skills(workspace.understood, program.skills)
+    said = with_skills(workspace.canonical_values, program.skills)
     where = os.path.relpath(workspace.path, path.absolute().parent)
-    return program.model_copy(update={"workspace": where, "digest": digest_of_understood(said), "made_for": said})
+    return program.model_copy(update={"workspace": where, "digest": digest_of_values(said), "made_for": said})
 
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
@@ -193,12 +193,12 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
 
     None if it holds.
     """
-    known = digest_of_understood(program.made_for) == program.digest
+    known = digest_of_values(program.made_for) == program.digest
     in_file = [subject.removeprefix("skill ") for subject in program.made_for if subject.startswith("skill ")]
-    now = with_skills(workspace.understood, in_file)
-    if program.digest in (digest_of_understood(now), workspace.file_digest):
+    now = with_skills(workspace.canonical_values, in_file)
+    if program.digest in (digest_of_values(now), workspace.file_digest):
         return None
-    changes = what_changed(program.made_for, workspace.understood, program.skills) if known else ()
+    changes = what_changed(program.made_for, workspace.canonical_values, program.skills) if known else ()
     if known and not changes:
         return None
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.cell.understood import Plain
+from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
 from sqrp_cli.files.entries import AsStored, Entry, Finite, Written
@@ -249,7 +249,7 @@ class Program(Entry):
     workspace: its file, relative to the program's. digest: of `made_for`; without that, of the bytes of the workspace's
     files. checksum: of all that a file says apart from its workspace; empty until it is saved. marks: a sign for each
     value; they show where a file was changed whose checksum does not fit. joints: names of those of all trajectories,
-    in their order. made_for: what the workspace said that matters, see `workspace.understood`: it tells what has
+    in their order. made_for: what the workspace said that matters, see `workspace.canonical_values`: it tells what has
     changed since; programs of earlier versions lack it.
     """
 

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 
-from sqrp_cli.cell.understood import digest_of_understood, with_skills
+from sqrp_cli.cell.canonical_values import digest_of_values, with_skills
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.task.task import Candidate
@@ -50,9 +50,9 @@ def code_digest(root: Path) -> str:
 def content_digest(workspace: Workspace, *skills: str) -> str:
     """Digest of everything in a workspace that the figures of candidates of some skills depend on.
 
-    That is what was understood of it, see `knowledge.workspace.understood`, except for other skills.
+    That is what was understood of it, see `cell.canonical_values`, except for other skills.
     """
-    return digest_of_understood(with_skills(workspace.understood, skills))
+    return digest_of_values(with_skills(workspace.canonical_values, skills))
 
 
 def says_something(path: str) -> bool:

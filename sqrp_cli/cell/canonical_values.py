@@ -1,4 +1,4 @@
-"""What was understood of a workspace, in plain values: what programs, baselines and kept results depend on.
+"""What a workspace says, in plain values: what programs, baselines and kept results depend on.
 
 Comments, layout, the order of keys, how numbers and poses are written, and where files lie have no part in it; nor have
 names of folders, expected tasks, and geometry that is not used. Programs keep these values, so that they can say what
@@ -28,7 +28,7 @@ from sqrp_cli.shapes import Box, Mesh, Shape
 from sqrp_cli.skill.settings import MotionParameter
 
 Plain = str | bool | int | float | tuple[float, ...] | None
-Understood = Mapping[str, Mapping[str, Plain]]
+CanonicalValues = Mapping[str, Mapping[str, Plain]]
 """By what it is about, such as `camera cam1`, and by the name of each value; a pose is x, y, z [m] and a quaternion."""
 
 DIGITS = 12  # significant digits of a number: the notations of one quantity, such as `5 cm` and `50 mm`, differ less
@@ -37,7 +37,6 @@ _LONGEST = 40  # most characters of a value that a sentence shows
 
 _POSE = re.compile(r"X_[A-Z]{2}")
 
-_UNSAID = (Place, Problem, Path)  # kinds of values without a meaning for the cell
 
 _LEFT_OUT = {
     "Workspace": {"name", "path", "files", "values", "warnings", "places", "tasks"},
@@ -61,7 +60,7 @@ _UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "j
 """Limits of joints, with what comes after their unit."""
 
 
-def understood(workspace: object, meshes: Mapping[Path, str]) -> Understood:
+def canonical_values(workspace: object, meshes: Mapping[Path, str]) -> CanonicalValues:
     """The values of a `Workspace`; meshes: the digest of each mesh file."""
     found: dict[str, dict[str, Plain]] = {}
     for subject, name, value in _subjects(workspace):
@@ -69,36 +68,39 @@ def understood(workspace: object, meshes: Mapping[Path, str]) -> Understood:
     return found
 
 
-def with_skills(values: Understood, skills: Collection[str]) -> Understood:
+def with_skills(values: CanonicalValues, skills: Collection[str]) -> CanonicalValues:
     """The values with these skills alone."""
-    return {subject: of for subject, of in values.items() if _matters(subject, skills)}
+    parts = ((subject, subject.partition(" ")) for subject in values)
+    return {subject: values[subject] for subject, (kind, _, name) in parts if kind != "skill" or name in skills}
 
 
-def digest_of_understood(values: Understood) -> str:
+def digest_of_values(values: CanonicalValues) -> str:
     """SHA-256 of values, whatever their order."""
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
-def what_changed(before: Understood, now: Understood, skills: Collection[str]) -> tuple[str, ...]:
+def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collection[str]) -> tuple[str, ...]:
     """What differs, in a short sentence each, such as `cam1 moved 2.0 cm`; skills: those that matter."""
-    return tuple(
-        sentence
-        for subject in dict.fromkeys((*before, *now))
-        if _matters(subject, skills)
-        for sentence in _differences(subject, before.get(subject), now.get(subject))
-    )
-
-
-def _matters(subject: str, skills: Collection[str]) -> bool:
-    kind, _, name = subject.partition(" ")
-    return kind != "skill" or name in skills
+    before, now = with_skills(before, skills), with_skills(now, skills)
+    subjects = dict.fromkeys((*before, *now))
+    return tuple(one for subject in subjects for one in _differences(subject, before.get(subject), now.get(subject)))
 
 
 def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN401 # a Workspace, which uses this module
     """What each value is about, its name, and the value."""
     for name, value in _said(workspace):
         if isinstance(value, Robot):
-            yield from _of_robot(value)
+            yield "robot", "", value
+            if value.tool is not None:
+                yield "tool", "", value.tool
+            for urdf in value.urdfs:
+                yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
+                yield from ((f"link {one.name}", "", one) for one in urdf.links.values() if one.inertial is not None)
+            joints = {"": value.limits, "stop": value.stop_limits, "home": value.home}
+            joints |= {} if value.fingers is None else {"open": value.fingers.open, "closed": value.fingers.closed}
+            yield from ((f"joint {joint}", what, of) for what, values in joints.items() for joint, of in values.items())
+            yield from ((f"link {link}", "marker", marker) for link, marker in value.markers.items())
+            yield from ((f"part {part.name}", "", part) for part in value.parts)
         elif name == "state":
             yield "state", "", dict.fromkeys(sorted(map(str, value)), True)
         elif isinstance(value, Mapping):
@@ -111,21 +113,6 @@ def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN
             yield "cell", name, value
 
 
-def _of_robot(robot: Robot) -> Iterator[tuple[str, str, object]]:
-    yield "robot", "", robot
-    if robot.tool is not None:
-        yield "tool", "", robot.tool
-    for urdf in robot.urdfs:
-        yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
-        yield from ((f"link {link.name}", "", link) for link in urdf.links.values() if link.inertial is not None)
-    joints = {"": robot.limits, "stop": robot.stop_limits, "home": robot.home}
-    joints |= {} if robot.fingers is None else {"open": robot.fingers.open, "closed": robot.fingers.closed}
-    for name, values in joints.items():
-        yield from ((f"joint {joint}", name, value) for joint, value in values.items())
-    yield from ((f"link {link}", "marker", marker) for link, marker in robot.markers.items())
-    yield from ((f"part {part.name}", "", part) for part in robot.parts)
-
-
 def _said(record: object) -> Iterator[tuple[str, Any]]:
     """The fields of a record that have a meaning."""
     left_out = _LEFT_OUT.get(type(record).__name__, ())
@@ -135,12 +122,10 @@ def _said(record: object) -> Iterator[tuple[str, Any]]:
 
 def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple[str, Plain]]:  # noqa: ANN401
     """The plain values in a value of any kind, each with its dotted name."""
-    if isinstance(value, _UNSAID):
+    if value is None or isinstance(value, (Place, Problem, Path)):
         return
-    plain = _plain(value)
-    if plain is not None:
+    if (plain := _plain(value)) is not None:
         yield name, plain
-    if plain is not None or value is None:
         return
     if isinstance(value, Mesh):
         yield name, f"mesh {meshes[value.path][:16]}"
@@ -250,27 +235,23 @@ def _owner(subject: str) -> str:
 
 def _altered(subject: str, name: str, values: tuple[Plain, Plain], unit: str) -> str:
     """A value before and now."""
-    after = ""
-    what, whose = f"`{name}`", _owner(subject)
-    limit = name.rpartition(".")[-1]
+    what, whose, after, limit = f"`{name}`", _owner(subject), "", name.rpartition(".")[-1]
     if subject.startswith("joint ") and limit in _UNITS:
         stop = "stop " if name.startswith("stop.") else ""
         what, whose, after = f"{stop}{limit} joint limit", subject.partition(" ")[2], f" {unit}{_UNITS[limit]}"
     elif subject.startswith("joint ") and name in ("home", "open", "closed"):
         what, after = name, f" {unit}"
-    old, new = map(_shown, values)
+
+    def shown(value: Plain) -> str:
+        if isinstance(value, tuple):
+            return f"[{', '.join(f'{number:g}' for number in value)}]"
+        return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+    old, new = map(shown, values)
     if old == new:
-        old, new = (str(value) for value in values)
+        old, new = map(str, values)
     if name == "shape" and old.startswith("mesh ") and new.startswith("mesh "):
         return f"the mesh of {whose} is another"
     if max(len(old), len(new)) > _LONGEST or old == new:
         return f"{what} of {whose} is another"
     return f"{what} of {whose} {old} -> {new}{after}"
-
-
-def _shown(value: Plain) -> str:
-    if value is None:
-        return "none"
-    if isinstance(value, tuple):
-        return f"[{', '.join(f'{number:g}' for number in value)}]"
-    return f"{value:g}" if isinstance(value, float) else str(value)

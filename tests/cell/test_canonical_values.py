@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from sqrp_cli.cell.canonical_values import canonical_values, digest_of_values, what_changed
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cell.understood import digest_of_understood, understood, what_changed
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.files.source import dotted
@@ -44,7 +44,7 @@ def changed(tmp_path: Path) -> Callable[..., Workspace]:
 
 
 def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
-    found = what_changed(before.understood, now.understood, now.skills)
+    found = what_changed(before.canonical_values, now.canonical_values, now.skills)
     assert bool(found) == (before.digest != now.digest)
     return found
 
@@ -56,7 +56,7 @@ def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
 ])  # fmt: skip
 def test_programs_and_baselines_of_before_stay_valid_while_their_cells_do_not_change(name: str, digest: str) -> None:
     workspace = load_workspace(Path(__file__).parents[2] / "workspaces" / name)
-    assert digest_of_understood(understood(workspace, defaultdict(str))) == digest  # whatever its meshes
+    assert digest_of_values(canonical_values(workspace, defaultdict(str))) == digest  # whatever its meshes
 
 
 AT = "position: [50 cm, 1.2, 0.3]"
@@ -154,7 +154,7 @@ def test_a_mesh_of_other_content_is_another_mesh(before, changed):
 
 def test_another_skill_is_no_change_for_those_who_do_not_use_it(before, changed):
     now = changed("pickup/skill.yaml", "retreat: 2 cm", "retreat: 3 cm")
-    assert what_changed(before.understood, now.understood, ["place"]) == ()
+    assert what_changed(before.canonical_values, now.canonical_values, ["place"]) == ()
 
 
 NUMBERS = [
@@ -178,8 +178,8 @@ def test_every_number_of_the_file_counts(before, path):
     assert sentences(before, load_workspace(CELL, text)) != ()
 
 
-def test_understood_values_are_plain_and_finite(before):
-    for values in before.understood.values():
+def test_the_values_are_plain_and_finite(before):
+    for values in before.canonical_values.values():
         for value in values.values():
             assert isinstance(value, str | bool | int | float | tuple)
             assert np.isfinite([part for part in np.ravel(value) if isinstance(part, float)]).all()
