@@ -44,7 +44,6 @@ public:
     }
     void clear() { resize(0); }
     T take() { return data_[--size_]; }  // the last one, of plain elements
-    void exchange(List& other) { swap(data_, other.data_), swap(size_, other.size_), swap(room_, other.room_); }
 
 private:
     void make_room(int room) {

@@ -100,7 +100,7 @@ struct Image {
     }
 };
 
-// The smallest image of a box that its detector reads [pixels]; of markers: `knowledge/camera/detector.py`.
+// The smallest image of a box that its detector reads [pixels]; of markers: `camera/detector.py`.
 inline double least_size(const Camera& camera, const Box& box, double incidence) {
     if (box.reads == 0) return box.pixels;
     double shorter = most(cos(incidence), cos(STEEPEST)), read = box.reads * sqrt(0.5 * (1 + shorter * shorter)) / shorter;

@@ -7,11 +7,7 @@ constexpr int PLANES = 12;           // of a hull: at most 5 faces of the box, a
 constexpr int CORNERS = 24;          // room for a triangle cut by all of them, which has 3 + 12 corners
 constexpr double TOUCH = 1e-9;       // bounds that are nearer than this count as touching [m]
 
-struct Polygon {
-    V3 p[CORNERS];
-    int n = 0;
-    Polygon() {}  // the corners are not zeros
-};
+struct Polygon { V3 p[CORNERS]; int n; Polygon() : n(0) {} };
 
 // A hull as half spaces: points p with n . p <= offset are inside.
 struct Hull {

@@ -17,11 +17,16 @@ inline int up(double v) { int t = int(v); return t + (v > t); }
 inline int first_row(double v) { return up(clamp(v, 0, ROWS)); }
 inline int first_column(double v) { return up(clamp(v, 0, COLUMNS)); }
 
+// How many bits are set (Warren, Hacker's Delight, 2012, 5-1); not every processor has an instruction for it.
+inline int bits(uint32_t x) {
+    x -= x >> 1 & 0x55555555u, x = (x & 0x33333333u) + (x >> 2 & 0x33333333u), x = (x + (x >> 4)) & 0x0f0f0f0fu;
+    return int(x * 0x01010101u >> 24);
+}
+
 // A set of rays: one bit for each column in each row.
 struct Rays {
     uint32_t row[ROWS] = {};
-    int count() const { return count_without({}); }
-    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += __builtin_popcount(row[i] & ~o.row[i]); return n; }
+    int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
 
     // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
     void add(const Pose& map, const V3* p, int n) {
@@ -93,7 +98,7 @@ struct Grid {
             V3 p[4] = {H.point[face[0]], H.point[face[1]], H.point[face[2]], H.point[face[3]]};
             G.silhouette.add(G.map, p, 4);
         }
-        G.total = G.silhouette.count();
+        G.total = G.silhouette.count_without({});
         return G;
     }
 
@@ -139,8 +144,7 @@ template <class Whole, class Part> void for_blocking(const Surface& s, const Hul
 // Adds the rays that a surface blocks. Of triangles wholly before the far side only the common outline is drawn: sides of
 // which only one triangle is among them, or which are between front and back. H, map: in the frame of the surface.
 inline void block(Rays& blocked, const Surface& s, const Hull& H, const Pose& map, Scratch& scratch) {
-    auto& turned = scratch.turned;
-    auto& drawn = scratch.drawn;
+    auto& [turned, drawn] = scratch;
     if (turned.size() < s.count()) turned.resize(s.count());  // zeros
     drawn.clear();
     for_blocking(

@@ -50,10 +50,6 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             }
             return true;
         };
-        auto needs = [&](int c, int b) {
-            View& v = view(c, b);
-            return v.needed(scene, scene.light_count ? v.lighting(scene, lit[b]).lost : 0);
-        };
         if (needed[q] > 1) {  // so many cameras must have it within their limits
             int possible = 0;
             for (int c = 0; c < request->camera_count; c++) {
@@ -70,7 +66,7 @@ void cover(const Request* request, int questions, const int64_t* state, const in
                 int c = int(tier_cameras[i]), near = 0;
                 if (sight(c) != UNKNOWN) continue;
                 bool may = is_within(c);
-                for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = needs(c, b) + view(c, b).cut <= 1;
+                for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = view(c, b).needed(scene, lit[b]) + view(c, b).cut <= 1;
                 if (!may) sight(c) = UNSEEN;
                 else if (!near) sight(c) = SEEN, seen++;
                 else turns.add({c, near});
@@ -79,7 +75,7 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             for (Turn turn : turns) {
                 if (seen >= needed[q]) break;
                 bool sees = true;
-                for (int b = 0; sees && b < boxes; b++) sees = view(turn.camera, b).sees(scene, needs(turn.camera, b));
+                for (int b = 0; sees && b < boxes; b++) sees = view(turn.camera, b).sees(scene, view(turn.camera, b).needed(scene, lit[b]));
                 sight(turn.camera) = sees ? SEEN : UNSEEN, seen += sees;
             }
         }
@@ -157,7 +153,7 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
                 for (int b = int(first[i]); good && b < last; b++) {
                     View& v = view(lens, b);
                     v.find_near(scene);
-                    good = v.sees(scene, v.needed(scene, scene.light_count ? v.lighting(scene, lit[b]).lost : 0));
+                    good = v.sees(scene, v.needed(scene, lit[b]));
                 }
                 found(lens) |= good ? VISIBLE : 0;
             }

@@ -104,7 +104,7 @@ private:
         }
         List<Triangle> sorted;
         for (int32_t i : order) sorted.add(triangles[i]);
-        triangles.exchange(sorted);
+        for (int i = 0; i < count(); i++) triangles[i] = sorted[i];
     }
 };
 

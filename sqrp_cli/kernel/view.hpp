@@ -58,11 +58,13 @@ public:
 
     // The share of the box that must be visible; above 1 if none is enough. Where all that looks alike behind it is seen
     // too, enough is left to be told from it; `lost` of what is seen cannot be told, by light.
-    double needed(const Scene& scene, double lost = 0) {
+    double needed(const Scene& scene, double lost) {
         double visible = scene.boxes[box].visible, told = most(1 - lost, 1e-9);
         look_behind(scene);
         return behind > 0 || lost > 0 ? most(visible, (least(visible, LEAST_TELLING) + behind) / told) : visible;
     }
+
+    double needed(Scene& scene, LitBox& lit) { return needed(scene, scene.light_count ? lighting(scene, lit).lost : 0); }
 
     // Whether it is seen, of what is within the limits, where this share must be visible; after `find_near`.
     bool sees(Scene& scene, double needed_share) {
@@ -84,7 +86,7 @@ public:
             if (shares) found.visible = share(scene, NAN);
         }
         if (found.cause == HIDDEN) return found;
-        if (found.visible < needed(scene)) return {SAME_COLOUR, behind_by, 0, found.visible};
+        if (found.visible < needed(scene, 0.0)) return {SAME_COLOUR, behind_by, 0, found.visible};
         if (!scene.light_count) return found;
         Lighting light = lighting(scene, lit, true);
         if (!(found.visible < needed(scene, light.lost))) return found;
