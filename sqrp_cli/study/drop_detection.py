@@ -90,17 +90,8 @@ _NEVER = 1e3
 """How long after the motion what no image shows is shown [s]: after all windows."""
 
 
-class Sight(NamedTuple):
-    """Cameras that look at a drop."""
-
-    eyes: Array
-    """Where each of c cameras is, shape (c, s, f, 3) or (c, 1, 1, 3) [m]."""
-    focal: Array
-    """Their focal lengths, shape (c,) [pixels]."""
-
-
 class SeenOffset(NamedTuple):
-    """How far a part is from where it is expected, as c cameras see it at s * f times; shape (c, s, f) [m] each."""
+    """How far a part is from where it is expected, as cameras see it in n drops at f times; shape (n, f) [m] each."""
 
     across: Array
     """Across the line of sight."""
@@ -111,14 +102,17 @@ class SeenOffset(NamedTuple):
     length: Array
     """How long the silhouette of its box is along the direction of the offset, through its middle."""
     focal: Array
-    """Of the cameras, shape (c, 1, 1) [pixels]."""
+    """Of the cameras, shape (n, 1) [pixels]."""
     spread: float
     """Square root of the mean area of the silhouette of its box."""
 
     @classmethod
-    def of(cls, expected: Array, free: Array, sight: Sight, R_WB: Array, size: Array) -> SeenOffset:
-        """expected, free: where its centre would be and is, (s, f, 3) [m]. R_WB, size: of the box expected there."""
-        ray, gap = expected - sight.eyes, free - expected
+    def of(cls, expected: Array, free: Array, eyes: Array, focal: Array, R_WB: Array, size: Array) -> SeenOffset:
+        """expected, free: where its centre would be and is, (n, f, 3) [m]. R_WB, size: of the box expected there.
+
+        eyes: where the cameras are, (n, f or 1, 3) [m]; focal: their focal lengths, (n,) [pixels].
+        """
+        ray, gap = expected - eyes, free - expected
         distance, nearer = _norm(ray), -_dot(ray, gap)
         nearer /= distance
         across = gap + (nearer / distance)[..., None] * ray
@@ -133,8 +127,7 @@ class SeenOffset(NamedTuple):
             turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
             reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
             np.minimum(length, reach / np.maximum(turn, 1e-9), out=length)
-        focal = sight.focal[:, None, None]
-        return cls(across=gone, distance=distance, nearer=nearer, length=length, focal=focal, spread=_spread(size))
+        return cls(gone, distance, nearer, length, focal[:, None], _spread(size))
 
     def apart(self, rule: DropRule) -> Array:
         """By how much it is further from where it is expected than it must be."""
@@ -234,13 +227,6 @@ def _shown(
     X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
     free = _falling(stage, observer, name, X_WO, times, len(t))
     expected = _followed(X_WO[:, :3, 3], times, len(t))
-    eyes = [_followed(states.camera_poses(camera)[:, :3, 3], times, len(t)) for camera in observer.cameras]
-    sight = Sight(np.array(eyes).reshape(-1, *free.shape), _focal(observer.cameras))
-    R_WB, size = (
-        np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[: len(t), :3, :3],
-        np.array(left[0].size),
-    )
-    held = SeenOffset.of(expected, free, sight, R_WB[:, None], size)
 
     by_color = left[0].limits.kind == "color"
     every = (box for target in targets.values() for box in boxes_of(target))
@@ -250,23 +236,40 @@ def _shown(
     seen = _judging(observer, stage.once_lost(), places, some, robot_alone=False)
     first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
     windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
+    # Whether each camera judges a box soon after each loss, (c, s); what others make of it matters where none does.
+    judges = {box: np.transpose([of_box[window].any(axis=0) for window in windows]) for box, of_box in judged.items()}
+    any_judges: Mask = np.any(list(judges.values()), axis=0)
+    camera, start = np.nonzero(any_judges | ~any_judges.any(axis=0))  # of each of n drops that are looked at
+    tracks = [states.camera_poses(one)[:, :3, 3] for one in observer.cameras]
+    if all(len(track) == 1 for track in tracks):
+        eyes = np.array(tracks).reshape(-1, 1, 3)[camera]
+    else:
+        eyes = np.array([_followed(track, times, len(t)) for track in tracks])[camera, start]
+    focal, size, falls = _focal(observer.cameras)[camera], np.array(left[0].size), free[start]
+    R_WB = np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[start, None, :3, :3]
+    held = SeenOffset.of(expected[start], falls, eyes, focal, R_WB, size)
     before = np.searchsorted(some, t[:, None] + _FALL, side="right") - 1
-    at_places: list[tuple[Mask, SeenOffset]] = []  # whether each camera sees the place before and after each time
+    at_places: list[tuple[Mask, SeenOffset]] = []  # whether the camera sees the place before and after each time
     for box in places:
         both = np.append(seen[box][:-1] & seen[box][1:], np.zeros((1, seen[box].shape[1]), dtype=bool), axis=0)
         X_WB = stage.resting[box.frame][0] @ box.X_FB
-        there = np.broadcast_to(X_WB[:3, 3], free.shape)
-        offset = SeenOffset.of(there, free, sight, X_WB[:3, :3], np.array(left[0].size))
-        at_places.append((np.moveaxis(both[before], 2, 0), offset))
+        there = np.broadcast_to(X_WB[:3, 3], falls.shape)
+        offset = SeenOffset.of(there, falls, eyes, focal, X_WB[:3, :3], size)
+        at_places.append((both[before[start], camera[:, None]], offset))
 
-    def judges(box: SoughtBox) -> Mask:
-        """Whether each camera judges a box soon after each loss, shape (c, s)."""
-        return np.transpose([judged[box][window].any(axis=0) for window in windows])
+    def of_cameras(found: Array) -> Array:
+        """Times of the drops that are looked at, (n,), by camera and start, (c, s) [s]; -inf of the others."""
+        all_times = np.full(any_judges.shape, -np.inf)
+        all_times[camera, start] = t[start] + found
+        return all_times
 
     period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
 
     def gone(rule: DropRule) -> tuple[Array, Array]:
-        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
+        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s].
+
+        -inf of those that do not count.
+        """
         apart = held.apart(rule)
         enough = apart
         if by_color:
@@ -274,20 +277,22 @@ def _shown(
             for looked_at, offset in at_places:
                 in_a_place = np.maximum(in_a_place, np.where(looked_at, offset.fills(rule), -np.inf))
             enough = np.maximum(held.clear(rule), np.minimum(apart, in_a_place))
-        return t + _first(apart, period), t + _first(enough, period)
+        return of_cameras(_first(apart, period)), of_cameras(_first(enough, period))
 
-    x, late, judge = t, gone(SURE)[1], np.any([judges(box) for box in left], axis=0)
+    x, late, judge = t, gone(SURE)[1], np.any([judges[box] for box in left], axis=0)
     surely = np.where(judge, late, -np.inf)
     until, since = gone(USUAL)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
     for box in reached:
         X_WB, size = stage.resting[box.frame][0] @ box.X_FB, np.array(box.size)
         part = (free - X_WB[:3, 3]) @ X_WB[:3, :3]
-        x = np.maximum(x, t + _first((0.5 * size - np.abs(part)).min(axis=2)[None])[0])
+        x = np.maximum(x, t + _first((0.5 * size - np.abs(part)).min(axis=2)))
         # By how much the line of sight through the part meets the middle plane of the box inside it.
-        ray = part - (sight.eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
+        part = part[start]
+        ray = part - (eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
         met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
-        there, judge = t + _first((0.5 * size[:2] - np.abs(met)).min(axis=3), period), judges(box)
+        inside = 0.5 * size[:2] - np.abs(met)
+        there, judge = of_cameras(_first(np.minimum(inside[..., 0], inside[..., 1]), period)), judges[box]
         late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
         until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
@@ -440,17 +445,17 @@ def _norm(vectors: Array) -> Array:
 
 
 def _first(margin: Array, least: float = 0.0) -> Array:
-    """When a margin (c, s, f) is first not negative after the loss for a least time [s], shape (c, s) [s].
+    """When a margin (n, f) is first not negative after the loss for a least time [s], shape (n,) [s].
 
     Infinite if it never is.
     """
     bad = np.where(margin < 0.0, _FALL, np.inf)
-    lasts = np.minimum.accumulate(bad[..., ::-1], axis=2)[..., ::-1] - _FALL
+    lasts = np.minimum.accumulate(bad[:, ::-1], axis=1)[:, ::-1] - _FALL
     good = (margin >= 0.0) & (lasts >= least)
-    index = good.argmax(axis=2)
+    index = good.argmax(axis=1)
     before = np.maximum(index - 1, 0)
-    late, early = (np.take_along_axis(margin, i[..., None], axis=2)[..., 0] for i in (index, before))
+    late, early = (margin[np.arange(len(margin)), i] for i in (index, before))
     with np.errstate(invalid="ignore"):
         share = np.where((index > 0) & np.isfinite(early) & (early < 0), early / np.minimum(early - late, -1e-12), 1.0)
     found = _FALL[before] + np.clip(share, 0.0, 1.0) * (_FALL[index] - _FALL[before])
-    return np.where(good.any(axis=2), found, np.inf)
+    return np.where(good.any(axis=1), found, np.inf)

@@ -23,7 +23,7 @@ from sqrp_cli.sight.observer import BoxVerdicts
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox
 from sqrp_cli.skill.target_box import TargetBox
-from sqrp_cli.study.drop_detection import SURE, USUAL, SeenOffset, Sight, judged, majority_time
+from sqrp_cli.study.drop_detection import SURE, USUAL, SeenOffset, judged, majority_time
 from tests.run.cell.scenes import camera, thing
 
 Size = tuple[float, float, float]
@@ -105,16 +105,16 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
         X_WR = turned(HELD + 0.4 * max(size) * way)
         tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
-        sight = Sight(eye.X_FC[:3, 3].reshape(1, 1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5]))
+        eyes, focal = eye.X_FC[:3, 3].reshape(1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5])
 
         def offset(X_WB: Array) -> SeenOffset:
             """From where the tool or a place would show the part."""
             expected = np.broadcast_to(X_WB[:3, 3], (1, STEPS, 3))
-            return SeenOffset.of(expected, free[None], sight, X_WB[None, None, :3, :3], np.array(size))  # noqa: B023
+            return SeenOffset.of(expected, free[None], eyes, focal, X_WB[None, None, :3, :3], np.array(size))  # noqa: B023
 
         held = offset(X_WH)
-        clear, apart = held.clear(SURE)[0, 0] >= 0, held.apart(SURE)[0, 0] >= 0
-        there = offset(rest.X_FB).fills(SURE)[0, 0] >= 0
+        clear, apart = held.clear(SURE)[0] >= 0, held.apart(SURE)[0] >= 0
+        there = offset(rest.X_FB).fills(SURE)[0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
         beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
