@@ -10,6 +10,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from ctypes import c_int64, c_void_p
 from enum import IntEnum
+from itertools import compress
 from typing import Any, NamedTuple
 from weakref import finalize
 
@@ -340,12 +341,18 @@ class Request:
 
         Raises ValueError for shapes that do not fit, and where a frame is missing.
         """
-        if any(X.shape[1:] != (4, 4) or len(X) not in (1, states) for X in X_WF) or len(X_WF) < scene.frames:
-            raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
         self._scene, self._states = scene, states
-        self._X = [np.ascontiguousarray(X, dtype=float) for X in X_WF]
-        self._count = np.array([len(X) for X in X_WF], dtype=np.int64)
-        self._places = np.array([X.__array_interface__["data"][0] for X in self._X], dtype=np.uint64)
+        self._count = np.array(list(map(len, X_WF)), dtype=np.int64)
+        still = self._count == 1
+        # Those that never move are often hundreds, and lie one after the other.
+        resting = np.concatenate([np.empty((0, 4, 4)), *compress(X_WF, still.tolist())])
+        moving = [np.ascontiguousarray(X, dtype=float) for X in compress(X_WF, (~still).tolist())]
+        if len(X_WF) < scene.frames or any(X.shape != (states, 4, 4) for X in moving):
+            raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
+        self._X = [resting, *moving]
+        self._places = np.empty(len(X_WF), dtype=np.uint64)
+        self._places[still] = resting.ctypes.data + np.arange(len(resting)) * resting[:1].nbytes
+        self._places[~still] = [X.ctypes.data for X in moving]
         at, counts = self._places.ctypes.data, self._count.ctypes.data
         self._request = _Request(X_WF=at, pose_count=counts, **scene.fields)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import product
+from itertools import compress, product
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -257,6 +257,11 @@ class CollisionScene:
             if (doubt := scale_doubt(solid, obj)) and solid.diagonal > max(obj.size)
         }
         self._clearance = {obj.name: CLEARANCE + (padding if obj.fixed else 0.0) for obj in objects}
+        self._reach = {
+            name: max((float(np.linalg.norm(one.center)) + one.radius for one in solids), default=0.0)
+            for name, solids in self.object_solids.items()
+        }
+        """How far each object reaches from its origin at most [m]."""
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
         self._contacts: WeakKeyDictionary[World, str] = WeakKeyDictionary()
 
@@ -323,9 +328,11 @@ class CollisionScene:
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
         """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""
         raised = pose(position=(0.0, 0.0, 3 * CLEARANCE)) @ X_WO
+        places = np.array([X[:3, 3] for X in world.X_WO.values()]) - X_WO[:3, 3]
+        reach = np.array([self._reach[other] for other in world.X_WO]) + self._reach[name] + CLEARANCE
         return frozenset(
             other
-            for other in world.X_WO
+            for other in compress(world.X_WO, (np.linalg.norm(places, axis=1) <= reach).tolist())
             if other not in (name, world.held)
             and self.touch(name, X_WO, other, world)
             and not self.touch(name, raised, other, world)

@@ -74,6 +74,7 @@ class SightScene:
         )
         self._lights = np.array([_light_record(light) for light in lights.values()], dtype=kernel.LIGHT)
         self._masks: dict[object, Array] = {}
+        self._cameras: dict[tuple[Projection, ...], kernel.Record] = {}
         self._scenes: dict[tuple[tuple[Projection, ...], tuple[SoughtBox, ...]], kernel.Scene] = {}
 
     def request(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox], states: SceneStates) -> kernel.Request:
@@ -83,21 +84,25 @@ class SightScene:
             for old in list(self._scenes)[: 1 - _KEPT]:
                 del self._scenes[old]
             self._scenes[key] = self._scene(*key)
-        for frame in (*(box.frame for box in boxes), *(one.camera.frame for one in cameras)):
+        for frame in {*(box.frame for box in boxes), *(one.camera.frame for one in cameras)}:
             if frame not in states.X_WF:
                 raise KeyError(frame)
         return kernel.Request(
             self._scenes[key], states.count, [states.X_WF.get(name, _NOWHERE) for name in self._frames]
         )
 
-    def _scene(self, cameras: Sequence[Projection], boxes: Sequence[SoughtBox]) -> kernel.Scene:
+    def _scene(self, cameras: tuple[Projection, ...], boxes: Sequence[SoughtBox]) -> kernel.Scene:
+        if cameras not in self._cameras:  # the cell's own ones are asked about again and again
+            for old in list(self._cameras)[: 1 - _KEPT]:
+                del self._cameras[old]
+            self._cameras[cameras] = np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA)
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
         opaque, alike, own = masks.transpose(1, 2, 0)
         return kernel.Scene(
             self._table,
             boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
             masks=kernel.Masks(opaque=opaque, alike=alike, own=own),
-            cameras=np.array([self._camera_record(camera) for camera in cameras], dtype=kernel.CAMERA),
+            cameras=self._cameras[cameras],
             lights=self._lights,
         )
 

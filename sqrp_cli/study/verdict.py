@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -316,6 +317,16 @@ def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
     return causes
 
 
+@lru_cache(maxsize=64)
+def _angles_of_view(camera: Camera) -> tuple[float, ...]:
+    """Up to which angle from its axis a camera shows what is to the right, left, top and bottom, by half degrees."""
+    angles = np.radians(np.arange(0.0, 90.0, 0.5))
+    sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
+    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
+    shown = np.minimum.accumulate(Projection.of(camera).shows(rays), axis=1)
+    return tuple(float(angles[max(row.sum() - 1, 0)]) for row in shown)
+
+
 def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]) -> dict[str, Turn]:
     """Of some cameras, the one that sees all the lost samples after the least turn; empty if none does.
 
@@ -325,20 +336,21 @@ def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]
     states = study.stage.states(study.timeline.samples.some(rows))
     corners = [transform(states.box_poses(box), box_corners(box.size)) for box in loss.target.boxes]
     corners_W = np.concatenate([np.broadcast_to(of_box, (len(rows), 8, 3)) for of_box in corners], axis=1)
-    # Rays at each half degree from the optical axis to the right, left, top and bottom, shape (4, n, 3).
-    angles = np.radians(np.arange(0.0, 90.0, 0.5))
-    sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
-    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
+    X_WC = [np.broadcast_to(states.camera_poses(camera), (len(rows), 4, 4)) for camera in cameras]
+    x, y, z = np.moveaxis(transform(inverse(np.array(X_WC).reshape(-1, len(rows), 4, 4)), corners_W), -1, 0)
+    right, left, top, bottom = np.array([_angles_of_view(camera) for camera in cameras]).reshape(-1, 4).T
+
+    def beyond(seen: Array, upper: Array, lower: Array) -> Array:
+        """By how much angles (c, m, n) exceed those that are within each image, (c,) [rad]."""
+        over = np.maximum(seen.max(axis=(1, 2)) - upper, 0.0)
+        return np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
+
+    aside = np.arctan2(x, z)
+    pan = beyond(aside, right, left)
+    above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan[:, None, None]))
     turns = []
-    for camera in cameras:
-        shown = np.minimum.accumulate(Projection.of(camera).shows(rays), axis=1)
-        right, left, top, bottom = (float(angles[max(row.sum() - 1, 0)]) for row in shown)
-        x, y, z = np.moveaxis(transform(inverse(states.camera_poses(camera)), corners_W), -1, 0)
-        aside = np.arctan2(x, z)
-        pan = max(aside.max() - right, 0.0) or min(aside.min() + left, 0.0)
-        above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan))
-        tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
-        least = Turn(*np.degrees([tilt, pan]))
+    for camera, angles in zip(cameras, np.degrees([beyond(above, top, bottom), pan]).T.tolist(), strict=True):
+        least = Turn(*angles)
         if 0.0 < least.angle <= _MOST_TURN:
             whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
             turns.append((camera, Turn(whole * least.up, whole * least.right)))
