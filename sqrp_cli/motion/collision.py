@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import compress, product
+from itertools import chain, compress
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -123,9 +123,11 @@ class PlacedScene:
 
     def allowing(self, allowed: NamePairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
-        names = [solid.part.parent for solid in self.solids]
-        pairs = zip(self.inner.tolist(), self.outer.tolist(), strict=True)
-        kept = np.array([pair(names[i], names[j]) not in allowed for i, j in pairs], dtype=bool)
+        names, named = [solid.part.parent for solid in self.solids], set(chain.from_iterable(allowed))
+        some = np.array([name in named for name in names], dtype=bool)
+        kept = ~(some[self.inner] & some[self.outer])
+        for k in np.flatnonzero(~kept).tolist():
+            kept[k] = pair(names[self.inner[k]], names[self.outer[k]]) not in allowed
         return replace(self, inner=self.inner[kept], outer=self.outer[kept], clearance=self.clearance[kept])
 
     def check(self, q: Array) -> Contact | None:
@@ -283,15 +285,18 @@ class CollisionScene:
                     mounts += [Mount(-1, X_WO)] * len(of_object)
                     clearance += [self._clearance[name]] * len(of_object)
             depth += [0] * (len(solids) - len(depth))
-            pairs = [*self.self_pairs, *product(range(len(names), len(solids)), moving)]
+            # Every object against every solid that moves: hundreds times dozens.
+            fixed, own = np.arange(len(names), len(solids)), np.reshape(self.self_pairs, (-1, 2)).astype(np.int64)
+            inner = np.concatenate([own[:, 0], np.repeat(fixed, len(moving))])
+            outer = np.concatenate([own[:, 1], np.tile(moving, len(fixed)).astype(np.int64)])
             if world.held is not None and world.X_TO is not None:
                 held, hand = self.object_solids[world.held], self.model.hand_links
                 partners = [i for i, solid in enumerate(solids) if solid.part.parent not in hand]
-                pairs += [(i, k) for k in range(len(solids), len(solids) + len(held)) for i in partners]
+                inner = np.concatenate([inner, np.tile(partners, len(held)).astype(np.int64)])
+                outer = np.concatenate([outer, np.repeat(np.arange(len(held)) + len(solids), len(partners))])
                 solids += held
                 mounts += [tree.mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
                 depth += [bound.depth[self.model.tool_frame]] * len(held)
-            inner, outer = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
             self._placed[world] = PlacedScene(
                 model=self.model,
                 bound=bound,

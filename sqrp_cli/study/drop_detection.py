@@ -416,7 +416,7 @@ def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states:
         distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
         far = np.array([np.broadcast_to(one, states.count) for one in distance]).T
         least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
-    in_free_view = np.isin(seen.cause, (Cause.NONE, Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT))
+    in_free_view = (seen.cause == Cause.NONE) | (seen.cause > Cause.HIDDEN)
     found: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, in_free_view)
     return found
 

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from math import acos, cos, degrees, radians
 from typing import NamedTuple
 
 import numpy as np
@@ -84,7 +85,8 @@ class Turn:
     @property
     def angle(self) -> float:
         """The angle in all [deg]."""
-        return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(self.rotation) - 1.0), -1.0, 1.0))))
+        up, right = cos(radians(self.up)), cos(radians(self.right))
+        return degrees(acos(min(max(0.5 * (up + right + up * right - 1.0), -1.0), 1.0)))  # of the rotation's trace
 
     @property
     def rotation(self) -> Array:
@@ -343,7 +345,8 @@ def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]
     def beyond(seen: Array, upper: Array, lower: Array) -> Array:
         """By how much angles (c, m, n) exceed those that are within each image, (c,) [rad]."""
         over = np.maximum(seen.max(axis=(1, 2)) - upper, 0.0)
-        return np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
+        found: Array = np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
+        return found
 
     aside = np.arctan2(x, z)
     pan = beyond(aside, right, left)
