@@ -85,7 +85,7 @@ class MotionBound:
     def __init__(self, model: RobotModel) -> None:
         """Find the axes of the joints."""
         tree, n = model.tree, len(model.arm)
-        ratios = np.abs(model.arm_ratios)
+        ratios = np.abs(model.couplings.ratios[:, :n])  # how far each joint moves with each of the arm's
         driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
         self.spine = [joint for joint in tree.chain(model.tool_frame) if joint in driven]
         moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}

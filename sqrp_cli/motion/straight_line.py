@@ -12,7 +12,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.motion.tool_curve import ToolCurve, progress
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import HeldJoints, Kinematics, least_steps, misses, newton, pose_errors
+from sqrp_cli.robot.pose_search import least_steps, misses, newton, pose_errors
 from sqrp_cli.robot.reach import PastLimit
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.trajectory import JointPath
@@ -61,7 +61,7 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
                 going.remove(row)
         for mask in np.unique(held[going], axis=0) if going else ():
             rows = [row for row in going if (held[row] == mask).all()]
-            for row, path in zip(rows, follow(HeldJoints(model, mask), q0[rows], line), strict=True):
+            for row, path in zip(rows, follow(model, q0[rows], line, ~mask), strict=True):
                 tried[row] = path
     return [
         trial if isinstance(trial, JointPath) and not past_limits(model, trial, may_turn).any() else path
@@ -69,32 +69,34 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
     ]
 
 
-def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | Infeasible]:
+def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = None) -> list[JointPath | Infeasible]:
     """The paths that move the tool along a curve from each of b joint positions, shape (b, n), joint limits ignored.
 
     Each is one polynomial per joint, exact at Chebyshev points and within `TOLERANCE` between them, of the least degree
     that fits. The points of a degree are among those of twice the degree: those in between first check the fit, then
     refine it. Infeasible, with the place, where the arm is or becomes singular. All branches are followed at once.
+    moving: which joints may move, shape (n,); by default all.
     """
     # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
     n, degree, s = q0.shape[1], FIRST_DEGREE, _interpolation(FIRST_DEGREE).s
-    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(line.twist, (len(q0), 1)))
+    J = model.tool_poses_and_jacobians(q0).J * (True if moving is None else moving)
+    tangents = least_steps(J, np.tile(line.twist, (len(q0), 1)))
     guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, n)
-    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
+    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)), moving)
     q = np.concatenate([q0[:, None], reached.reshape(len(q0), degree, -1)], axis=1)
     near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
     far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
     stuck = np.full(len(q0), np.inf)
     for k in range(degree if len(far) else 0):
         going = far[np.isinf(stuck[far])]
-        from_to = (np.full(len(going), at) for at in s[k : k + 2])
-        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
+        at, to = (np.full(len(going), value) for value in s[k : k + 2])
+        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], at, to, moving)
     paths: dict[int, JointPath | Infeasible] = {}
     rows = np.arange(len(q0))  # those that have no path yet, with points q (r, degree + 1, n)
     while len(rows):
-        for row, at in zip(rows.tolist(), stuck.tolist(), strict=True):
-            if at < np.inf:
-                reason = f"the arm cannot follow the {line.word} beyond {progress(line, at)}: it is singular there"
+        for row, end in zip(rows.tolist(), stuck.tolist(), strict=True):
+            if end < np.inf:
+                reason = f"the arm cannot follow the {line.word} beyond {progress(line, end)}: it is singular there"
                 paths[row] = Infeasible((reason,))
         going = np.isinf(stuck)
         rows, q = rows[going], q[going]
@@ -102,23 +104,25 @@ def follow(model: Kinematics, q0: Array, line: ToolCurve) -> list[JointPath | In
         targets, guesses = line.poses(between), refine @ q
         flat, each = guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1))
         errors = (
-            misses(model, flat, each).errors if model.angle_tolerance else pose_errors(model.tool_poses(flat), each)
+            misses(model, flat, each, moving).errors
+            if model.angle_tolerance
+            else pose_errors(model.tool_poses(flat), each)
         )
         deviations = np.linalg.norm(errors.reshape(len(rows), degree, 2, 3), axis=-1).max(axis=-1)
         paths |= {row: JointPath(np.array([0.0, 1.0]), c[None]) for row, c in zip(rows.tolist(), fit @ q, strict=True)}
         misfits = np.flatnonzero(deviations.max(axis=1, initial=0.0) > TOLERANCE)
         if degree == (LAST_WINDING_DEGREE if line.winding else LAST_DEGREE):
             for row, off in zip(rows[misfits].tolist(), deviations[misfits], strict=True):
-                at = progress(line, float(between[off.argmax()]))
-                paths[row] = Infeasible((f"the arm is close to singular after {at} of the {line.word}",))
+                where = progress(line, float(between[off.argmax()]))
+                paths[row] = Infeasible((f"the arm is close to singular after {where} of the {line.word}",))
             break
         rows, q, guesses = rows[misfits], q[misfits], guesses[misfits]
-        reached, met = _meet(model, guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1)))
+        reached, met = _meet(model, guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1)), moving)
         reached = reached.reshape(guesses.shape)
         near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
         on = np.nonzero(~(near & met.reshape(near.shape)))
         stuck_at = np.full((len(rows), degree), np.inf)
-        reached[on], stuck_at[on] = _advance(model, line, q[on], s[on[1]], between[on[1]])
+        reached[on], stuck_at[on] = _advance(model, line, q[on], s[on[1]], between[on[1]], moving)
         degree, stuck = 2 * degree, stuck_at.min(axis=1)
         refined = np.empty((len(rows), degree + 1, n))
         refined[:, ::2], refined[:, 1::2] = q, reached
@@ -142,7 +146,9 @@ def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | N
     return f"{past}, which it reaches after {progress(line, float(s[first]))} of the {line.word}"
 
 
-def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+def _advance(
+    model: RobotModel, line: ToolCurve, q: Array, s: Array, to: Array, moving: Mask | None
+) -> tuple[Array, Array]:
     """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
 
     Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and the positions s where the arm cannot continue,
@@ -151,15 +157,15 @@ def _advance(model: Kinematics, line: ToolCurve, q: Array, s: Array, to: Array) 
     stuck = np.full(len(q), np.inf)
     if not len(q):
         return q, stuck
-    reached, met = _meet(model, q, line.poses(to))
+    reached, met = _meet(model, q, line.poses(to), moving)
     met &= _is_short(line, s, to)
     shortest = to - s < SMALLEST_STEP
     stuck[~met & shortest] = s[~met & shortest]
     halved = np.flatnonzero(~met & ~shortest)
     middle = 0.5 * (s + to)
-    reached[halved], stuck[halved] = _advance(model, line, q[halved], s[halved], middle[halved])
+    reached[halved], stuck[halved] = _advance(model, line, q[halved], s[halved], middle[halved], moving)
     on = halved[np.isinf(stuck[halved])]
-    reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on])
+    reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on], moving)
     return reached, stuck
 
 
@@ -168,9 +174,9 @@ def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
     return (to - s) * line.winding <= LARGEST_TURN
 
 
-def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:
+def _meet(model: RobotModel, guesses: Array, X_WT: Array, moving: Mask | None) -> tuple[Array, Mask]:
     """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
-    q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
+    q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE, moving)
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
 
 

@@ -19,7 +19,6 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.pose_search import (
     FOLLOWED,
-    HeldJoints,
     descend,
     halton,
     newton,
@@ -209,7 +208,7 @@ def _at_limits(model: RobotModel, X_WT: Array, q: Array) -> Array:
         q = np.clip(q, model.lower, model.upper)
         for mask in np.unique(held, axis=0):
             rows = (held == mask).all(axis=1)
-            q[rows], errors = newton(HeldJoints(model, mask), X_WT, q[rows], POLISHED)
+            q[rows], errors = newton(model, X_WT, q[rows], POLISHED, ~mask)
             solved[rows] = errors < SOLVED
         if not (limit_excess(model, q)[solved] > 0.0).any():
             break

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.kernel.kernel import joint_poses
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Robot
-from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.robot.urdf import UrdfJoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +69,10 @@ class JointTree:
         seats: list[Mount] = []  # of the joints at position 0
         mounts: dict[str, Mount] = {}
 
-        def grow(urdf: UrdfModel, root: Mount) -> None:
-            mounts[urdf.root] = root
+        for urdf in robot.urdfs:
+            mounts[urdf.root] = Mount(-1, robot.X_WB)
+            if robot.tool is not None and urdf is robot.tool.urdf:
+                mounts[urdf.root] = mounts[robot.tool.link].with_offset(robot.tool.X_LT)
             for joint in urdf.joints.values():
                 seat = mounts[joint.parent].with_offset(joint.X_PJ)
                 if joint.movable:
@@ -79,10 +80,6 @@ class JointTree:
                     seats.append(seat)
                     seat = Mount(len(joints) - 1, np.eye(4))
                 mounts[joint.child] = seat
-
-        grow(robot.urdf, Mount(-1, robot.X_WB))
-        if robot.tool is not None:
-            grow(robot.tool.urdf, mounts[robot.tool.link].with_offset(robot.tool.X_LT))
         axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
         still = np.array([seat.X_JL for seat in seats]).reshape(-1, 4, 4)
         turns = np.array([joint.type != "prismatic" for joint in joints], dtype=bool)
@@ -115,11 +112,6 @@ class JointTree:
         """Poses of the joints in their parents at position 0, shape (N, 4, 4)."""
         return self.terms[:, 0]
 
-    @cached_property
-    def sliding(self) -> NDArray[np.intp]:
-        """Indices of the joints that slide."""
-        return np.flatnonzero(~self.turns)
-
     def poses(self, positions: Array) -> Array:
         """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
         return joint_poses(np.array(self.parents), self.turns, self.terms, positions).swapaxes(0, 1)
@@ -145,11 +137,10 @@ class Couplings:
         offsets = np.zeros(len(joints))
         ratios[driven, range(len(driven))] = 1.0
         rows = {joint.name: row for row, joint in enumerate(joints)}
-        for row, joint in enumerate(joints):
+        for row, joint in sorted(enumerate(joints), key=lambda one: one[1].mimic is not None):  # leaders first
             if joint.mimic is None and row not in driven:
                 offsets[row] = rest.get(joint.name, joint.rest)
-        for row, joint in enumerate(joints):
-            if joint.mimic is not None and row not in driven:
+            elif joint.mimic is not None and row not in driven:
                 leader = rows[joint.mimic.joint]
                 ratios[row] = joint.mimic.multiplier * ratios[leader]
                 offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset

@@ -11,62 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.geometry import Array, Mask, cross, inverse, read_only
+from sqrp_cli.geometry import Array, Mask, cross, read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.joint_tree import Couplings, JointTree, driving_joints
 from sqrp_cli.robot.robot import JointLimits, Robot
 from sqrp_cli.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
 from sqrp_cli.trajectory import JointSpan
-
-ROUNDS = 100
-"""Rounds of moving the points on the axes to shorten their chain."""
-
-LEAST_DISTANCE = 1e-9
-"""Added to distances from axes, so that their shares are defined when all are zero [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class WristSphere:
-    """A sphere that a point on the arm's last axis cannot leave.
-
-    A point on an axis is fixed in both links that the axis joins. So the chosen point on the last axis is no further
-    from the one on the first than the sum of distances between points on neighbouring axes, and the tool pose
-    determines its place.
-    """
-
-    center: Array
-    """In the world [m], shape (3,)."""
-    radius: float
-    """[m]"""
-    point: Array
-    """The point on the last axis, in the tool frame [m], shape (3,)."""
-
-    def excess(self, X_WT: Array) -> float:
-        """How far [m] the point lies outside of the sphere at a tool pose X_WT, shape (4, 4); negative inside."""
-        wrist = X_WT[:3, :3] @ self.point + X_WT[:3, 3]
-        return float(np.linalg.norm(wrist - self.center)) - self.radius
-
-    @classmethod
-    def around(cls, axes: Array, points: Array, X_WT: Array) -> WristSphere:
-        """The sphere of an arm at any position with a tool pose X_WT: n axes and a point on each, shape (n, 3) each.
-
-        The points move to shorten their chain: one after the other to the place on its axis with the shortest way
-        between its neighbours, which divides the difference of their heights along the axis in the ratio of their
-        distances from it.
-        """
-        points, n = points.copy(), len(points)
-        for _ in range(ROUNDS):
-            for k in range(n):
-                neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
-                heights = neighbours @ axes[k]
-                # With both neighbours on the axis, as where axes meet in one point, any place between them is shortest.
-                distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
-                shares = distances[::-1] / distances.sum()
-                points[k] += (heights * shares).sum() * axes[k]
-        radius = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        X_TW = inverse(X_WT)
-        return cls(points[0], radius, X_TW[:3, :3] @ points[-1] + X_TW[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,25 +104,21 @@ class RobotModel:
         Names are as `RobotReader` checks them. Raises InputError for a joint without limits, or a tool frame that no
         joint moves.
         """
-        tree = JointTree.of(robot)
+        tree, moved = JointTree.of(robot), robot.fingers
         chain = tree.chain(robot.tool_frame)
         arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
         if not arm:
             raise bad_input("no-arm", f"no joint moves the tool frame `{robot.tool_frame}`", Place(robot.urdf.path))
-        names = tuple(robot.fingers.open) if robot.fingers else ()
-        opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
-        driving = {
-            index
-            for index, joint in enumerate(tree.joints)
-            if joint.name in names or (joint.mimic is not None and joint.mimic.joint in names)
-        }
+        names = () if moved is None else tuple(moved.open)
+        named = [{joint.name, joint.mimic.joint if joint.mimic else joint.name} for joint in tree.joints]
+        driving = {index for index, either in enumerate(named) if either & {*names}}
         fingers = FingerModel(
             joints=names,
-            open=read_only([opened[name] for name in names]),
-            closed=read_only([closed[name] for name in names]),
+            open=read_only([] if moved is None else [moved.open[name] for name in names]),
+            closed=read_only([] if moved is None else [moved.closed[name] for name in names]),
             **_limit_arrays([tree.joints[tree.index(name)] for name in names], robot),
             links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
-            width=None if robot.fingers is None else robot.fingers.width,
+            width=None if moved is None else moved.width,
         )
         carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in robot.parts})
         adjacent = frozenset(
@@ -247,10 +194,10 @@ class RobotModel:
         positions = self.couplings.positions(self.with_fingers(q))
         rests = np.zeros((len(q), len(tree.parents) - len(self.tree.parents)))
         X_WL = tree.poses(np.concatenate([positions, rests], axis=1))
-        still = {
-            link: np.broadcast_to(on.X_JL, (len(q), 4, 4)) for link, on in self.tree.mounts.items() if on.joint < 0
+        return {
+            link: np.broadcast_to(on.X_JL, (len(q), 4, 4)) if on.joint < 0 else X_WL[:, rows[link]]
+            for link, on in self.tree.mounts.items()
         }
-        return {link: still[link] if link in still else X_WL[:, rows[link]] for link in self.tree.mounts}
 
     @cached_property
     def _link_tree(self) -> tuple[JointTree, Mapping[str, int]]:
@@ -300,14 +247,9 @@ class RobotModel:
         axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
-        if len(slides := self._chain_tree.sliding):
-            columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
+        if not (turns := self._chain_tree.turns).all():
+            columns[:, ~turns, :3], columns[:, ~turns, 3:] = axes[:, ~turns], 0.0
         return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios)
-
-    @property
-    def arm_ratios(self) -> Array:
-        """How far each of the N joints of `tree` moves with each of the arm's, shape (N, n); linkages have others."""
-        return self.couplings.ratios[:, : len(self.arm)]
 
     @property
     def joints_move_alone(self) -> bool:
@@ -325,14 +267,6 @@ class RobotModel:
         """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
         origins: Array = self.joint_lines(q[None]).origins[0]
         return origins
-
-    @cached_property
-    def wrist_sphere(self) -> WristSphere | None:
-        """The sphere that bounds the arm's last axis; None if a joint slides or follows another one."""
-        if not self.turns.all() or not self.joints_move_alone:
-            return None
-        axes = self.jacobian(self.home)[3:].T
-        return WristSphere.around(axes, self.joint_origins(self.home), self.tool_pose(self.home))
 
     def arm_positions(self, values: Mapping[str, float]) -> Array:
         """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""

@@ -7,13 +7,12 @@ Methods for non-linear least squares problems, 2004, section 3.2, with a fixed s
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import RobotModel, ToolMotion
+from sqrp_cli.robot.kinematics import RobotModel
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
@@ -30,42 +29,6 @@ LEAST_TURN = 1e-6
 
 NEWTON_STEPS = 8
 """Most steps of Newton's method; each squares the error of an isolated solution."""
-
-
-class Kinematics(Protocol):
-    """Kinematics of a tool frame; `RobotModel` is one."""
-
-    @property
-    def angle_tolerance(self) -> float:
-        """By how much the tool may be turned away from a pose [rad]; 0 for arms that take poses exactly."""
-
-    def tool_poses(self, q: Array) -> Array:
-        """World poses X_WT of the tool frame, shape (m, 4, 4), at m positions of shape (m, n)."""
-
-    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """The same with their Jacobians."""
-
-
-@dataclass(frozen=True, eq=False)
-class HeldJoints:
-    """An arm with some joints held still: held, shape (n,). The methods are those of `RobotModel`."""
-
-    model: RobotModel
-    held: Mask
-
-    @property
-    def angle_tolerance(self) -> float:
-        """As for the arm."""
-        return self.model.angle_tolerance
-
-    def tool_poses(self, q: Array) -> Array:
-        """As for the arm."""
-        return self.model.tool_poses(q)
-
-    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """As for the arm, but held joints do not move the tool."""
-        X_WT, J = self.model.tool_poses_and_jacobians(q)
-        return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
 class Approach(NamedTuple):
@@ -117,15 +80,17 @@ class Misses(NamedTuple):
     """By how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it."""
 
 
-def misses(model: Kinematics, q: Array, X_target: Array) -> Misses:
+def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = None) -> Misses:
     """The errors of m joint positions q, shape (m, n), against targets, one each, (m, 4, 4).
+
+    moving: which joints may move, (n,); by default all.
 
     An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as motions
     of the joints can that do not move the origin (the null space of its Jacobian). What they cannot turn is tolerated
     up to the model's `angle_tolerance`: right angles that a URDF rounds to 1.57 keep no arm from its work.
     """
     X, J = model.tool_poses_and_jacobians(q)
-    errors = pose_errors(X, X_target)
+    errors, J = pose_errors(X, X_target), J if moving is None else J * moving
     if not model.angle_tolerance:
         return Misses(errors, J, np.zeros(len(q)))
     beyond = np.maximum(np.linalg.norm(errors[:, 3:], axis=1) - model.angle_tolerance, 0.0)
@@ -195,7 +160,7 @@ def descend(
     return Approach(q_all, e_all)
 
 
-def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
+def newton(model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
     """Newton's method for `misses` from each of m joint positions, shape (m, n), with the least motion of the joints.
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
@@ -205,14 +170,13 @@ def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, movin
     q, largest = q.copy(), np.zeros(len(q))
     rows = np.arange(len(q))
     for step in range(NEWTON_STEPS + 1):
-        errors, J, turned_away = misses(model, q[rows], targets[rows])
+        errors, J, turned_away = misses(model, q[rows], targets[rows], moving)
         off = np.abs(errors).max(axis=1, initial=0.0) > tolerance
         largest[rows] = np.maximum(np.abs(errors).max(axis=1, initial=0.0), turned_away)
         rows = rows[off]
         if step == NEWTON_STEPS or not len(rows):
             break
-        J = J[off] if moving is None else J[off] * moving
-        q[rows] += least_steps(J, errors[off])
+        q[rows] += least_steps(J[off], errors[off])
     return Approach(q, largest)
 
 

@@ -5,9 +5,11 @@ A sphere that bounds the arm's outermost axis proves without a search that place
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.pose_search import descend, spread_starts
@@ -27,6 +29,12 @@ STEPS = 60
 
 PLACES_BEYOND, STARTS_BEYOND = 16, 16
 """Places behind one out of reach that are tried, and starting points of the search for each."""
+
+ROUNDS = 100
+"""Rounds of moving the points on the axes to shorten their chain."""
+
+LEAST_DISTANCE = 1e-9
+"""Added to distances from axes, so that their shares are defined when all are zero [m]."""
 
 HELD_ORIENTATION = 1e-3
 """Largest error of an orientation that counts as held [rad]."""
@@ -136,4 +144,32 @@ def beyond_reach(model: RobotModel, X_WT: Array) -> float:
 
     Positive: unreachable, and at least this far. Otherwise it proves nothing; -infinite without a bound.
     """
-    return -np.inf if model.wrist_sphere is None else model.wrist_sphere.excess(X_WT)
+    if (sphere := _wrist_sphere(model)) is None:
+        return -np.inf
+    center, radius, point = sphere
+    return float(np.linalg.norm(X_WT[:3, :3] @ point + X_WT[:3, 3] - center)) - radius
+
+
+@lru_cache(maxsize=8)
+def _wrist_sphere(model: RobotModel) -> tuple[Array, float, Array] | None:
+    """Centre [m], radius [m] and point in the tool frame [m] that cannot leave it, a point of the last axis.
+
+    A point on an axis is fixed in both links that the axis joins. So a point on the last axis is no further from one on
+    the first than the sum of distances between points on neighbouring axes. These move to shorten their chain: one
+    after the other to the place on its axis with the shortest way between its neighbours, which divides the difference
+    of their heights along the axis in the ratio of their distances from it. None if a joint slides or follows another.
+    """
+    if not model.turns.all() or not model.joints_move_alone:
+        return None
+    axes, points = (lines[0].copy() for lines in model.joint_lines(model.home[None]))
+    n = len(points)
+    for _ in range(ROUNDS):
+        for k in range(n):
+            neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
+            heights = neighbours @ axes[k]
+            # With both neighbours on the axis, as where axes meet in one point, any place between them is shortest.
+            distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
+            points[k] += (heights * (distances[::-1] / distances.sum())).sum() * axes[k]
+    X_TW = inverse(model.tool_pose(model.home))
+    radius = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return points[0], radius, X_TW[:3, :3] @ points[-1] + X_TW[:3, 3]
