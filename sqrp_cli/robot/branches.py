@@ -13,7 +13,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.settings import ANY, FASTEST
 
 WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
-"""The names, each with the word for a positive figure and that for a negative one; see `_figures`."""
+"""The names, each with the word for a positive figure and that for a negative one; see `branch_words`."""
 
 BETWEEN = 1e-9
 """Largest size of a figure that belongs to neither of two branches."""
@@ -55,17 +55,13 @@ def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
     Positions between two branches (a stretched arm) belong to neither. Raises InputError for a name without meaning for
     the arm.
     """
-    wanted = np.ones(len(q), dtype=bool)
     chosen = choice.chosen
-    if not chosen:
-        return wanted
-    for name, why in _senseless(model).items():
+    for name, why in _senseless(model).items() if chosen else ():
         if name in chosen:
             message = f"`{name}={chosen[name]}` has no meaning for this arm: {why}"
             raise bad_input("unknown-branch", message, mend=f"leave it at `{name}=any`")
-    for row, words in enumerate(_words(model, q)):
-        wanted[row] = all(words[name] == word for name, word in chosen.items())
-    return wanted
+    words = branch_words(model, q) if chosen else [{} for _ in q]
+    return np.array([chosen.items() <= of_row.items() for of_row in words], dtype=bool)
 
 
 def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
@@ -74,52 +70,39 @@ def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
     A position between two branches has no word for these.
     """
     senseless = _senseless(model)
-    if len(senseless) == len(WORDS):
+    names = [name for name in WORDS if name not in senseless]
+    if not names:
         return [{} for _ in q]
-    return [
-        {name: word for name, word in words.items() if word and name not in senseless} for words in _words(model, q)
-    ]
 
+    def dot(a: Array, b: Array) -> Array:
+        found: Array = np.einsum("mi,mi->m", a, b)
+        return found
 
-def _words(model: RobotModel, q: Array) -> list[dict[str, str]]:
-    """The word of each of m positions, shape (m, n), for each name; empty between two branches."""
-
-    def word(figure: float, yes: str, no: str) -> str:
-        return (yes if figure > 0 else no) if abs(figure) > BETWEEN else ""
-
-    return [
-        {name: word(figure, *words) for (name, words), figure in zip(WORDS.items(), figures, strict=True)}
-        for figures in _figures(model, q).tolist()
-    ]
-
-
-def _figures(model: RobotModel, q: Array) -> Array:
-    """Three numbers of each of m positions, positive for elbow up, shoulder left and no flip; shape (m, 3)."""
     axes, origins = model.joint_lines(q)
-    is_third = np.abs(_dot(axes[:, 2], axes[:, 3])) > ALONG
+    is_third = np.abs(dot(axes[:, 2], axes[:, 3])) > ALONG
     wrist = np.where(is_third[:, None], origins[:, 3], origins[:, 4])
     first, second = axes[:, 0], axes[:, 1]
     line, to_elbow = (
-        vector - _dot(vector, second)[:, None] * second
+        vector - dot(vector, second)[:, None] * second
         for vector in (wrist - origins[:, 1], origins[:, 2] - origins[:, 1])
     )
     across = cross(second, line)
-    elbow = _dot(to_elbow, across) * across[:, 2]
-    side = _dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
-    side *= np.where(first[:, 2] < 0, -1.0, 1.0)
-    home = model.joint_lines(model.home[None]).axes
-    return np.stack([elbow, side, _bend(axes) * _bend(home)], axis=1)
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Scalar products of vectors, shape (m, 3) each."""
-    dot: Array = np.einsum("mi,mi->m", a, b)
-    return dot
+    side = dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
+    figures = {
+        "elbow": dot(to_elbow, across) * across[:, 2],
+        "shoulder": side * np.where(first[:, 2] < 0, -1.0, 1.0),
+        "wrist": _bend(axes) * _bend(model.joint_lines(model.home[None]).axes),
+    }
+    return [
+        {name: WORDS[name][0 if figures[name][row] > 0 else 1] for name in names if abs(figures[name][row]) > BETWEEN}
+        for row in range(len(q))
+    ]
 
 
 def _bend(axes: Array) -> Array:
     """Signed bend of the fifth joint by the axes, (m, n, 3): 0 where those of the fourth and the sixth are parallel."""
-    return _dot(cross(axes[:, 3], axes[:, 5]), axes[:, 4])
+    bend: Array = np.einsum("mi,mi->m", cross(axes[:, 3], axes[:, 5]), axes[:, 4])
+    return bend
 
 
 def _senseless(model: RobotModel) -> Mapping[str, str]:

@@ -17,14 +17,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask, inverse, read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import (
-    FOLLOWED,
-    descend,
-    halton,
-    newton,
-    pose_errors,
-    spread_starts,
-)
+from sqrp_cli.robot.pose_search import FOLLOWED, descend, halton, newton, pose_errors, spread_starts
 from sqrp_cli.robot.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 
@@ -102,19 +95,18 @@ class IkResult:
     """Why there is no solution; None if there are some."""
 
 
-_answers: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], IkResult]] = WeakKeyDictionary()
-"""Cached results of robots still in use, the oldest first."""
+_known: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], IkResult]] = WeakKeyDictionary()
+"""Results of robots still in use, the oldest first."""
 
 
 def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> IkResult:
-    """The cached result of `all_solutions` for a pose X_WT, shape (4, 4); read-only."""
-    known = _answers.setdefault(model, {})
-    question = (np.ascontiguousarray(X_WT, dtype=float).tobytes(), seed, redundancy_samples)
-    if question not in known:
+    """The result of `all_solutions` for a pose X_WT, shape (4, 4), which is kept; read-only."""
+    known, asked = _known.setdefault(model, {}), (X_WT.tobytes(), seed, redundancy_samples)
+    if asked not in known:
         if len(known) == MOST_KEPT:
             known.pop(next(iter(known)))
-        known[question] = all_solutions(model, X_WT, seed, redundancy_samples)
-    return known[question]
+        known[asked] = all_solutions(model, X_WT, seed, redundancy_samples)
+    return known[asked]
 
 
 def all_solutions(
@@ -171,8 +163,8 @@ def _held_branches(model: RobotModel, X_WT: Array, seed: int, count: int) -> Arr
     seeds = np.concatenate([approximate_solutions(model, X_WT, sample[joints]) for sample in samples])
     if _solver(model, held_joints(model), GENERIC[: len(joints)]) is not None:
         near = np.abs(pose_errors(model.tool_poses(seeds), X_WT)).max(axis=1, initial=0.0) < NEAR_SEED
-        solutions, solved = _polished(model, X_WT, seeds[near], ~held)
-        return _distinct(model, solutions[solved])[:MOST_BRANCHES]
+        solutions, errors = newton(model, X_WT, seeds[near], POLISHED, ~held)
+        return _distinct(model, solutions[errors < SOLVED])[:MOST_BRANCHES]
     starts = np.tile(spread_starts(model, STARTS_PER_SAMPLE), (len(samples), 1))
     starts[:, held] = np.repeat(samples[:, held], STARTS_PER_SAMPLE, axis=0)
     found = _distinct(model, _solutions_from(model, X_WT, starts, STEPS, ~held))
@@ -226,8 +218,8 @@ def _branches(model: RobotModel, X_WT: Array) -> Array:
     if len(seeds):
         errors = pose_errors(model.tool_poses(seeds), X_WT)
         if (errors**2).sum(axis=1).max() <= FOLLOWED:
-            solutions, solved = _polished(model, X_WT, seeds)
-            found = _distinct(model, solutions[solved])
+            solutions, left = newton(model, X_WT, seeds, POLISHED)
+            found = _distinct(model, solutions[left < SOLVED])
         else:
             # Seeds of a large error are EAIK's least-squares results. Their branch may have no solution here, but may
             # also be singular, and they may lie where the error has no gradient: points around them are tried, too.
@@ -255,8 +247,8 @@ def _solutions_from(
     """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n); see `descend`."""
     reached, errors = descend(model, X_WT, starts, steps, moving=moving, limited=limited)
     near = max(NEARLY_SOLVED, 2.0 * model.angle_tolerance)
-    solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < near], moving)
-    return solutions[solved]
+    solutions, left = newton(model, X_WT, reached[np.abs(errors).max(axis=1) < near], POLISHED, moving)
+    return solutions[left < SOLVED]
 
 
 def _variations(model: RobotModel, q: Array) -> Array:
@@ -280,12 +272,6 @@ def _variations(model: RobotModel, q: Array) -> Array:
     return np.concatenate(variations)
 
 
-def _polished(model: RobotModel, X_WT: Array, q: Array, moving: Mask | None = None) -> tuple[Array, Mask]:
-    """The results of Newton's method from positions q (m, n), and whether they are solutions, (m,)."""
-    q, errors = newton(model, X_WT, q, POLISHED, moving)
-    return q, errors < SOLVED
-
-
 def _settled(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> Array:
     """The solutions q (m, n); those on curves of solutions move along the curve to its point nearest to home.
 
@@ -306,9 +292,9 @@ def _settled(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> Array:
         length = np.linalg.norm(slides, axis=1)
         longest = np.where((slides * previous).sum(axis=1) < 0.0, 0.5 * np.minimum(longest, length), longest)
         steps = slides * np.minimum(1.0, longest / np.maximum(length, 1e-12))[:, None]
-        reached, solved = _polished(model, X_WT, points + steps, moving)
+        reached, left = newton(model, X_WT, points + steps, POLISHED, moving)
         went = ((reached - points) * steps).sum(axis=1) > 0.5 * (steps**2).sum(axis=1)
-        going = solved & went & (np.linalg.norm(steps, axis=1) > 1e-9)
+        going = (left < SOLVED) & went & (np.linalg.norm(steps, axis=1) > 1e-9)
         settled[rows[going]] = reached[going]
         rows, longest, previous = rows[going], longest[going], steps[going]
     return settled

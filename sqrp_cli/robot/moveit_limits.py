@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from sqrp_cli.errors import InputError, Problem, bad_input, expected_names
 from sqrp_cli.files.input_file import read_input
@@ -25,10 +25,13 @@ SCALED = ("velocity", "acceleration")
 
 KINDS = (*SCALED, "jerk")
 
-_KEYS = (
-    "max_position", "min_position", "has_position_limits", *(f"max_{kind}" for kind in KINDS),
-    *(f"has_{kind}_limits" for kind in KINDS),
-)  # fmt: skip
+_LIMITS: dict[str, dict[str, str]] = {
+    **{kind: {f"max_{kind}": kind} for kind in KINDS},
+    "position": {"min_position": "lower", "max_position": "upper"},
+}
+"""The keys of each kind of limit, with what they state."""
+
+_KEYS = [key for kind, keys in _LIMITS.items() for key in (*keys, f"has_{kind}_limits")]
 
 _TOPS = (TOP, "robot_description_planning", "/**", *(f"default_{kind}_scaling_factor" for kind in SCALED))
 """With one of these keys a file is one of MoveIt."""
@@ -80,18 +83,63 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     while not isinstance(data.get(TOP), dict):
         inner = [key for key, value in data.items() if isinstance(value, dict)]
         if len(inner) != 1 or TOP in data:
-            found = ", ".join(f"`{key}`" for key in [*document.data][:5])
-            message = f"found {found}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
+            tops = ", ".join(f"`{key}`" for key in [*document.data][:5])
+            message = f"found {tops}, expected `{TOP}:` with the limits of each joint, as MoveIt writes them"
             raise bad_input("missing-key", message, document.key_place((TOP,)))
         above, data = (*above, inner[0]), data[inner[0]]
-    reader = _LimitsReader(document, [])
-    joints = {name: reader.joint((*above, TOP, name), entry) for name, entry in data[TOP].items()}
-    scaling = {kind: reader.factor((*above, f"default_{kind}_scaling_factor")) for kind in SCALED}
-    if reader.problems:
-        raise InputError(*reader.problems)
-    stated = {kind: {name: found[kind] for name, found in joints.items() if kind in found} for kind in KINDS}
+    problems: list[Problem] = []
+
+    def report(code: str, at: KeyPath, message: str) -> None:
+        problems.append(document.problem(code, at, message))
+
+    def number(at: KeyPath, value: object, least: float) -> float | None:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            report("wrong-type", at, f"found {describe(value)}, expected a number in rad or m, and s")
+        elif not least <= value <= NO_LIMIT:
+            report("wrong-value", at, f"found {value:g}, expected at least {least:g}")
+        else:
+            return float(value)
+        return None
+
+    joints: dict[str, dict[str, float]] = {}  # of each kind, and `lower` and `upper`; those that hold
+    for name, entry in data[TOP].items():
+        at, found = (*above, TOP, name), joints.setdefault(name, {})
+        if not isinstance(entry, dict):
+            report("wrong-type", at, f"found {describe(entry)}, expected a mapping with `max_velocity`")
+            continue
+        for key in entry:
+            if key not in _KEYS and re.fullmatch(r"(has|max|min)_\w+", key):
+                message = f"`{document.name((*at, key))}` is no known key; {expected_names(key, _KEYS)}"
+                problems.append(Problem("unknown-key", message, document.key_place((*at, key))))
+        for kind, keys in _LIMITS.items():
+            flag = entry.get(f"has_{kind}_limits", True)
+            if any(entry.get(key) is None for key in keys):
+                continue
+            if not isinstance(flag, bool):
+                message = f"found {describe(flag)}, expected `true` or `false`"
+                report("wrong-type", (*at, f"has_{kind}_limits"), message)
+            if flag is not True:
+                continue
+            least = -NO_LIMIT if kind == "position" else SMALLEST_LIMIT
+            values = [value for key in keys if (value := number((*at, key), entry[key], least)) is not None]
+            if len(values) == len(keys):
+                found |= dict(zip(keys.values(), values, strict=True))
+            if values and values[0] > values[-1]:
+                message = f"found {values[0]:g}, above `max_position`, {values[-1]:g}"
+                report("wrong-value", (*at, "min_position"), message)
+    scaling = dict.fromkeys(SCALED, 1.0)
+    for kind in SCALED:
+        at = (*above, f"default_{kind}_scaling_factor")
+        if (stated := document.at(at)) is not None:
+            factor = number(at, stated, 1e-3)
+            if factor is not None and factor > 1.0:
+                report("wrong-value", at, f"found {describe(stated)}, expected a factor of at most 1")
+            scaling[kind] = factor or 1.0
+    if problems:
+        raise InputError(*problems)
+    stated_of = {kind: {name: found[kind] for name, found in joints.items() if kind in found} for kind in KINDS}
     positions = {name: (found["lower"], found["upper"]) for name, found in joints.items() if "lower" in found}
-    return MoveitLimits(document, stated, positions, scaling, tuple(joints))
+    return MoveitLimits(document, stated_of, positions, scaling, tuple(joints))
 
 
 def with_position_limits(urdf: UrdfModel, limits: MoveitLimits) -> UrdfModel:
@@ -102,64 +150,3 @@ def with_position_limits(urdf: UrdfModel, limits: MoveitLimits) -> UrdfModel:
         if joint is not None and joint.movable:
             joints[name] = replace(joint, lower=max(lower, joint.lower), upper=min(upper, joint.upper))
     return replace(urdf, joints=joints)
-
-
-class _LimitsReader(NamedTuple):
-    """Reads joints and collects problems."""
-
-    document: SourceDocument
-    problems: list[Problem]
-
-    def joint(self, path: KeyPath, entry: object) -> dict[str, float]:
-        """The limits of a joint that hold: of each kind, and `lower` and `upper`."""
-        if not isinstance(entry, dict):
-            self._report("wrong-type", path, f"found {describe(entry)}, expected a mapping with `max_velocity`")
-            return {}
-        for key in entry:
-            if key not in _KEYS and re.fullmatch(r"(has|max|min)_\w+", key):
-                message = f"`{self.document.name((*path, key))}` is no known key; {expected_names(key, _KEYS)}"
-                self.problems.append(Problem("unknown-key", message, self.document.key_place((*path, key))))
-        found: dict[str, float] = {}
-        for kind in KINDS:
-            if entry.get(f"max_{kind}") is not None and self._on(path, entry, kind):
-                value = self._number((*path, f"max_{kind}"), entry[f"max_{kind}"], SMALLEST_LIMIT)
-                found |= {} if value is None else {kind: value}
-        if "max_position" in entry and "min_position" in entry and self._on(path, entry, "position"):
-            keys = ("min_position", "max_position")
-            lower, upper = (self._number((*path, key), entry[key], -NO_LIMIT) for key in keys)
-            if lower is None or upper is None:
-                return found
-            if lower > upper:
-                message = f"found {lower:g}, above `max_position`, {upper:g}"
-                self._report("wrong-value", (*path, "min_position"), message)
-            found |= {"lower": lower, "upper": upper}
-        return found
-
-    def factor(self, path: KeyPath) -> float:
-        """A scaling factor, above 0 and at most 1; 1 if it is not stated."""
-        data = self.document.at(path)
-        if data is None:
-            return 1.0
-        value = self._number(path, data, 1e-3)
-        if value is not None and value > 1.0:
-            self._report("wrong-value", path, f"found {describe(data)}, expected a factor of at most 1")
-        return value or 1.0
-
-    def _on(self, path: KeyPath, entry: Mapping[str, object], kind: str) -> bool:
-        flag = entry.get(f"has_{kind}_limits", True)
-        if not isinstance(flag, bool):
-            message = f"found {describe(flag)}, expected `true` or `false`"
-            self._report("wrong-type", (*path, f"has_{kind}_limits"), message)
-        return flag is True
-
-    def _number(self, path: KeyPath, value: object, least: float) -> float | None:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self._report("wrong-type", path, f"found {describe(value)}, expected a number in rad or m, and s")
-        elif not least <= value <= NO_LIMIT:
-            self._report("wrong-value", path, f"found {value:g}, expected at least {least:g}")
-        else:
-            return float(value)
-        return None
-
-    def _report(self, code: str, path: KeyPath, message: str) -> None:
-        self.problems.append(self.document.problem(code, path, message))

@@ -6,11 +6,11 @@ serves several variants of a robot: what it says of links and joints that this o
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import Problem, expected_names
 from sqrp_cli.files.frames import link_called
 from sqrp_cli.files.xml_file import MAX_DEPTH, Element
 from sqrp_cli.records import dataclass
@@ -63,54 +63,17 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
     robot = xml.root
     unknown: list[Problem] = []
 
-    def named(element: Element, attribute: str, kind: str, valid: Collection[str]) -> str:
-        name = link_called(element.text(attribute), valid) if kind == "link" else element.text(attribute)
-        if name not in valid:
-            raise element.error(f"unknown-{kind}", f"unknown {kind} `{name}`; {expected_names(name, valid)}")
-        return name
-
     def known(element: Element, attribute: str, kind: str) -> str | None:
         """The link or joint that an attribute names; None, noted, if the robot has none."""
-        try:
-            return named(element, attribute, kind, urdf.links if kind == "link" else urdf.joints)
-        except InputError as error:
-            if error.problems[0].code != f"unknown-{kind}":
-                raise
-            unknown.extend(error.problems)
+        name, valid = element.text(attribute), urdf.links if kind == "link" else urdf.joints
+        name = link_called(name, valid) if kind == "link" else name
+        if name not in valid:
+            message = f"unknown {kind} `{name}`; {expected_names(name, valid)}"
+            unknown.extend(element.error(f"unknown-{kind}", message).problems)
             return None
+        return name
 
-    groups = {element.text("name"): element for element in robot.all("group")}
-    members: dict[str, set[str]] = {}
-
-    def collect(name: str, inside: tuple[str, ...]) -> set[str]:
-        """The joints of a group, those of groups in it too; inside: the groups that it is in."""
-        element = groups[name]
-        if name in inside:
-            raise element.error("group-cycle", f"group `{name}` contains itself")
-        if len(inside) > MAX_DEPTH:
-            raise element.error("nesting-too-deep", f"groups contain each other deeper than {MAX_DEPTH} levels")
-        if name in members:
-            return members[name]
-        joints = {joint for child in element.all("joint") if (joint := known(child, "name", "joint"))}
-        for child in element.all("chain"):
-            base, tip = (known(child, key, "link") for key in ("base_link", "tip_link"))
-            if base is not None and tip is not None:
-                chain = urdf.chain(tip)
-                links = [*(joint.parent for joint in chain), tip]
-                if base not in links:
-                    raise child.error("wrong-chain", f"link `{tip}` is not carried by link `{base}`")
-                joints |= {joint.name for joint in chain[links.index(base) :]}
-        for child in element.all("link"):
-            link = known(child, "name", "link")
-            joints |= {joint.name for joint in urdf.joints.values() if joint.child == link}
-        for child in element.all("group"):
-            joints |= collect(named(child, "name", "group", groups), (*inside, name))
-        members[name] = joints
-        return joints
-
-    joints_of = {
-        name: tuple(joint.name for joint in urdf.movable_joints if joint.name in collect(name, ())) for name in groups
-    }
+    groups = _group_joints({element.text("name"): element for element in robot.all("group")}, urdf, known)
     states: dict[str, dict[str, float]] = {}
     for element in robot.all("group_state"):
         positions = states.setdefault(element.text("name"), {})
@@ -135,7 +98,7 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         mend = "check that the SRDF is of this robot"
         warnings.append(replace(unknown[0], message=message, severity="warning", mend=mend))
     return SrdfModel(
-        groups=joints_of,
+        groups=groups,
         tips=_tips(robot, urdf),
         states=states,
         end_effectors=tuple(end_effectors),
@@ -144,6 +107,46 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         expanded=xml.expanded,
         warnings=tuple(warnings),
     )
+
+
+def _group_joints(
+    groups: Mapping[str, Element], urdf: UrdfModel, known: Callable[[Element, str, str], str | None]
+) -> dict[str, tuple[str, ...]]:
+    """The movable joints of each group, those of groups in it too; known: the link or joint that an attribute names."""
+    members: dict[str, set[str]] = {}
+
+    def collect(name: str, inside: tuple[str, ...]) -> set[str]:
+        """inside: the groups that it is in."""
+        element = groups[name]
+        if name in inside:
+            raise element.error("group-cycle", f"group `{name}` contains itself")
+        if len(inside) > MAX_DEPTH:
+            raise element.error("nesting-too-deep", f"groups contain each other deeper than {MAX_DEPTH} levels")
+        if name in members:
+            return members[name]
+        joints = {joint for child in element.all("joint") if (joint := known(child, "name", "joint"))}
+        for child in element.all("chain"):
+            base, tip = (known(child, key, "link") for key in ("base_link", "tip_link"))
+            if base is not None and tip is not None:
+                chain = urdf.chain(tip)
+                links = [*(joint.parent for joint in chain), tip]
+                if base not in links:
+                    raise child.error("wrong-chain", f"link `{tip}` is not carried by link `{base}`")
+                joints |= {joint.name for joint in chain[links.index(base) :]}
+        for child in element.all("link"):
+            link = known(child, "name", "link")
+            joints |= {joint.name for joint in urdf.joints.values() if joint.child == link}
+        for child in element.all("group"):
+            other = child.text("name")
+            if other not in groups:
+                raise child.error("unknown-group", f"unknown group `{other}`; {expected_names(other, groups)}")
+            joints |= collect(other, (*inside, name))
+        members[name] = joints
+        return joints
+
+    return {
+        name: tuple(joint.name for joint in urdf.movable_joints if joint.name in collect(name, ())) for name in groups
+    }
 
 
 def _tips(robot: Element, urdf: UrdfModel) -> dict[str, str]:
