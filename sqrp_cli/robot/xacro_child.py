@@ -80,6 +80,8 @@ class _Expansion:
         self.asked: dict[str, str | None] = {}
         self.warnings: list[Problem] = []
         self._at, self._elements = Place(path), 0
+        self._written: dict[str, Place] = {}
+        """Where the value of a property is written; it is evaluated where it is first used."""
 
     def run(self) -> minidom.Element | None:
         """The document. Raises InputError, or what the library raises."""
@@ -126,10 +128,13 @@ class _Expansion:
             names = {**xacro._global_symbols, "true": True, "false": False}
             names.update({name: convert(value, "auto") for name, value in context["arg"].items()})
             names.update(arg=lambda name: convert(self._argument(name), "auto"), find=self._find,
-                         dirname=lambda: str(Path(xacro.filestack[-1]).parent))  # fmt: skip
+                         dirname=dirname)  # fmt: skip
             return str(evaluate(text, names))
 
-        substitution_args._eval = evaluated
+        def dirname(_name: str | None = None) -> str:
+            return str(Path(xacro.filestack[-1]).parent)
+
+        substitution_args._eval, substitution_args._eval_dirname = evaluated, dirname
         xacro.init_stacks(str(self._path))
         document = self._parsed(None, str(self._path))
         xacro.process_doc(document, mappings=dict(self._arguments), verbosity=0)
@@ -202,16 +207,18 @@ class _Expansion:
         for node in document.getElementsByTagName("property"):
             if node.parentNode is document.documentElement:  # as xacro before 2014 wrote it
                 document.renameNode(node, "", "xacro:property")
+        for node in document.getElementsByTagName("xacro:property"):
+            self._written.setdefault(node.getAttribute("value"), node.getUserData(_PLACE))
         for node in document.getElementsByTagName("xacro:arg"):
             self.asked.setdefault(node.getAttribute("name"), node.getAttribute("default"))
         return document
 
     def problem(self, error: BaseException) -> Problem:
         """What went wrong, from the innermost of the library's nested errors."""
-        expression, nested = "", error
+        expressions, nested = [""], error
         while True:
-            suffix = getattr(nested, "suffix", None)
-            expression = suffix.strip().removeprefix("when evaluating expression ") if suffix else expression
+            if suffix := getattr(nested, "suffix", None):
+                expressions.append(suffix.strip().removeprefix("when evaluating expression ").strip("'"))
             inner = getattr(nested, "exc", None)
             if not isinstance(inner, BaseException):
                 break
@@ -225,7 +232,9 @@ class _Expansion:
             mark = getattr(nested, "problem_mark", None)
             place = Place(Path(mark.name), mark.line + 1, mark.column + 1) if mark else self._at
             return Problem("yaml-syntax", f"not YAML: {getattr(nested, 'problem', nested)}"[:300], place)
-        message = str(nested) or type(nested).__name__
+        message, expression, at = str(nested) or type(nested).__name__, expressions[-1], self._at
+        if len(expressions) > 2:  # of a property, asked for by the expression that stands here
+            at = next((place for value, place in self._written.items() if expression in value), at)
         if isinstance(nested, RecursionError):
             message = "a macro or an expression leads back to itself"
         elif isinstance(nested, MemoryError):
@@ -235,9 +244,9 @@ class _Expansion:
             message = f"<{name}> is no known macro; is the file included that defines it?"
         elif expression and not isinstance(nested, xacro.XacroException):
             what = "" if isinstance(nested, RefusedExpressionError) else f"{type(nested).__name__}: "
-            message = f"{expression.strip(chr(39))[:100]!r} cannot be evaluated: {what}{message}"
+            message = f"{expression[:100]!r} cannot be evaluated: {what}{message}"
         called = [macro.body.getAttribute("name") for macro in xacro.macrostack or [] if macro.body is not None]
-        return Problem("xacro", message[:600] + (f" (in macro `{called[-1]}`)" if called else ""), self._at)
+        return Problem("xacro", message[:600] + (f" (in macro `{called[-1]}`)" if called else ""), at)
 
 
 def _how_to_give(name: str) -> str:
