@@ -208,7 +208,7 @@ class _Expansion:
             if node.parentNode is document.documentElement:  # as xacro before 2014 wrote it
                 document.renameNode(node, "", "xacro:property")
         for node in document.getElementsByTagName("xacro:property"):
-            self._written.setdefault(node.getAttribute("value"), node.getUserData(_PLACE))
+            self._written.setdefault(node.getAttribute("value"), node.getUserData(_PLACE) or Place(path))
         for node in document.getElementsByTagName("xacro:arg"):
             self.asked.setdefault(node.getAttribute("name"), node.getAttribute("default"))
         return document
