@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Program, ProgramTarget, Spans, Step
-from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6  # tolerance of times [s]
@@ -24,8 +24,7 @@ LARGEST_SKEW = 1e-6  # largest deviation of the axes of a pose from unit length 
 Keys = tuple[str | int, ...]
 
 
-@dataclass(frozen=True)
-class Flaw:
+class Flaw(NamedTuple):
     """A contradiction in a program; at: the keys from the top of the file to its place."""
 
     code: str
@@ -34,13 +33,29 @@ class Flaw:
 
 
 def flaws(program: Program) -> Iterator[Flaw]:
-    """The contradictions of a program in itself, in the order of its lines."""
-    if not program.joints or len(set(program.joints)) < len(program.joints):
+    """The contradictions of a program in itself, in the order of its steps."""
+    joints = program.joints
+    if not joints or len(set(joints)) < len(joints):
         yield Flaw("program-joints", ("joints",), "expected the name of every joint that moves, each once")
         return
     for number, step in enumerate(program.steps):
         at: Keys = ("steps", number)
-        found = list(_flaws_of(step, at, program.joints))
+        motion = list(_motion_flaws(step, at, len(joints)))
+        found = [*_world_flaws(step.before, (*at, "before"), joints), *_world_flaws(step.after, (*at, "after"), joints)]
+        found += motion
+        if not motion and set(joints) == set(step.before.joints) == set(step.after.joints):
+            with np.errstate(over="ignore", invalid="ignore"):
+                found += _jumps(step, at, joints)
+        found += _held_flaws(step, at)
+        for atom, target in step.targets.items():
+            inside = (*at, "targets", atom)
+            for index, box in enumerate(target.boxes):
+                found += _pose_flaws(box.X_FB, (*inside, "boxes", index, "pose"))
+            for field, camera, intervals in _sights(target):
+                edges = list(chain.from_iterable(intervals))
+                if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > step.time + SAME_TIME):
+                    message = f"expected times in order from 0 to {step.time:g} s"
+                    found.append(Flaw("program-times", (*inside, field, camera), message))
         yield from found
         if number and not found:  # a step must start in the final world of the step before it
             left, start = (one.model_dump(by_alias=True) for one in (program.steps[number - 1], step))
@@ -68,38 +83,17 @@ def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
             names += [("object", name, (*at, moment, "objects", name)) for name in world.X_WO]
             names += [] if world.held is None else [("object", world.held, (*at, moment, "held"))]
         for atom, target in step.targets.items():
-            for field, intervals in _sights(target):
-                names += [("camera", camera, (*at, "targets", atom, field, camera)) for camera in intervals]
+            names += [("camera", camera, (*at, "targets", atom, field, camera)) for field, camera, _ in _sights(target)]
         for kind, name, place in names:
             if name not in known[kind]:
                 message = f"the workspace has no {kind} `{name}`; {expected_names(name, known[kind])}"
                 yield Flaw(f"unknown-{kind}", place, message)
 
 
-def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
-    yield from _world_flaws(step.before, (*at, "before"), joints)
-    yield from _world_flaws(step.after, (*at, "after"), joints)
-    motion = list(_motion_flaws(step, at, len(joints)))
-    yield from motion
-    if not motion and set(joints) == set(step.before.joints) == set(step.after.joints):
-        with np.errstate(over="ignore", invalid="ignore"):
-            yield from list(_jumps(step, at, joints))
-    yield from _held_flaws(step, at)
-    for atom, target in step.targets.items():
-        inside = (*at, "targets", atom)
-        for index, box in enumerate(target.boxes):
-            yield from _pose_flaws(box.X_FB, (*inside, "boxes", index, "pose"))
-        for field, seen in _sights(target):
-            for camera, intervals in seen.items():
-                edges = list(chain.from_iterable(intervals))
-                if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > step.time + SAME_TIME):
-                    message = f"expected times in order from 0 to {step.time:g} s"
-                    yield Flaw("program-times", (*inside, field, camera), message)
-
-
-def _sights(target: ProgramTarget) -> tuple[tuple[str, Mapping[str, Spans]], ...]:
-    """The fields of a target that say when cameras see it."""
-    return ("seen", target.seen), ("usual", target.usual), ("refuted", target.refuted)
+def _sights(target: ProgramTarget) -> Iterator[tuple[str, str, Spans]]:
+    """When cameras see a target, with the field that says so and the camera."""
+    for field in ("seen", "usual", "refuted"):
+        yield from ((field, camera, spans) for camera, spans in getattr(target, field).items())
 
 
 def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
@@ -156,67 +150,58 @@ def _motion_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
         yield Flaw("program-times", (*at, "primitives"), "expected at least one primitive action")
     now = 0.0
     for index, primitive in enumerate(step.primitives):
-        inside = (*at, "primitives", index)
+        inside, name = (*at, "primitives", index), f"`{primitive.name}`"
+        path, law = primitive.trajectory.path, primitive.trajectory.law
         if abs(primitive.start - now) > SAME_TIME:
-            message = f"`{primitive.name}` starts at {primitive.start:g} s, expected {now:g} s"
+            message = f"{name} starts at {primitive.start:g} s, expected {now:g} s"
             yield Flaw("program-times", (*inside, "start"), message)
-        duration = primitive.end - primitive.start
-        moving = primitive.trajectory.law.breaks[-1]
+        duration, moving, now = primitive.end - primitive.start, law.breaks[-1], primitive.end
         if duration < 0:
-            yield Flaw("program-times", (*inside, "end"), f"`{primitive.name}` ends before it starts")
+            yield Flaw("program-times", (*inside, "end"), f"{name} ends before it starts")
         elif abs(moving - duration) > SAME_TIME:
-            message = f"`{primitive.name}` lasts {duration:g} s, but its trajectory {moving:g} s"
+            message = f"{name} lasts {duration:g} s, but its trajectory {moving:g} s"
             yield Flaw("program-times", (*inside, "end"), message)
-        now = primitive.end
+        if (found := len(path.coefficients[0][0])) != count:
+            message = f"the trajectory of {name} moves {found} joints, expected {count}"
+            yield Flaw("program-joints", (*inside, "trajectory", "path", "coefficients"), message)
+        if path.breaks[0] != 0 or path.breaks[-1] != 1:
+            message = "expected breaks that rise from 0 to 1"
+            yield Flaw("program-motion", (*inside, "trajectory", "path", "breaks"), message)
+        if law.breaks[0] != 0:
+            message = "expected breaks that rise from 0"
+            yield Flaw("program-motion", (*inside, "trajectory", "law", "breaks"), message)
     if step.primitives and abs(now - step.time) > SAME_TIME:
         message = f"found {step.time:g} s, but the last primitive action ends at {now:g} s"
         yield Flaw("program-times", (*at, "time"), message)
-    for index, primitive in enumerate(step.primitives):
-        path, law = primitive.trajectory.path, primitive.trajectory.law
-        inside = (*at, "primitives", index, "trajectory")
-        found = len(path.coefficients[0][0])
-        if found != count:
-            message = f"the trajectory of `{primitive.name}` moves {found} joints, expected {count}"
-            yield Flaw("program-joints", (*inside, "path", "coefficients"), message)
-        if path.breaks[0] != 0 or path.breaks[-1] != 1:
-            yield Flaw("program-motion", (*inside, "path", "breaks"), "expected breaks that rise from 0 to 1")
-        if law.breaks[0] != 0:
-            yield Flaw("program-motion", (*inside, "law", "breaks"), "expected breaks that rise from 0")
 
 
 def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     """Jumps of position, velocity or acceleration: inside primitives, the first of each, between them, at both ends."""
-    rest = np.zeros(len(joints))
-    last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
+    rest, kinds = np.zeros(len(joints)), ("position", "velocity", "acceleration")
+
+    def moving(trajectory: Trajectory, t: float) -> list[Array]:
+        return [values[0] for values in trajectory.motion([t], 2)]
+
+    def jump(before: Sequence[Array], after: Sequence[Array], at: Keys, where: str) -> Iterator[Flaw]:
+        """The first of the three that jumps, with the joint that jumps most."""
+        for kind, most, left, right in zip(kinds, LARGEST_JUMPS, before, after, strict=True):
+            jumps = np.abs(right - left)
+            if not jumps.max() <= most:  # NaN counts as a jump, too
+                joint = joints[int(jumps.argmax())]
+                yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
+                return
+
+    last = [np.array([step.before.joints[joint] for joint in joints]), rest, rest]
     for index, primitive in enumerate(step.primitives):
-        inside = (*at, "primitives", index, "trajectory")
-        trajectory = primitive.trajectory
-        yield from _jump(last, _derivatives(trajectory, 0.0), inside, f"where `{primitive.name}` begins", joints)
+        inside, trajectory = (*at, "primitives", index, "trajectory"), primitive.trajectory
+        yield from jump(last, moving(trajectory, 0.0), inside, f"where `{primitive.name}` begins")
         path_seams = map(trajectory.law.time_at, trajectory.path.breaks[1:-1])
         for t in sorted([*trajectory.law.breaks[1:-1].tolist(), *path_seams]):
-            before, after = _derivatives(trajectory, np.nextafter(t, 0.0)), _derivatives(trajectory, t)
             where = f"in `{primitive.name}` at {primitive.start + t:.3f} s"
-            found = list(_jump(before, after, inside, where, joints))
+            found = list(jump(moving(trajectory, np.nextafter(t, 0.0)), moving(trajectory, t), inside, where))
             yield from found
             if found:
                 break
-        last = _derivatives(trajectory, trajectory.duration)
-    final = (np.array([step.after.joints[joint] for joint in joints]), rest, rest)
-    yield from _jump(last, final, (*at, "after", "joints"), "between the end of the motion and `after`", joints)
-
-
-def _derivatives(trajectory: Trajectory, t: float) -> tuple[Array, ...]:
-    return tuple(values[0] for values in trajectory.motion([t], 2))
-
-
-def _jump(
-    before: tuple[Array, ...], after: tuple[Array, ...], at: Keys, where: str, joints: Sequence[str]
-) -> Iterator[Flaw]:
-    """The first of position, velocity and acceleration that jumps, with the joint that jumps most."""
-    kinds = zip(("position", "velocity", "acceleration"), LARGEST_JUMPS, before, after, strict=True)
-    for kind, most, left, right in kinds:
-        jumps = np.abs(right - left)
-        if not jumps.max() <= most:  # NaN counts as a jump, too
-            joint = joints[int(jumps.argmax())]
-            yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
-            return
+        last = moving(trajectory, trajectory.duration)
+    final = [np.array([step.after.joints[joint] for joint in joints]), rest, rest]
+    yield from jump(last, final, (*at, "after", "joints"), "between the end of the motion and `after`")

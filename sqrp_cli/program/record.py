@@ -69,6 +69,18 @@ _Motion = Annotated[
 ]
 
 
+class _Sparse(Entry):
+    """An entry that leaves out of the file what has its default, which earlier versions do not know."""
+
+    @model_serializer(mode="wrap")
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+        written: dict[str, object] = write(self)
+        fields = type(self).model_fields
+        return {
+            key: value for key, value in written.items() if fields[key].is_required() or value != fields[key].default
+        }
+
+
 class ProgramGuard(Entry):
     """What a guarded move takes for contact, and how it goes on where it meets nothing.
 
@@ -80,7 +92,7 @@ class ProgramGuard(Entry):
     trajectory: _Motion
 
 
-class ProgramPrimitive(Entry):
+class ProgramPrimitive(_Sparse):
     """A primitive action with its time and its motion.
 
     name: as in the skill. does: what it does, in a word or two; None in programs of earlier versions. action: the kind
@@ -97,11 +109,6 @@ class ProgramPrimitive(Entry):
     held: str | None
     trajectory: _Motion
     guard: ProgramGuard | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_none(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
-        written: dict[str, object] = write(self)
-        return {key: value for key, value in written.items() if key not in ("does", "guard") or value is not None}
 
 
 class ProgramResponse(Entry):
@@ -131,7 +138,7 @@ class ProgramFormula(Entry):
 Spans = tuple[tuple[Seconds, Seconds], ...]  # intervals from the start of the step [s]
 
 
-class ProgramTarget(Entry):
+class ProgramTarget(_Sparse):
     """What decides an atom.
 
     cameras: how many must each see all boxes. boxes: where to look. seen: intervals in which a camera sees all boxes,
@@ -144,11 +151,6 @@ class ProgramTarget(Entry):
     seen: Mapping[str, Spans]
     usual: Mapping[str, Spans] = {}
     refuted: Mapping[str, Spans] = {}
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_empty(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
-        written: dict[str, object] = write(self)
-        return {key: value for key, value in written.items() if key not in ("usual", "refuted") or value}
 
 
 class ProgramOnset(Entry):
