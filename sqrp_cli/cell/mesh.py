@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,8 +24,8 @@ from sqrp_cli.errors import InputError, Place, bad_input, expected_names
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.units import LARGEST, LARGEST_LENGTH, SMALLEST_SIZE, as_number
 from sqrp_cli.files.xml_file import MAX_DEPTH, Element, parse_xml
-from sqrp_cli.geometry import Array, cross, quaternion_to_matrix, transform
-from sqrp_cli.shapes import Mesh, Part, Triangles
+from sqrp_cli.geometry import Array, cross, quaternion_to_matrix
+from sqrp_cli.shapes import Triangles
 
 Integers = NDArray[np.int64]
 
@@ -78,28 +78,6 @@ def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -
 def mesh_unit(path: Path) -> float:
     """The length of the unit of a mesh file [m]: what a COLLADA file says, otherwise 1. Raises as `read_mesh`."""
     return _surface(path).unit
-
-
-class Bounds(NamedTuple):
-    """The lowest and highest coordinates of something along three axes [m], shape (3,) each."""
-
-    low: Array
-    high: Array
-
-
-def bounds_of(parts: Iterable[Part]) -> Bounds:
-    """The bounds of parts along the axes of their parent. Raises InputError for a mesh that cannot be used."""
-    ends = []
-    for part in parts:
-        if isinstance(part.shape, Mesh):
-            corners = transform(part.X_PG, read_mesh(part.shape.path, part.shape.scale).vertices)
-            ends.append((corners.min(axis=0), corners.max(axis=0)))
-        else:
-            half = part.shape.half_extents(part.X_PG[:3, :3])
-            ends.append((part.X_PG[:3, 3] - half, part.X_PG[:3, 3] + half))
-    low, high = np.array(ends)[:, 0].min(axis=0), np.array(ends)[:, 1].max(axis=0)
-    thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
-    return Bounds(low - thin / 2, high + thin / 2)
 
 
 def _surface(path: Path) -> _Surface:
@@ -337,33 +315,22 @@ _POLYGONS = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 def _dae(path: Path, content: bytes) -> _Surface:
+    """What the scene places; all scenes, if the file does not say which."""
     root = parse_xml(path, content, "COLLADA", _TEXTS)
     asset = root.first("asset")
     unit = asset.first("unit") if asset else None
     stated = unit.attributes.get("meter", "1") if unit else "1"
-    meter = as_number(stated)
-    if unit is not None and not 1 / LARGEST <= meter <= LARGEST:
+    if unit is not None and not 1 / LARGEST <= as_number(stated) <= LARGEST:
         message = f'found `<unit meter="{stated[:60]}">`, expected the length of the unit in metres'
         raise bad_input("wrong-value", message, Place(path, unit.place.line), mend="export it again")
-    points, faces, count = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], 0
-    for more, corners in _placed(root):
-        points.append(more)
-        faces.append(corners + count)
-        count += len(more)
-        if sum(map(len, faces)) > MAX_TRIANGLES:
-            _check_count(path, sum(map(len, faces)))
-    return _Surface(np.concatenate(points), np.concatenate(faces), meter)
-
-
-def _placed(root: Element) -> Iterator[tuple[Array, Integers]]:
-    """Points and triangles of each geometry in the scene; in all scenes, if the file does not say which."""
     every, parts, placements = list(root.inside()), dict[int, list[tuple[Array, Integers]]](), 0
+    points, faces, count, triangles = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], 0, 0
     scenes, nodes, geometries = (
         _by_id(one for one in every if one.tag == tag) for tag in ("visual_scene", "node", "geometry")
     )
 
-    def inside(node: Element, X: Array, depth: int) -> Iterator[tuple[Array, Integers]]:
-        nonlocal placements
+    def place(node: Element, X: Array, depth: int) -> None:
+        nonlocal placements, count, triangles
         if depth > MAX_DEPTH:
             raise _wrong(node, f"nodes place each other in more than {MAX_DEPTH} levels, or themselves")
         for child in node.children:
@@ -378,21 +345,26 @@ def _placed(root: Element) -> Iterator[tuple[Array, Integers]]:
                 message = f"this mesh places too many nodes and geometries, the limit is {MAX_NODES:,}"
                 raise child.error("mesh-too-large", message, mend="join its pieces")
             if child.tag != "instance_geometry":
-                yield from inside(child if child.tag == "node" else _referred(child, "url", nodes), X, depth + 1)
+                place(child if child.tag == "node" else _referred(child, "url", nodes), X, depth + 1)
                 continue
             geometry = _referred(child, "url", geometries)
             if id(geometry) not in parts:
                 found = ((mesh, part) for mesh in geometry.all("mesh") for part in mesh.children)
                 parts[id(geometry)] = [_part(*pair) for pair in found if pair[1].tag in _POLYGONS]
             mirrored = np.linalg.det(X[:3, :3]) < 0.0
-            for points, faces in parts[id(geometry)]:
-                yield points @ X[:3, :3].T + X[:3, 3], faces[:, ::-1] if mirrored else faces
+            for more, corners in parts[id(geometry)]:
+                points.append(more @ X[:3, :3].T + X[:3, 3])
+                faces.append(count + (corners[:, ::-1] if mirrored else corners))
+                count, triangles = count + len(more), triangles + len(corners)
+                if triangles > MAX_TRIANGLES:
+                    _check_count(path, triangles)
 
     scene = root.first("scene")
     instance = scene.first("instance_visual_scene") if scene else None
     listed = [one for library in root.all("library_visual_scenes") for one in library.all("visual_scene")]
     for one in listed if instance is None else [_referred(instance, "url", scenes)]:
-        yield from inside(one, np.eye(4), 0)
+        place(one, np.eye(4), 0)
+    return _Surface(np.concatenate(points), np.concatenate(faces), as_number(stated))
 
 
 def _by_id(elements: Iterable[Element]) -> dict[str, list[Element]]:

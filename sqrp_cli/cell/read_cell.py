@@ -16,7 +16,7 @@ from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
-from sqrp_cli.cell.mesh import bounds_of
+from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.read_robot import EntryReader
 from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
@@ -25,8 +25,9 @@ from sqrp_cli.files import packages
 from sqrp_cli.files.entries import completed
 from sqrp_cli.files.frames import TOOL, WORLD, link_called
 from sqrp_cli.files.source import KeyPath, dotted
+from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
-from sqrp_cli.geometry import Array, inverse, pose, read_only
+from sqrp_cli.geometry import Array, inverse, pose, read_only, transform
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -185,8 +186,18 @@ class CellReader(EntryReader):
         return completed(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
 
     def _sized(self, name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
-        """An object of the size of its parts, in the middle of them."""
-        low, high = bounds_of(parts)
+        """An object of the size of its parts, in the middle of them. Raises InputError for a mesh that is damaged."""
+        ends = []
+        for part in parts:
+            if isinstance(part.shape, Mesh):
+                corners = transform(part.X_PG, read_mesh(part.shape.path, part.shape.scale).vertices)
+                ends.append((corners.min(axis=0), corners.max(axis=0)))
+            else:
+                half = part.shape.half_extents(part.X_PG[:3, :3])
+                ends.append((part.X_PG[:3, 3] - half, part.X_PG[:3, 3] + half))
+        low, high = np.array(ends)[:, 0].min(axis=0), np.array(ends)[:, 1].max(axis=0)
+        thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
+        low, high = low - thin / 2, high + thin / 2
         X_FO = pose(np.eye(3), (low + high) / 2)
         moved = tuple(replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts)
         size = tuple((high - low).tolist())
