@@ -28,12 +28,12 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_362),
-    "files": ("files", 2_329),
-    "robot": ("robot", 3_114),
+    "files": ("files", 2_226),
+    "robot": ("robot", 3_123),
     "camera": ("camera", 2_167),
-    "cell": ("cell", 3_408),
+    "cell": ("cell", 3_391),
     "logic": ("logic", 2_946),
-    "skill, program": ("skill program", 1_941),
+    "skill, program": ("skill program", 1_928),
     "task": ("task", 1_085),
     "motion": ("motion", 3_009),
     "sight": ("kernel sight", 1_544),
