@@ -21,6 +21,15 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
+ROUNDING = 1e-9
+"""By how much a quality may fall short of a threshold: sums of times are rounded."""
+
+
+def falls_short(quality: float, least: float) -> bool:
+    """Whether a quality is below a threshold."""
+    return quality < least - ROUNDING
+
+
 @dataclass(frozen=True)
 class FaultMetrics(Stored):
     """The cost of a fault at a time x, uniform over its interval."""

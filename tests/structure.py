@@ -27,7 +27,7 @@ LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
 ROOMS = {
-    "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_362),
+    "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_371),
     "files": ("files", 2_226),
     "robot": ("robot", 3_123),
     "camera": ("camera", 2_167),
@@ -36,15 +36,15 @@ ROOMS = {
     "skill, program": ("skill program", 1_928),
     "task": ("task", 1_085),
     "motion": ("motion", 3_009),
-    "sight": ("kernel sight", 1_544),
-    "study": ("study", 4_527),
+    "sight": ("kernel sight", 1_564),
+    "study": ("study", 4_513),
     "search": ("search", 5_223),
     "checks": ("checks", 1_376),
     "run": ("run", 8_534),
     "field": ("field ros", 3_373),
-    "score": ("score", 2_930),
-    "show": ("show", 5_564),
-    "ask": ("ask cli __init__ __main__", 5_690),
+    "score": ("score", 2_931),
+    "show": ("show", 5_540),
+    "ask": ("ask cli __init__ __main__", 5_689),
     "studio": ("studio", 2_162),
     "starter, platform": ("starter platform", 2_068),
 }

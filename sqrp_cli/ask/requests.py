@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sqrp_cli.run.record.events import Listener
     from sqrp_cli.score.work.cluster import Cluster
     from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.search.goal import Objective
     from sqrp_cli.study.find import TimeLimit
     from sqrp_cli.study.pipeline import Inquiry
     from sqrp_cli.study.result import Criterion
@@ -317,7 +318,7 @@ class PlaceRequest(Computed):
         values.text("a wish such as `q_eoi 100 %, delay 0.5 s`"),
         default=None,
     )
-    objective: str = option(
+    objective: Objective = option(
         "--objective",
         "Which quality of all candidates counts first.",
         values.one_of("least", "mean"),

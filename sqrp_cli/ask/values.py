@@ -304,7 +304,7 @@ def planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
 @reads(str)
 def kinds(value: object, name: str) -> Any:  # noqa: ANN401 - kinds of changes
     """Kinds of changes, in a list or parted by commas."""
-    from sqrp_cli.search.moves import read_kinds
+    from sqrp_cli.search.goal import read_kinds
 
     said = value.split(",") if isinstance(value, str) else texts("kinds of changes").read(value, name)
     kinds = [one.strip() for one in said]

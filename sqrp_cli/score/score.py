@@ -14,6 +14,7 @@ from sqrp_cli.cell.workspace_file import WORKSPACE_FILE, workspace_file
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.document import Record, live
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.figures import falls_short
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.changes import Comparison
 from sqrp_cli.score.work.compute import Computer, Wanted
@@ -21,7 +22,6 @@ from sqrp_cli.score.work.identity import content_digest
 from sqrp_cli.search.suggestion import with_first_steps
 from sqrp_cli.shown import shown_name
 from sqrp_cli.study.pipeline import described
-from sqrp_cli.study.quality import falls_short
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.verdict import HELP

@@ -13,8 +13,7 @@ from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import Qualities
 from sqrp_cli.files.entries import completed
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.goal import Goal
-from sqrp_cli.search.moves import MOTION, Kind
+from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
 
 if TYPE_CHECKING:

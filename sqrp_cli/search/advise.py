@@ -19,8 +19,9 @@ from sqrp_cli.search.advice_result import (
     TaskEffect,
 )
 from sqrp_cli.search.camera_search import Cameras
+from sqrp_cli.search.goal import KINDS, MOTION, Kind
 from sqrp_cli.search.motion_search import other_way, seen_path
-from sqrp_cli.search.moves import KINDS, MOTION, Kind, ProposedChange
+from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.object_search import moved_objects
 from sqrp_cli.search.question import Met, Miss, Question, assessed
 from sqrp_cli.study.result import CandidateResult

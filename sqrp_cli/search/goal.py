@@ -1,18 +1,33 @@
-"""The goal of a candidate: least qualities and longest times, and by how much figures miss them."""
+"""The goal of a candidate: least qualities and longest times; and the kinds of changes that may lead to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import inf
+from collections.abc import Iterator, Sequence
+from math import degrees, inf
+from typing import TYPE_CHECKING, Literal
 
-from sqrp_cli.cell.workspace import ExpectedTask
 from sqrp_cli.document import Record
 from sqrp_cli.errors import InputError, bad_option, expected_names
-from sqrp_cli.figures import Qualities
+from sqrp_cli.figures import Qualities, falls_short
 from sqrp_cli.files.units import SHARE, TIME, read_quantity
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.quality import falls_short
 from sqrp_cli.study.result import CandidateResult
+
+if TYPE_CHECKING:
+    from sqrp_cli.cell.workspace import ExpectedTask
+
+Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
+Unit = Literal["m", "rad", "camera", ""]
+"""Of the size of a change; empty where there is nothing to measure."""
+
+KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "camera")
+"""In the order in which they are thought of: the motion first, then what it handles, cameras last."""
+
+MOTION: tuple[Kind, ...] = ("way", "path")
+"""Those that change nothing in the cell."""
+
+Objective = Literal["least", "mean"]
+"""Which quality of all candidates counts."""
 
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
@@ -24,6 +39,35 @@ _NEVER = 1e3
 
 SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 """What texts call them."""
+
+
+def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
+    """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
+    for name in names or ():
+        if name not in KINDS:
+            raise bad_option(f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
+    return None if names is None else tuple(kind for kind in KINDS if kind in names)
+
+
+def shown_size(size: float, unit: str) -> str:
+    """A size as people say it: centimetres or degrees."""
+    match unit:
+        case "m":
+            return f"{100 * size:.1f} cm" if size < 1 else f"{size:.2f} m"
+        case "rad":
+            return f"{degrees(size):.1f} deg"
+        case _:
+            return ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FewestPossible:
+    """How many cameras there have to be, whatever they see."""
+
+    cameras: int
+    """On mounts, besides those that stay."""
+    reason: str
+    """Such as `inspect` needs two at once."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,42 +8,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import atan, degrees, radians, tan
-from typing import Literal
 
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.errors import bad_option, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import Aim, looking_at, turned
+from sqrp_cli.search.goal import Kind, Unit, shown_size
 from sqrp_cli.skill.settings import MotionValue
-
-Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
-Unit = Literal["m", "rad", "camera", ""]
-"""Of the size of a change; empty where there is nothing to measure."""
-
-KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "camera")
-"""In the order in which they are thought of: the motion first, then what it handles, cameras last."""
-
-MOTION: tuple[Kind, ...] = ("way", "path")
-"""Those that change nothing in the cell."""
 
 LENS_STEP, LENS_STRIDE = radians(0.1), 10
 """Views are proposed in whole steps [rad]; first so many of them at once are tried."""
 
 WIDEST, NARROWEST = radians(120), radians(2)
 """Horizontal fields of view that are proposed [rad]."""
-
-
-def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
-    """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
-    for name in names or ():
-        if name not in KINDS:
-            raise bad_option(f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
-    return None if names is None else tuple(kind for kind in KINDS if kind in names)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,17 +97,6 @@ class ProposedChange:
             case _:
                 turn = f", and turn it {shown_size(self.turn, 'rad')}" if self.turn else ""
                 return f"move {self.target} {size}, {mostly(('+x', '+y', '+z'), ('-x', '-y', '-z'))}{turn}"
-
-
-def shown_size(size: float, unit: str) -> str:
-    """A size as people say it: centimetres or degrees."""
-    match unit:
-        case "m":
-            return f"{100 * size:.1f} cm" if size < 1 else f"{size:.2f} m"
-        case "rad":
-            return f"{degrees(size):.1f} deg"
-        case _:
-            return ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,31 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.goal import Goal
+from sqrp_cli.search.goal import FewestPossible, Goal, Objective
 from sqrp_cli.search.sites import JudgedWay
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 
-Objective = Literal["least", "mean"]
-OBJECTIVES: tuple[Objective, ...] = ("least", "mean")
-
 NEVER = -1
 """The number of a row that no choice covers."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FewestPossible:
-    """How many cameras there have to be, whatever they see."""
-
-    cameras: int
-    """On mounts, besides those that stay."""
-    reason: str
-    """Such as `inspect` needs two at once."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, live
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import AdvisedFigures
-from sqrp_cli.search.goal import Goal
-from sqrp_cli.search.placing_problem import FewestPossible, Objective
+from sqrp_cli.search.goal import FewestPossible, Goal, Objective
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera

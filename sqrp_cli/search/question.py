@@ -14,8 +14,8 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import Margin, TaskEffect
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.goal import Goal
-from sqrp_cli.search.moves import Kind, ProposedChange
+from sqrp_cli.search.goal import Goal, Kind
+from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.study.assessment import observed_again
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult

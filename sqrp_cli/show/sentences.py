@@ -8,12 +8,11 @@ from math import ceil, inf
 from typing import TYPE_CHECKING
 
 from sqrp_cli.study.ranking import criterion_figure
-from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
+from sqrp_cli.study.result import CandidateResult, Criterion, ObjectToMove, SamplingDone
 
 if TYPE_CHECKING:
-    from sqrp_cli.search.moves import Kind
-    from sqrp_cli.sight.observer import HidingPart
-    from sqrp_cli.study.in_the_way import ObjectToMove
+    from sqrp_cli.search.goal import Kind
+    from sqrp_cli.sight.limits import HidingPart
 
 
 _CRITERION_WORDS: dict[Criterion, str] = {

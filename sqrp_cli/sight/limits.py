@@ -5,8 +5,12 @@ Its limits and those of the detector, and what of the scene is in the way, are c
 
 from __future__ import annotations
 
+from dataclasses import field
 from enum import IntEnum
 from typing import Literal, cast
+
+from sqrp_cli.document import LEFT_OUT, Record
+from sqrp_cli.records import dataclass
 
 
 class Cause(IntEnum):
@@ -60,3 +64,32 @@ CauseLabel = Literal[
 
 SIDES = ("left", "right", "top", "bottom")
 """Sides of an image, in the order of their codes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reason(Record):
+    """Why a camera does not cover something: the first limit that fails."""
+
+    cause: CauseLabel | None
+    """The first limit that fails."""
+    by: str | None
+    """What hides it or has its colour behind it, or the side on which it is out of the image."""
+    box: str | None = field(default=None, metadata=LEFT_OUT)
+    """Of a target with several boxes: the first that fails, in their order."""
+
+    @property
+    def words(self) -> str:
+        """It in a few words."""
+        return "covered" if self.cause is None else Cause[self.cause.upper()].by(self.by)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HidingPart(Record):
+    """A part that hides something of a box, or of several on average."""
+
+    name: str
+    """As `by` names it; all pieces of a link are one part."""
+    share: float
+    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
+    alone: float
+    """Share that no other part hides: what would be seen without it, in 0..1."""

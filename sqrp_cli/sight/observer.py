@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import Light
 from sqrp_cli.camera.projection import Projection
-from sqrp_cli.document import Record
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.kernel.kernel import Aspects, Items
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import Cause
+from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sights
 from sqrp_cli.sight.sight_scene import SightScene
@@ -43,18 +42,6 @@ class BoxVerdicts:
     """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array
     """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HidingPart(Record):
-    """A part that hides something of a box, or of several on average."""
-
-    name: str
-    """As `by` names it; all pieces of a link are one part."""
-    share: float
-    """Share of the box's silhouette along whose rays from the camera it is the first part, in 0..1."""
-    alone: float
-    """Share that no other part hides: what would be seen without it, in 0..1."""
 
 
 def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:

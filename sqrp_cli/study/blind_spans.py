@@ -7,21 +7,21 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from itertools import groupby, pairwise
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.document import LEFT_OUT, Record
 from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel
+from sqrp_cli.sight.limits import SIDES, Cause
 from sqrp_cli.sight.observer import BoxVerdicts
 from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.result import UnseenTime
 from sqrp_cli.study.stage import Samples
 
 
@@ -44,24 +44,6 @@ SEEN = Failure(Cause.NONE, -1, 0.0)
 _CAUSES = {int(cause): cause for cause in Cause}
 
 
-@dataclass(frozen=True, kw_only=True)
-class UnseenTime(Record):
-    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
-
-    literal: str
-    """Without `not`."""
-    camera: str
-    """Its name."""
-    cause: CauseLabel
-    """The first limit that fails."""
-    by: str | None
-    """What hides it or has its colour behind it, or the side on which it is out of the image."""
-    seconds: float
-    """Each sample counts for half of the time to its neighbours in its piece [s]."""
-    box: str | None = field(default=None, metadata=LEFT_OUT)
-    """Of a target with several boxes: the one that fails."""
-
-
 def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
     """Totals of every literal, camera and cause, the longest first within each literal."""
     weights = sample_weights(study)
@@ -78,7 +60,7 @@ def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
             UnseenTime(
                 literal=str(target.atom),
                 camera=cell.observer.cameras[camera].name,
-                cause=cast("CauseLabel", cause.label),
+                cause=cause.label,
                 by=by_name(cell, cause, by),
                 seconds=seconds,
                 box=target.boxes[box].name if len(target.boxes) > 1 else None,

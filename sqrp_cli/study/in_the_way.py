@@ -11,14 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.document import Record
 from sqrp_cli.geometry import Indices
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxViews, HidingPart
+from sqrp_cli.sight.limits import Cause, HidingPart
+from sqrp_cli.sight.observer import BoxViews
 from sqrp_cli.study.assessment import Study
 from sqrp_cli.study.blind_spans import first_failing, sample_weights
+from sqrp_cli.study.result import HiddenTarget, ObjectToMove
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""
@@ -34,34 +33,6 @@ class HiddenView(NamedTuple):
     row: int
     """Of the sample."""
     camera: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class HiddenTarget(Record):
-    """What hides a target from a camera, on average over the time for which it does."""
-
-    literal: str
-    """Without `not`: a literal and its negation have one target."""
-    camera: str
-    """Its name."""
-    seconds: float
-    """For how long the first box that the camera does not see is a hidden one [s]."""
-    hidden: float
-    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
-    parts: tuple[HidingPart, ...]
-    """The largest share first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObjectToMove:
-    """An object in the way that the task does not handle."""
-
-    name: str
-    """As in the workspace."""
-    share: float
-    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
-    alone: float
-    """The part of that which nothing else hides, in 0..1."""
 
 
 HiddenViews = Mapping[HiddenView, tuple[HidingPart, ...]]

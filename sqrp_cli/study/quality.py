@@ -9,14 +9,6 @@ import numpy as np
 from sqrp_cli.figures import FaultMetrics, Figures, Qualities
 from sqrp_cli.study.timeline import Timeline
 
-ROUNDING = 1e-9
-"""By how much a quality may fall short of a threshold: sums of times are rounded."""
-
-
-def falls_short(quality: float, least: float) -> bool:
-    """Whether a quality is below a threshold."""
-    return quality < least - ROUNDING
-
 
 def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetrics]) -> Figures:
     """The figures of a motion that takes `time` [s]."""

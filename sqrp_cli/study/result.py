@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import NO_FIGURES, Figures, Qualities
 from sqrp_cli.records import dataclass
+from sqrp_cli.sight.limits import HidingPart, Reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -156,6 +157,46 @@ class CandidateResult(Figures):
     def has_choice(self) -> bool:
         """Whether there is more than one way of doing it."""
         return self.ways is not None and self.ways.tried > 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnseenTime(Reason):
+    """For how long a cause keeps a camera from seeing a literal while it must be seen."""
+
+    literal: str
+    """Without `not`."""
+    camera: str
+    """Its name."""
+    seconds: float
+    """Each sample counts for half of the time to its neighbours in its piece [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenTarget(Record):
+    """What hides a target from a camera, on average over the time for which it does."""
+
+    literal: str
+    """Without `not`: a literal and its negation have one target."""
+    camera: str
+    """Its name."""
+    seconds: float
+    """For how long the first box that the camera does not see is a hidden one [s]."""
+    hidden: float
+    """Share of that box's silhouette that is hidden, in 0..1: the sum of the shares of `parts`."""
+    parts: tuple[HidingPart, ...]
+    """The largest share first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectToMove:
+    """An object in the way that the task does not handle."""
+
+    name: str
+    """As in the workspace."""
+    share: float
+    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
+    alone: float
+    """The part of that which nothing else hides, in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -500,7 +500,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.ask.requests import TaskRequest
     from sqrp_cli.cell.load import load_workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.show.documents.explanation import CandidateStudy
+    from sqrp_cli.show.documents.explain import study_shown
     from sqrp_cli.show.documents.playback import PlayedCandidate
     from sqrp_cli.show.documents.scene import ShowDocument
     from sqrp_cli.show.pages.assembly import tidy
@@ -515,7 +515,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     ranked = [
         (
             tidy(described(ranked)),
-            tidy(PlayedCandidate.of_candidate(CandidateStudy.of_study(session.cell, study, ranked, Adaptive()))),
+            tidy(PlayedCandidate.of_candidate(study_shown(session.cell, study, ranked, Adaptive()))),
         )
         for ranked, study in ((one.result, one.study) for one in explained)
         if study is not None

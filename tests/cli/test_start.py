@@ -29,8 +29,8 @@ READING = ("numpy", "pydantic", "rich.console", "yaml", "coal")
 """Modules that wait until a workspace is read."""
 
 
-def loaded(modules: tuple[str, ...], *arguments: str) -> str:
-    command = [sys.executable, "-c", PROBE, ",".join(modules), *arguments]
+def loaded(modules: tuple[str, ...], *arguments: str | Path) -> str:
+    command = [sys.executable, "-c", PROBE, ",".join(modules), *map(str, arguments)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return done.stderr.splitlines()[-1]
 
@@ -53,3 +53,10 @@ def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sour
     subprocess.run([sys.executable, "-m", "sqrp_cli", "--help"], env=environment, cwd=tmp_path, check=True)
     assert list((tmp_path / "cache" / "sqrp" / "bytecode").rglob("app.*.pyc"))
     assert not list((tmp_path / "sqrp_cli").rglob("__pycache__"))
+
+
+def test_a_saved_result_is_shown_without_what_found_it(tmp_path: Path):
+    for question in (["explain"], ["advise", "--want", "q_eoi 100 %", "--kinds", "way"]):
+        command = [sys.executable, "-m", "sqrp_cli", question[0], str(TABLETOP), "pickup g2", *question[1:], "--json"]
+        (tmp_path / "found.json").write_bytes(subprocess.run(command, capture_output=True).stdout)
+        assert loaded(("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "yaml"), "show", tmp_path / "found.json") == "0"

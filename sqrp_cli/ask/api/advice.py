@@ -23,8 +23,8 @@ from sqrp_cli.score.work.results import KeptSearches, Results
 from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, AdvisedFigures, KindOutcome
 from sqrp_cli.search.advise import Adviser
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.goal import Goal, goal_of, read_goal
-from sqrp_cli.search.moves import KINDS, ProposedChange
+from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal
+from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import Effects, Question, TaskWays, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
 from sqrp_cli.study.find import Plans

@@ -61,7 +61,8 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll
     `choose` None compares all candidates.
     """
     from sqrp_cli.ask.api.session import Session, assess, at_step, check_choice, check_one_step, choose_candidate
-    from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll
+    from sqrp_cli.show.documents.explain import study_shown
+    from sqrp_cli.show.documents.explanation import ExplainedAll
     from sqrp_cli.study.ranking import rank
 
     session, choose = Session.begin(cell.cell, ask), ask.choose
@@ -86,7 +87,7 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll
     if choose is not None:
         return session.explanation(found[0], ranking, place)
     sampling = session.assignment.sampling
-    studies = [CandidateStudy.of_study(session.cell, one.study, one.result, sampling) for one in found]
+    studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
     return ExplainedAll(
         workspace=cell.workspace.name, task=ask.task, candidates=studies, explained=found, ranking=ranking
     )

@@ -15,9 +15,9 @@ from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.work.looks import ClusterVerdicts, KeptVerdicts
 from sqrp_cli.score.work.results import Results
-from sqrp_cli.search.goal import Goal, read_goal
+from sqrp_cli.search.goal import FewestPossible, Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
-from sqrp_cli.search.placing_problem import OBJECTIVES, FewestPossible, Requirements
+from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import Watch, check_solver
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
 from sqrp_cli.search.sites import LocalVerdicts, Verdicts
@@ -113,10 +113,6 @@ def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
 
 
 def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Requirements:
-    objective = next((one for one in OBJECTIVES if one == request.objective), None)
-    if objective is None:
-        expected = expected_names(request.objective, OBJECTIVES)
-        raise bad_option(f"the objective is `{request.objective}`; {expected}")
     if request.cameras is not None and request.cameras + kept <= request.survive:
         message = f"of a single camera nothing is left if it fails, so that {request.given('survive', 1)} needs two"
         raise bad_option(message, mend=request.given("cameras", 2))
@@ -127,7 +123,7 @@ def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int
         wish=wish,
         most=request.cameras,
         floor=floor,
-        objective=objective,
+        objective=request.objective,
         failure_tolerance=request.survive,
         budget=request.budget,
     )

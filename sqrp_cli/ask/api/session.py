@@ -17,7 +17,8 @@ from sqrp_cli.program.check import flaws
 from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents.explanation import CandidateStudy, Explanation
+from sqrp_cli.show.documents.explain import study_shown
+from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.pipeline import Assignment, Explained, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
@@ -101,7 +102,7 @@ class Session:
             step = {"step": place.number, "of_steps": place.steps}
             if (whole := place.whole) is not None:
                 step |= {"whole": whole.candidate.name, "rank": whole.rank, "pareto": whole.pareto}
-        study = CandidateStudy.of_study(self.cell, explained.study, explained.result, self.assignment.sampling)
+        study = study_shown(self.cell, explained.study, explained.result, self.assignment.sampling)
         about = {"workspace": self.workspace.name, "task": self.task.text, "explained": explained, "ranking": ranking}
         return Explanation(**{**vars(study), **step, **about})
 

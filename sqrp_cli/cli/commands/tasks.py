@@ -277,9 +277,9 @@ def _explain_program(ask: _Explain) -> ExitCode:
 
 def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: _Explain) -> None:
     """The command that says how much of a remedy is enough. ask: whose task the explanation may be about a step of."""
+    from sqrp_cli.figures import falls_short
     from sqrp_cli.search.goal import goal_of
     from sqrp_cli.show.terminal.console import say_command
-    from sqrp_cli.study.quality import falls_short
     from sqrp_cli.study.verdict import HELP
 
     if HELP not in found.verdict:

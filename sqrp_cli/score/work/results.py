@@ -42,7 +42,8 @@ from sqrp_cli.search.advice_result import (
     TaskEffect,
 )
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.moves import Kind, ProposedChange
+from sqrp_cli.search.goal import Kind
+from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.shown import json_line
 from sqrp_cli.sight.limits import Cause, CauseLabel
 from sqrp_cli.skill.skill import Skill

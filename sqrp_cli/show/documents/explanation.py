@@ -1,4 +1,7 @@
-"""`explain`: a candidate with all data from which its figures can be recomputed."""
+"""`explain`: a candidate with all data from which its figures can be recomputed, and what it asks for over time.
+
+Nothing here computes: `documents.explain` makes these records.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.document import LEFT_OUT, Pose, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import Qualities
-from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.motion.cell import Cell
+from sqrp_cli.logic.image_time import Window
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents import requirements
-from sqrp_cli.sight.limits import Cause, CauseLabel
-from sqrp_cli.sight.observer import HidingPart
-from sqrp_cli.study.assessment import Study
-from sqrp_cli.study.blind_spans import UnseenTime, by_name, cause_totals
-from sqrp_cli.study.in_the_way import (
-    HiddenTarget,
-    HiddenView,
-    HiddenViews,
-    ObjectToMove,
-    hidden_views,
-    in_the_way,
-    to_move,
-)
-from sqrp_cli.study.pipeline import sampling_done
-from sqrp_cli.study.result import CandidateResult, SamplingDone
-from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
-from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.sight.limits import HidingPart, Reason
+from sqrp_cli.study.result import CandidateResult, HiddenTarget, ObjectToMove, SamplingDone, UnseenTime
 
 if TYPE_CHECKING:
     from sqrp_cli.study.pipeline import Explained
@@ -40,17 +23,117 @@ else:  # no file has it
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict(Record):
+class Span(Record):
+    """A primitive action and when it is done [s]."""
+
+    name: str
+    """As in the skill."""
+    start: float
+    """From the start of the motion [s]."""
+    end: float
+    """From the start of the motion [s]."""
+    does: str | None = field(default=None, metadata=LEFT_OUT)
+    """What it does, in a word or two."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formula(Record):
+    """A temporal operator with its interval [s]."""
+
+    text: str
+    """The operator with its body, about the objects of the candidate."""
+    operator: str
+    """`always` or `eventually`."""
+    start: float
+    """Start of the closed interval, from the start of the motion [s]."""
+    end: float
+    """Its end, from the start of the motion [s]."""
+    literals: list[str]
+    """What must be seen throughout the interval: literals of the body outside deeper temporal operators."""
+    fault: str | None
+    """The fault that the formula describes, if any."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraTiming(Record):
+    """When a camera has images."""
+
+    rate: float
+    """Images per second [Hz]."""
+    latency: float
+    """From exposure to the image being available [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryTimes(Record):
+    """Time to stop and move back to the start, from given instants; linear in between."""
+
+    t: list[float]
+    """Instants at which the robot is to stop, from the start of the motion [s]."""
+    duration: list[float]
+    """From each of them until the robot is back at the start [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplainedBox(Record):
+    """A box: where to look, and what for."""
+
+    name: str
+    """As in the skill."""
+    detector: str
+    """Name of the detector in the workspace that looks for it."""
+    normal: tuple[float, ...] | None
+    """Unit vector in the box's own axes, away from the surface."""
+    encloses: tuple[str, ...]
+    """What is transparent to this box."""
+    min_visible: float
+    """Least share of the box that must be seen, in 0..1, from its detector."""
+    frame: str
+    """What the box moves with: `world`, a link or an object; `OBJECT@start` stays where the object was at the start."""
+    size: tuple[float, ...]
+    """Full extents [m]."""
+    pose: Pose
+    """Of the box in `frame`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetBoxes(Record):
+    """What decides a literal."""
+
+    k: int
+    """Cameras that must each see all boxes."""
+    boxes: list[ExplainedBox]
+    """Where to look; all of them decide the literal together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightOnset(Record):
+    """From when on images show a fault that happens at a time x, at points in order; linear in between."""
+
+    x: list[float]
+    """When it happens [s]."""
+    shown: list[float]
+    """From when on images surely show it [s]."""
+    usual: list[float]
+    """From when on they usually show it [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultSight(Record):
+    """When images show a fault."""
+
+    windows: list[Window]
+    """In which they show it; those of cameras of one rate and latency in order, apart from each other."""
+    onsets: list[SightOnset]
+    """Of each interval in which it may happen."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict(Reason):
     """Whether a camera covers all boxes of a target."""
 
     covered: bool
     """Whether no limit fails."""
-    cause: CauseLabel | None
-    """The first limit that fails."""
-    by: str | None
-    """What hides it or has its colour behind it, or the side on which it is out of the image."""
-    box: str | None = field(default=None, metadata=LEFT_OUT)
-    """Of a target with several boxes: the first that fails, in their order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,19 +218,19 @@ class CandidateStudy(CandidateResult):
 
     sampling: SamplingDone | None = None
     """How the motion was sampled; null if the candidate is infeasible."""
-    primitives: Sequence[requirements.Span] = ()
+    primitives: Sequence[Span] = ()
     """In the order in which they are done."""
-    formulas: Sequence[requirements.Formula] = ()
+    formulas: Sequence[Formula] = ()
     """One entry for each temporal operator of the skill's formulas."""
-    cameras: Mapping[str, requirements.CameraTiming] = field(default_factory=dict)
+    cameras: Mapping[str, CameraTiming] = field(default_factory=dict)
     """By the camera's name."""
     without_camera: Mapping[str, Qualities] = field(default_factory=dict)
     """The qualities if this camera fails."""
-    recovery: requirements.RecoveryTimes | None = None
+    recovery: RecoveryTimes | None = None
     """How long a stop and the way back take; null if the candidate is infeasible."""
-    sights: Mapping[str, requirements.FaultSight] = field(default_factory=dict)
+    sights: Mapping[str, FaultSight] = field(default_factory=dict)
     """When images show each fault, by its name."""
-    targets: Mapping[str, requirements.TargetBoxes] = field(default_factory=dict)
+    targets: Mapping[str, TargetBoxes] = field(default_factory=dict)
     """By literal, for every literal of `formulas`."""
     samples: Sequence[Sample] = ()
     """The sampled instants in the order of time."""
@@ -159,37 +242,6 @@ class CandidateStudy(CandidateResult):
     """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""
-
-    @classmethod
-    def of_study(
-        cls, cell: Cell, study: Study | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
-    ) -> CandidateStudy:
-        """A candidate with everything computed about it; study: None if it is infeasible.
-
-        brief: without who is in the way and the verdicts of single boxes, which take most of the time.
-        """
-        if study is None:
-            return cls(**vars(found))
-        views = None if brief else hidden_views(cell, study)
-        return cls(
-            **vars(found),
-            sampling=sampling_done(sampling, [found]),
-            primitives=[
-                requirements.Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
-                for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
-            ],
-            formulas=[requirements.Formula.of(formula) for formula in study.formulas],
-            cameras={camera.name: requirements.CameraTiming.of(camera) for camera in cell.observer.cameras},
-            without_camera=without_each_camera(cell, study),
-            recovery=requirements.RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
-            sights={fault: requirements.FaultSight.of(study, fault) for fault in study.windows},
-            targets=requirements.targets_of(study),
-            samples=_samples(cell, study, views),
-            unseen_times=cause_totals(cell, study),
-            hidden=() if views is None else in_the_way(cell, study, views),
-            to_move=() if views is None else to_move(cell, study, views),
-            assumed=assumed_latency(cell.observer.cameras),
-        )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -248,98 +300,3 @@ class ExplainedAll(TaskDocument):
     def brief(self) -> str:
         """Its main figures, in a line."""
         return f"{self.task} in {self.workspace}: {how_many(self.candidates, 'candidate')}"
-
-
-def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample]:
-    """Every sample with all verdicts; views: None to leave out those of single boxes."""
-    timeline, samples = study.timeline, study.timeline.samples
-    states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
-    objects = [name for name in cell.workspace.objects if name in states.X_WF]
-    expected = expectation(cell, study)
-    column = {target.atom: index for index, target in enumerate(study.targets)}
-    seen = [_coverage(cell, study, index, states.X_WF, views, expected) for index in range(len(study.targets))]
-    return [
-        Sample(
-            t=float(samples.t[row]),
-            q=cell.model.joint_values(q[row]),
-            objects={name: _at(states.X_WF[name], row).tolist() for name in objects},
-            held=held[row],
-            covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
-            event=bool(timeline.interesting[row]),
-            literals={
-                str(literal): seen[column[literal.atom]][row]
-                for literal in timeline.pieces[int(samples.piece[row])].literals
-            },
-            expected=_known(expected.states[row]) if expected is not None else None,
-        )
-        for row in range(len(samples))
-    ]
-
-
-def _coverage(
-    cell: Cell,
-    study: Study,
-    column: int,
-    X_WF: Mapping[str, Array],
-    views: HiddenViews | None,
-    expected: Expectation | None,
-) -> list[LiteralCoverage]:
-    """The verdicts on the boxes of a target and on its cameras, per sample. column: index of the target."""
-    target, observation = study.targets[column], study.timeline.observation
-    matrix, names = observation.full_matrix[column], [camera.name for camera in cell.observer.cameras]
-    corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
-
-    def verdict(number: int, row: int, camera: int) -> BoxVerdict:
-        """Of a camera on a box: why not, and what the curve of the box's detector says, where it has one."""
-        boxes, view = matrix[number], HiddenView(column, number, row, camera)
-        cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
-        found = None if expected is None else expected.boxes[column][number]
-        sight = None
-        if found is not None and found.sights is not None:
-            values = {name: _known(values[row, camera]) for name, values in found.sights._asdict().items()}
-            sight = BoxSight(probability=float(found.probability[row, camera]), **values)
-        parts = None if views is None else views.get(view)
-        return BoxVerdict(
-            covered=cause is Cause.NONE,
-            cause=cause.label,
-            by=by_name(cell, cause, int(boxes.by[row, camera])),
-            visible=_known(visible),
-            hidden_by=parts,
-            sight=sight,
-        )
-
-    def first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
-        number = next((number for number, one in enumerate(verdicts) if not one.covered), None)
-        if number is None:
-            return Verdict(covered=True, cause=None, by=None)
-        box = target.boxes[number].name if len(verdicts) > 1 else None
-        return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
-
-    found = []
-    for row, covered in enumerate(observation.covered[:, column].tolist()):
-        of_boxes = [
-            {name: verdict(number, row, index) for index, name in enumerate(names)} for number in range(len(matrix))
-        ]
-        found.append(
-            LiteralCoverage(
-                covered=covered,
-                boxes=[
-                    BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
-                    for points, cameras in zip(corners, of_boxes, strict=True)
-                    if views is not None
-                ],
-                cameras={name: first_failure([cameras[name] for cameras in of_boxes]) for name in names},
-                expected=None if expected is None else float(expected.targets[row, column]),
-            )
-        )
-    return found
-
-
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
-
-
-def _at(X: Array, row: int) -> Array:
-    """Entry of an array with leading dimension m or 1."""
-    entry: Array = X[row if len(X) > 1 else 0]
-    return entry

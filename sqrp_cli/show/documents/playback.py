@@ -8,11 +8,9 @@ from itertools import accumulate
 from typing import Literal
 
 from sqrp_cli.document import Pose, Record
-from sqrp_cli.figures import Qualities
+from sqrp_cli.figures import Qualities, falls_short
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents.explanation import CandidateStudy, Sample
-from sqrp_cli.show.documents.requirements import Formula, Span
-from sqrp_cli.study.quality import falls_short
+from sqrp_cli.show.documents.explanation import CandidateStudy, Formula, Sample, Span
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_study import mean_qualities, worst_seen
 

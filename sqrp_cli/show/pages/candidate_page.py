@@ -15,7 +15,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.show import sentences
-from sqrp_cli.show.documents.explanation import CandidateStudy
+from sqrp_cli.show.documents.explain import study_shown
 from sqrp_cli.show.documents.playback import PlayedCandidate
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import packed, simplified
@@ -151,9 +151,9 @@ def playback(assignment: Assignment, explained: Explained) -> str | None:
 
 
 def played(assignment: Assignment, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
-    """What is shown of a feasible candidate beside its figures; brief: see `CandidateStudy.of_study`."""
+    """What is shown of a feasible candidate beside its figures; brief: see `study_shown`."""
     cell, sampling = assignment.cell, assignment.sampling
-    studies = [CandidateStudy.of_study(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]
+    studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]
     several = len(studies) > 1
     figures = explained.result
     return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])

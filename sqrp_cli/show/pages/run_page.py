@@ -23,7 +23,7 @@ from sqrp_cli.run.record.events import (
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.show.documents import playback
-from sqrp_cli.show.documents.requirements import Span
+from sqrp_cli.show.documents.explanation import Span
 from sqrp_cli.show.pages.assembly import packed
 from sqrp_cli.show.pages.candidate_page import cell_scene, origin
 from sqrp_cli.show.pages.page import FigureShown, PageContent, PageRow, write_page

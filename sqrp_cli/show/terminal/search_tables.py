@@ -6,8 +6,7 @@ from itertools import groupby
 from time import monotonic
 
 from sqrp_cli.search.advice_result import AdviceDocument, AdvisedFigures
-from sqrp_cli.search.goal import Goal
-from sqrp_cli.search.moves import MOTION, shown_size
+from sqrp_cli.search.goal import MOTION, Goal, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
 from sqrp_cli.show.sentences import KIND_WORDS
 from sqrp_cli.show.terminal.console import (

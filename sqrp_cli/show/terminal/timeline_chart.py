@@ -10,7 +10,6 @@ import numpy as np
 from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, LiteralCoverage, Sample
 from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.show.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
-from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.result import CandidateResult
 
 MOST_SIGNS = 50
@@ -93,8 +92,7 @@ def print_study(found: Explanation) -> None:
         say()
         rows = []
         for one in found.unseen_times:
-            words = Cause[one.cause.upper()].by(one.by)
-            because = words if one.box is None else f"box {one.box} is {words}"
+            because = one.words if one.box is None else f"box {one.box} is {one.words}"
             rows.append((one.literal, one.camera, f"{one.seconds:.2f}", because))
         columns = [Column("literal"), Column("camera"), Column("seconds", right=True)]
         print_table([*columns, Column("does not see it because")], rows)

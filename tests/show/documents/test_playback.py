@@ -5,9 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sqrp_cli.figures import NO_FIGURES
-from sqrp_cli.show.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
+from sqrp_cli.show.documents.explanation import (
+    BoxCoverage,
+    BoxVerdict,
+    CandidateStudy,
+    Formula,
+    LiteralCoverage,
+    Sample,
+    Span,
+)
 from sqrp_cli.show.documents.playback import PlayedCandidate
-from sqrp_cli.show.documents.requirements import Formula, Span
 from sqrp_cli.show.pages.assembly import tidy
 from sqrp_cli.study.result import CandidateResult
 

@@ -1,0 +1,184 @@
+"""Makes the document of `explain`: every sample with all verdicts, and what a candidate asks for over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sqrp_cli.camera.camera import assumed_latency
+from sqrp_cli.files.entries import completed
+from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.show.documents.explanation import (
+    BoxCoverage,
+    BoxSight,
+    BoxVerdict,
+    CameraTiming,
+    CandidateStudy,
+    ExplainedBox,
+    FaultSight,
+    Formula,
+    LiteralCoverage,
+    RecoveryTimes,
+    Sample,
+    SightOnset,
+    Span,
+    TargetBoxes,
+    Verdict,
+)
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.blind_spans import by_name, cause_totals
+from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
+from sqrp_cli.study.pipeline import sampling_done
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
+from sqrp_cli.study.sampling import Sampling
+
+
+def study_shown(
+    cell: Cell, study: Study | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
+) -> CandidateStudy:
+    """A candidate with everything computed about it; study: None if it is infeasible.
+
+    brief: without who is in the way and the verdicts of single boxes, which take most of the time.
+    """
+    if study is None:
+        return CandidateStudy(**vars(found))
+    views = None if brief else hidden_views(cell, study)
+    literals = dict.fromkeys(literal for formula in study.formulas for literal in formula.operator.literals)
+    boxes = {
+        target.atom: TargetBoxes(
+            k=target.cameras,
+            boxes=[
+                completed(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
+                for box in target.boxes
+            ],
+        )
+        for target in study.targets
+    }
+    sights = {}
+    for fault, windows in study.windows.items():
+        onsets = (
+            SightOnset(x=one.x.tolist(), shown=one.shown.tolist(), usual=one.as_usual.shown.tolist())
+            for one in study.onsets[fault]
+        )
+        sights[fault] = FaultSight(windows=list(windows), onsets=list(onsets))
+    return CandidateStudy(
+        **vars(found),
+        sampling=sampling_done(sampling, [found]),
+        primitives=[
+            Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
+            for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
+        ],
+        formulas=[
+            completed(Formula, one, one.operator, literals=[str(literal) for literal in one.operator.literals])
+            for one in study.formulas
+        ],
+        cameras={one.name: CameraTiming(rate=one.rate, latency=one.lag) for one in cell.observer.cameras},
+        without_camera=without_each_camera(cell, study),
+        recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
+        sights=sights,
+        targets={str(literal): boxes[literal.atom] for literal in literals},
+        samples=_samples(cell, study, views),
+        unseen_times=cause_totals(cell, study),
+        hidden=() if views is None else in_the_way(cell, study, views),
+        to_move=() if views is None else to_move(cell, study, views),
+        assumed=assumed_latency(cell.observer.cameras),
+    )
+
+
+def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample]:
+    """Every sample with all verdicts; views: None to leave out those of single boxes."""
+    timeline, samples = study.timeline, study.timeline.samples
+    states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
+    objects = [name for name in cell.workspace.objects if name in states.X_WF]
+    expected = expectation(cell, study)
+    column = {target.atom: index for index, target in enumerate(study.targets)}
+    seen = [_coverage(cell, study, index, states.X_WF, views, expected) for index in range(len(study.targets))]
+    return [
+        Sample(
+            t=float(samples.t[row]),
+            q=cell.model.joint_values(q[row]),
+            objects={name: _at(states.X_WF[name], row).tolist() for name in objects},
+            held=held[row],
+            covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
+            event=bool(timeline.interesting[row]),
+            literals={
+                str(literal): seen[column[literal.atom]][row]
+                for literal in timeline.pieces[int(samples.piece[row])].literals
+            },
+            expected=_known(expected.states[row]) if expected is not None else None,
+        )
+        for row in range(len(samples))
+    ]
+
+
+def _coverage(
+    cell: Cell,
+    study: Study,
+    column: int,
+    X_WF: Mapping[str, Array],
+    views: HiddenViews | None,
+    expected: Expectation | None,
+) -> list[LiteralCoverage]:
+    """The verdicts on the boxes of a target and on its cameras, per sample. column: index of the target."""
+    target, observation = study.targets[column], study.timeline.observation
+    matrix, names = observation.full_matrix[column], [camera.name for camera in cell.observer.cameras]
+    corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
+
+    def verdict(number: int, row: int, camera: int) -> BoxVerdict:
+        """Of a camera on a box: why not, and what the curve of the box's detector says, where it has one."""
+        boxes, view = matrix[number], HiddenView(column, number, row, camera)
+        cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
+        found = None if expected is None else expected.boxes[column][number]
+        sight = None
+        if found is not None and found.sights is not None:
+            values = {name: _known(values[row, camera]) for name, values in found.sights._asdict().items()}
+            sight = BoxSight(probability=float(found.probability[row, camera]), **values)
+        parts = None if views is None else views.get(view)
+        return BoxVerdict(
+            covered=cause is Cause.NONE,
+            cause=cause.label,
+            by=by_name(cell, cause, int(boxes.by[row, camera])),
+            visible=_known(visible),
+            hidden_by=parts,
+            sight=sight,
+        )
+
+    def first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
+        number = next((number for number, one in enumerate(verdicts) if not one.covered), None)
+        if number is None:
+            return Verdict(covered=True, cause=None, by=None)
+        box = target.boxes[number].name if len(verdicts) > 1 else None
+        return Verdict(covered=False, cause=verdicts[number].cause, by=verdicts[number].by, box=box)
+
+    found = []
+    for row, covered in enumerate(observation.covered[:, column].tolist()):
+        of_boxes = [
+            {name: verdict(number, row, index) for index, name in enumerate(names)} for number in range(len(matrix))
+        ]
+        found.append(
+            LiteralCoverage(
+                covered=covered,
+                boxes=[
+                    BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
+                    for points, cameras in zip(corners, of_boxes, strict=True)
+                    if views is not None
+                ],
+                cameras={name: first_failure([cameras[name] for cameras in of_boxes]) for name in names},
+                expected=None if expected is None else float(expected.targets[row, column]),
+            )
+        )
+    return found
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _at(X: Array, row: int) -> Array:
+    """Entry of an array with leading dimension m or 1."""
+    entry: Array = X[row if len(X) > 1 else 0]
+    return entry
