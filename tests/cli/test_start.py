@@ -59,4 +59,7 @@ def test_a_saved_result_is_shown_without_what_found_it(tmp_path: Path):
     for question in (["explain"], ["advise", "--want", "q_eoi 100 %", "--kinds", "way"]):
         command = [sys.executable, "-m", "sqrp_cli", question[0], str(TABLETOP), "pickup g2", *question[1:], "--json"]
         (tmp_path / "found.json").write_bytes(subprocess.run(command, capture_output=True).stdout)
-        assert loaded(("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "yaml"), "show", tmp_path / "found.json") == "0"
+        assert (
+            loaded(("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "yaml"), "show", tmp_path / "found.json")
+            == "0"
+        )
