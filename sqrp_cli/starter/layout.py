@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees
 
 from sqrp_cli.geometry import Array, matrix_to_rpy
@@ -33,14 +33,6 @@ class CameraView:
     looks_at: tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Position:
-    """Where a joint is [rad, or m if it slides]."""
-
-    value: float
-    turns: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Everything in the file of a starter workspace.
@@ -49,7 +41,7 @@ class Layout:
     are marked. lift: height of the root link above the table [m].
     tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
     X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
-    home: of every joint of the arm by name. limits: what the file says of them.
+    home: of every joint of the arm by name [rad, or m if it `slides`]. limits: what the file says of them.
     home_state: the state of the SRDF that stands for it, if there is one.
     table_side: of the square table, 0 for none [m]. table_at: where its middle is, along x and y of the world [m].
     """
@@ -59,7 +51,8 @@ class Layout:
     package_roots: tuple[str, ...]
     guessed: bool
     tip: str
-    home: Mapping[str, Position]
+    home: Mapping[str, float]
+    slides: frozenset[str]
     limits: str
     home_state: str | None = None
     lift: float = 0.0
@@ -74,53 +67,53 @@ class Layout:
 
 def workspace_text(layout: Layout) -> str:
     """The workspace file. Guesses about a robot carry a comment that begins with `check:`."""
-    return "\n".join(line for section in _sections(layout) for line in (*section, ""))
-
-
-def _sections(layout: Layout) -> Iterator[list[str]]:
-    """The lines of each section of the file."""
 
     def check(what: str) -> str:
         return f"  # check: {what}" if layout.guessed else ""
 
-    arm = "your arm" if layout.guessed else "a six-axis arm"
-    yield [
+    arm, home = "your arm" if layout.guessed else "a six-axis arm", "where programs start and end"
+    lines = [
         f"# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.",
         *["# Lines marked `check:` were guessed; `sqrp show` prints what was understood."][: layout.guessed],
         "# Every key: sqrp schema",
+        "",
+        "robot:",
+        f"  urdf: {_file(layout.urdf)}",
     ]
-    robot = ["robot:", f"  urdf: {_file(layout.urdf)}"]
     if layout.srdf is not None:
-        robot.append(f"  srdf: {_file(layout.srdf)}" + check("found beside the URDF"))
+        lines.append(f"  srdf: {_file(layout.srdf)}" + check("found beside the URDF"))
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
-        robot.append(f"  package_roots: [{roots}]" + check("where the package:// of its meshes is looked up"))
+        lines.append(f"  package_roots: [{roots}]" + check("where the package:// of its meshes is looked up"))
     base = f"  base: {{position: [0, 0, {_number(layout.lift)}], rpy: [0, 0, 0 deg]}}"
-    robot.append(base + check("pose of the root link in the world; the table's top is z = 0"))
+    lines.append(base + check("pose of the root link in the world; the table's top is z = 0"))
     if layout.X_LT is None:
-        robot.append(f"  tool_frame: {_text(layout.tip)}")
+        lines.append(f"  tool_frame: {_text(layout.tip)}")
     else:
         rpy = ", ".join(_degrees(value, 4) for value in matrix_to_rpy(layout.X_LT[:3, :3]))
         pose = f"{{position: {_vector(layout.X_LT[:3, 3].tolist())}, rpy: [{rpy}]}}"
-        robot += [
+        lines += [
             "  tool:" + check("a suction cup stands for your tool; its own URDF, fixed to a link of the arm"),
             "    urdf: robots/suction_cup.urdf",
             f"    link: {_text(layout.tip)}",
             f"    pose: {pose}" + check("where the tool begins, its z axis pointing out"),
             "  tool_frame: suction_tip" + check("the link that grasps; its z axis points into the object"),
         ]
-    home = "where programs start and end"
     if layout.home_state is not None:
-        robot.append(f"  home: {_text(layout.home_state)}" + check(f"{home}; a state of the SRDF"))
+        lines.append(f"  home: {_text(layout.home_state)}" + check(f"{home}; a state of the SRDF"))
     else:
-        robot.append("  home:" + check(home))
+        lines.append("  home:" + check(home))
         for name, at in layout.home.items():
-            robot.append(f"    {_text(name)}: {_degrees(at.value) if at.turns else f'{_number(at.value)} m'}")
-    yield [*robot, f"  limits: {layout.limits}"]
-    detector = "{kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}"
-    yield ["detectors:                  # what your detection algorithms can do", f"  color: {detector}"]
+            lines.append(f"    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else _degrees(at)}")
+    lines += [
+        f"  limits: {layout.limits}",
+        "",
+        "detectors:                  # what your detection algorithms can do",
+        "  color: {kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}",
+        "",
+    ]
     if layout.views:
-        lines = ["cameras:                    # pose: where the lens is, and the point that it looks at"]
+        lines.append("cameras:                    # pose: where the lens is, and the point that it looks at")
         for view in layout.views:
             lines += [
                 f"  {view.name}:" + check("yours; or `calibration: camera.yaml` (ROS) instead of `image`"),
@@ -131,27 +124,33 @@ def _sections(layout: Layout) -> Iterator[list[str]]:
                 "    rate: 10 Hz",
                 "    latency: 50 ms",
             ]
-        yield lines
+        lines.append("")
     if layout.cubes:
-        yield ["skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change"]
+        lines += [
+            "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change",
+            "",
+        ]
     if layout.table_side:
         side, cube_side = _number(layout.table_side), _number(layout.cube_size)
         table = f"pose: {{position: {_vector((*layout.table_at, -0.02))}}}"
-        lines = [
+        lines += [
             "objects:                    # pose: of the centre of a box of `size`",
             f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {table}, fixed: true}}",
         ]
         for cube in layout.cubes:
             turn = f", rpy: [0, 0, {round(degrees(cube.turn), 1):g} deg]" if cube.turn else ""
-            lines.append(
-                f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{', '.join([cube_side] * 3)}], "
-                f"pose: {{position: {_vector(cube.position)}{turn}}}, on: table}}"
-            )
-        yield lines
+            size = ", ".join([cube_side] * 3)
+            stands = f"pose: {{position: {_vector(cube.position)}{turn}}}, on: table"
+            lines.append(f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{size}], {stands}}}")
+        lines.append("")
     if layout.cubes:
-        heading = "state:                      # what the sensors report now; every other fact is false"
-        yield [heading, "  - hand_empty", *(f"  - obj_on_table({cube.name})" for cube in layout.cubes)]
-        yield ["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks)]
+        lines += [
+            "state:                      # what the sensors report now; every other fact is false",
+            "  - hand_empty",
+        ]
+        lines += [*(f"  - obj_on_table({cube.name})" for cube in layout.cubes), ""]
+        lines += ["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks), ""]
+    return "\n".join(lines)
 
 
 def _text(value: str) -> str:

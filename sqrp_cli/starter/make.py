@@ -7,6 +7,7 @@ import os
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -21,7 +22,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
-from sqrp_cli.starter.layout import TASK, Cube, Layout, Position, workspace_text
+from sqrp_cli.starter.layout import TASK, Cube, Layout, workspace_text
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.sampling import Adaptive
@@ -137,10 +138,6 @@ def _fill(
 ) -> tuple[Layout, tuple[Problem, ...]]:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
-    home = {}
-    for joint in arm.joints:  # at 0, or in the middle of limits that exclude it, until a home position is found
-        at = 0.0 if joint.lower <= 0.0 <= joint.upper else 0.5 * (joint.lower + joint.upper)
-        home[joint.name] = Position(at, turns=joint.type != "prismatic")
     layout = Layout(
         urdf=description.reference,
         srdf=description.srdf,
@@ -148,11 +145,22 @@ def _fill(
         guessed=guessed,
         limits=limits_text(description),
         tip=arm.tip,
-        home=home,
+        # At 0, or in the middle of limits that exclude it, until a home position is found.
+        home={one.name: 0.0 if one.lower <= 0.0 <= one.upper else 0.5 * (one.lower + one.upper) for one in arm.joints},
+        slides=frozenset(joint.name for joint in arm.joints if joint.type == "prismatic"),
     )
     tried = _tried(draft, layout, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
-    best = _told_apart(draft, _with_named_home(draft, best, description))
+    states = description.semantics.states if description.semantics else {}
+    whole = [name for name, positions in states.items() if best.home.keys() <= positions.keys()]
+    for name in (name for word in HOMES for name in whole if word in name.lower()):
+        named = replace(best, home_state=name)
+        with suppress(InputError):  # outside the limits
+            cubes, _ = search.cubes_in_reach(_load(draft, named), best.cubes)
+            if 0 < sum(cube.color in TASK for cube in best.cubes) == len(cubes):  # it loses none
+                best = named
+                break
+    best = _told_apart(draft, best)
     _write(draft, best)
     warnings = []
     if arm.others:
@@ -174,16 +182,20 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
     """
+
+    def reachable(there: Layout, places: Iterable[Cube]) -> tuple[Sequence[Cube], str]:
+        if not (trial := [*places]):
+            return (), "there is no place on the table for anything"
+        return search.cubes_in_reach(_load(draft, replace(there, cubes=trial)), trial)
+
     bare = _load(draft, layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm))
     seated = _load(draft, layout)
-    reach = search.arm_reach(seated.model)
+    reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
     side = min(round(2.4 * reach, 1), LARGEST_TABLE)
     size = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
-    lowest = min((float(points[:, 2].min()) for points in search.still_points(bare)), default=0.0)
-    down = search.DownPlaces(seated.model)
     tried: list[tuple[Layout, str]] = []
-    for stand in search.stands(seated, lowest, reach, side, down):
+    for stand in search.stands(seated, bare, reach, side, down):
         there = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at, cube_size=size)
         cell = _load(draft, there)
         home = search.find_home(cell, reach, stand, down)
@@ -191,10 +203,9 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
             reason = home.reasons[0]
         else:
             there = replace(there, home=home.positions)
-            usual = search.usual_places(cell.model, reach, home.direction, size, stand)
-            cubes, reason = _reachable(draft, there, usual)
+            cubes, reason = reachable(there, search.usual_places(cell.model, reach, home.direction, size, stand))
             if len(cubes) < len(search.COLORS):
-                others = _reachable(draft, there, search.other_places(cell.model, reach, size, stand, down))
+                others = reachable(there, search.other_places(cell.model, reach, size, stand, down))
                 cubes, reason = max((cubes, reason), others, key=lambda one: len(one[0]))
             there = replace(there, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else ())
         tried.append((there, reason))
@@ -202,29 +213,6 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
         if len(there.cubes) == len(search.COLORS):
             break
     return tried
-
-
-def _reachable(draft: Path, layout: Layout, places: Iterable[Cube]) -> tuple[Sequence[Cube], str]:
-    """The cubes of those at some places that the arm can pick up, and why not more."""
-    trial = [*places]
-    if not trial:
-        return (), "there is no place on the table for anything"
-    return search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)), trial)
-
-
-def _with_named_home(draft: Path, layout: Layout, description: Description) -> Layout:
-    """The layout with a state of the SRDF that is called home, if it has all joints of the arm and loses no cube."""
-    states = description.semantics.states if description.semantics else {}
-    whole = [name for name, positions in states.items() if layout.home.keys() <= positions.keys()]
-    for name in (name for word in HOMES for name in whole if word in name.lower()):
-        named = replace(layout, home_state=name)
-        try:
-            cubes, _ = search.cubes_in_reach(_load(draft, named), layout.cubes)
-        except InputError:  # outside the limits
-            continue
-        if 0 < sum(cube.color in TASK for cube in layout.cubes) == len(cubes):
-            return named
-    return layout
 
 
 def _told_apart(draft: Path, layout: Layout) -> Layout:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from itertools import islice
 from math import pi
 
@@ -19,7 +18,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.pose_search import descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
-from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
+from sqrp_cli.starter.layout import TASK, CameraView, Cube
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
@@ -117,53 +116,34 @@ class Stand:
     directions: tuple[float, ...] = DIRECTIONS
 
 
-@dataclass(frozen=True, eq=False)
-class DownPlaces:
-    """Where an arm can bring its tool so that it points down, found once; model: with the root at height 0."""
-
-    model: RobotModel
-
-    @cached_property
-    def _poses(self) -> Array:
-        return places_pointing_down(self.model)
-
-    def at(self, lift: float) -> Array:
-        """Poses of the tool frame, shape (k, 4, 4), with the root at a height [m]."""
-        return pose(position=(0.0, 0.0, lift)) @ self._poses
-
-
 def places_pointing_down(model: RobotModel) -> Array:
     """Poses of the tool frame that points down, spread over where the arm can bring it within its limits, (k, 4, 4)."""
     middle = np.where(model.turns, pi, 1.0)
     lower = np.where(np.isfinite(model.lower), np.maximum(model.lower, -2 * pi), -middle)
     upper = np.where(np.isfinite(model.upper), np.minimum(model.upper, 2 * pi), middle)
     q = lower + (upper - lower) * halton(PLACES, len(model.arm))
-    reached, errors = descend(model, pointing_down(model.tool_poses(q)), q, STEPS)
-    return model.tool_poses(reached[np.abs(errors).max(axis=1) < MET + model.angle_tolerance])
-
-
-def pointing_down(X: Array) -> Array:
-    """Poses (m, 4, 4) turned by the least angle that makes their z axes point down, about their own origins."""
-    turned = X.copy()
+    # Each pose there, turned by the least angle that makes its z axis point down, about its own origin.
+    X = model.tool_poses(q)
     z = np.array([0.0, 0.0, -1.0])
     x = X[:, :3, 0] - (X[:, :3, 0] @ z)[:, None] * z
     y = np.cross(z, X[:, :3, 1])  # x of a tool whose x axis was upright
     x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 0.1, x, -y)
     x = x / np.linalg.norm(x, axis=1, keepdims=True)
-    turned[:, :3, 0], turned[:, :3, 1], turned[:, :3, 2] = x, np.cross(z, x), z
-    return turned
+    X[:, :3, 0], X[:, :3, 1], X[:, :3, 2] = x, np.cross(z, x), z
+    reached, errors = descend(model, X, q, STEPS)
+    return model.tool_poses(reached[np.abs(errors).max(axis=1) < MET + model.angle_tolerance])
 
 
-def stands(cell: Cell, lowest: float, reach: float, side: float, down: DownPlaces) -> Iterator[Stand]:
+def stands(cell: Cell, bare: Cell, reach: float, side: float, down: Array) -> Iterator[Stand]:
     """Stands to try: on the table or a pedestal on it, then beside a table that is wholly before the robot.
 
-    The latter, the most promising first, take time to find, which nobody spends who needs none.
-    cell: with the root at height 0. lowest: height of the robot's lowest point that does not move then [m].
-    reach, side: of the arm, and of the table below it [m].
+    The latter come with the most promising first. cell, bare: with the root at height 0, and the same without a tool.
+    reach, side: of the arm, and of the table below it [m]. down: as of `places_pointing_down`.
     """
+    lowest = min((float(points[:, 2].min()) for points in still_points(bare)), default=0.0)
     for share in LIFTS:
         yield Stand(round(max(0.0, -round(lowest, 3)) + share * reach, 3), side)
-    places, shoulder, still = down.at(0.0)[:, :3, 3], shoulder_of(cell.model), still_points(cell)
+    places, shoulder, still = down[:, :3, 3], shoulder_of(cell.model), still_points(cell)
     found = []
     for direction in DIRECTIONS:
         ahead = _heading(direction)
@@ -229,19 +209,19 @@ def arm_reach(model: RobotModel) -> float:
 
 @dataclass(frozen=True)
 class Home:
-    """A home position: of every joint of the arm, and the direction of the work from the base [rad]."""
+    """A home position: of every joint of the arm [rad or m], and the direction of the work from the base [rad]."""
 
-    positions: Mapping[str, Position]
+    positions: Mapping[str, float]
     direction: float
 
 
-def find_home(cell: Cell, reach: float, stand: Stand, down: DownPlaces) -> Home | Infeasible:
+def find_home(cell: Cell, reach: float, stand: Stand, down: Array) -> Home | Infeasible:
     """A position with the tool pointing down and without contact, in whole degrees or millimetres.
 
     Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
     model, tried, first = cell.model, 0, ""
-    for X_WT, direction in _homes(model, reach, stand, down.at(stand.lift)):
+    for X_WT, direction in _homes(model, reach, stand, pose(position=(0.0, 0.0, stand.lift)) @ down):
         found = all_solutions(model, X_WT)
         q = np.where(model.turns, np.radians(np.round(np.degrees(found.solutions))), np.round(found.solutions, 3))
         q = q[((q >= model.lower) & (q <= model.upper)).all(axis=1)]
@@ -250,8 +230,8 @@ def find_home(cell: Cell, reach: float, stand: Stand, down: DownPlaces) -> Home 
         if free:
             # Joints high above the table, few of them turned far.
             ease = [float(model.joint_origins(one)[:, 2].mean() / reach - 0.05 * np.abs(one).sum()) for one in free]
-            joints = zip(model.arm, free[int(np.argmax(ease))].tolist(), model.turns.tolist(), strict=True)
-            return Home({name: Position(value, turns) for name, value, turns in joints}, direction)
+            best = free[int(np.argmax(ease))]
+            return Home(dict(zip(model.arm, best.tolist(), strict=True)), direction)
         tried += 1
         reason = found.reason if found.reason is not None else next(iter(contacts), "at a limit")
         far = float(np.linalg.norm(X_WT[:2, 3] - shoulder_of(model)[:2]))
@@ -307,9 +287,9 @@ def usual_places(model: RobotModel, reach: float, direction: float, size: float,
     return _cubes_below(model, tools, size, stand)
 
 
-def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: DownPlaces) -> Iterator[Cube]:
+def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: Array) -> Iterator[Cube]:
     """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
-    found = down.at(stand.lift)[:, :3, 3]
+    found = down[:, :3, 3] + [0.0, 0.0, stand.lift]
     low = found[(found[:, 2] > size) & (found[:, 2] < LOW * reach)]
     far = np.linalg.norm(low[:, :2] - shoulder_of(model)[:2], axis=1)
     nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
@@ -345,23 +325,22 @@ def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], s
     cubes = {cube.name: cube for cube in trial}
     candidates = [(cubes[one.binding["object"]], one) for one in read_task(TASK, cell.workspace).candidates]
     found: list[Cube] = []
-    reason = ""
+    first = ""
     for turns in (slice(0, 1), slice(1, None)):
         for cube, candidate in candidates:
             if cube in found or len(found) == len(COLORS):
                 continue
-            reasons: tuple[str, ...] = ("there is one way to grip it",)
+            why = "there is one way to grip it"
             for grip in grips(cell, candidate, cell.initial_world)[turns]:
                 motion = feasible_motion(cell, grip, cell.initial_world)
                 if not isinstance(motion, Infeasible):
                     found.append(cube)
                     break
-                reasons = motion.reasons
+                why = motion.reasons[0]
             else:
-                if not reason:
-                    x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
-                    reason = f"a cube at x {x:.2f} m, y {y:.2f} m: {reasons[0]}"
-    return painted(found, COLORS), reason
+                x, y = (value + 0.0 for value in cube.position[:2])  # no -0.00
+                first = first or f"a cube at x {x:.2f} m, y {y:.2f} m: {why}"
+    return painted(found, COLORS), first
 
 
 def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:
@@ -376,33 +355,33 @@ def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tupl
 
     Neither is in the robot or close to it, if there is such a place. lift: how far the cubes are lifted [m].
     """
+    q = np.array([home.positions[joint] for joint in cell.model.arm])
+    X_WL = cell.model.link_poses(q[None])
+    solids = [(inverse(X_WL[one.part.parent][0]), *_extent(one.vertices)) for one in load_solids(cell.model.parts)]
+
+    def clear(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
+        """In a direction relative to that of the work [rad], or the next one in which no robot is."""
+        at_x, at_y, at_z = looks_at.round(2).tolist()
+        views = []
+        for by in SHIFTS:
+            for sign in (1, -1):
+                heading = np.cos(VIEW_HEIGHT) * _heading(home.direction + sign * turn + by)
+                x, y, z = (looks_at + distance * np.append(heading, np.sin(VIEW_HEIGHT))).round(2).tolist()
+                views.append(CameraView(name, (x, y, z), (at_x, at_y, at_z)))
+                eye = np.array([[x, y, z]])
+                if all((np.abs(transform(X, eye) - mid) >= half + CLEARANCE).any() for X, mid, half in solids):
+                    return views[-1]
+        return views[0]
+
     places = np.array([cube.position for cube in cubes])
     middle = np.append(_extent(places)[0][:2], lift / 2)
     radius = float(np.linalg.norm(places - middle, axis=1).max()) + lift / 2
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
     some_cube = np.append(places[len(places) // 3][:2], lift / 2)
     return (
-        _clear_view(cell, home, "cam1", middle, distance, BEHIND),
-        _clear_view(cell, home, "cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE),
+        clear("cam1", middle, distance, BEHIND),
+        clear("cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE),
     )
-
-
-def _clear_view(cell: Cell, home: Home, name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
-    """A camera in a direction relative to that of the work [rad], or the next one in which no robot is."""
-    q = np.array([home.positions[joint].value for joint in cell.model.arm])
-    X_WL = cell.model.link_poses(q[None])
-    solids = [(inverse(X_WL[one.part.parent][0]), *_extent(one.vertices)) for one in load_solids(cell.model.parts)]
-    at_x, at_y, at_z = looks_at.round(2).tolist()
-    views = []
-    for by in SHIFTS:
-        for sign in (1, -1):
-            heading = np.cos(VIEW_HEIGHT) * _heading(home.direction + sign * turn + by)
-            x, y, z = (looks_at + distance * np.append(heading, np.sin(VIEW_HEIGHT))).round(2).tolist()
-            views.append(CameraView(name, (x, y, z), (at_x, at_y, at_z)))
-            eye = np.array([[x, y, z]])
-            if all((np.abs(transform(X, eye) - mid) >= half + CLEARANCE).any() for X, mid, half in solids):
-                return views[-1]
-    return views[0]
 
 
 def _extent(points: Array) -> tuple[Array, Array]:
