@@ -13,9 +13,8 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.starter.description import OwnRobot, describe_robot
+from sqrp_cli.starter.description import OwnRobot, describe_robot, find_moveit
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, Starter, make_starter
-from sqrp_cli.starter.moveit_config import find_moveit
 
 ARM = read_urdf(SHIPPED / OWN_ARM)
 JOINTS = [joint.name for joint in ARM.movable_joints]
