@@ -126,14 +126,6 @@ class MeantPrimitive(NamedTuple):
     primitive: ProgramPrimitive
 
 
-def _meant(name: str, places: Sequence[StepPlace], offset: float = 0.0) -> MeantPrimitive | None:
-    """The first primitive of a name in which something can slip at an offset [s], else the nearest to that."""
-    found = [MeantPrimitive(place, one) for place in places for one in place.primitives if one.name == name]
-    able = [meant for meant in found if name in meant.place.holding]
-    long = [meant for meant in able if meant.primitive.start + offset <= meant.primitive.end]
-    return next(iter(long or able or found), None)
-
-
 class _FaultText:
     """A fault as it was written, and the steps in which it may happen: all, or the one that it gives by number."""
 
@@ -144,7 +136,7 @@ class _FaultText:
         found = _STEP.fullmatch(text)
         self.bare = text if found is None else found["bare"]
         """The text without the number of a step."""
-        self.kind = re.split(r"[@:=]", self.bare, maxsplit=1)[0]
+        self.kind, self.owner = re.split(r"[@:=]", self.bare, maxsplit=1)[0], "the program"
         if found is None:
             return
         number = int(found["number"])
@@ -154,6 +146,7 @@ class _FaultText:
             message = f"there is no step {number}; expected {'one of ' if len(steps) > 1 else ''}{names}{more}"
             raise self.refused(message, f"write {len(steps) if number else 1}:{self.bare}")
         self.places = [self.places[number - 1]]
+        self.owner = self.places[0].label if len(steps) > 1 else self.owner  # what messages call them
 
     def refused(self, message: str, mend: str | None = None) -> InputError:
         """The error that says so. mend: by default, the forms of a fault of this kind."""
@@ -164,19 +157,25 @@ class _FaultText:
         mend = mend or (f"write {form}" if form else f"give one of: {every}")
         return bad_input("bad-fault", f"{self.option} {self.text}: {message}", mend=mend)
 
-    @property
-    def owner(self) -> str:
-        """What messages call the steps in which it may happen."""
-        return "the program" if len(self.places) == len(self.everywhere) else self.places[0].label
+    def meant(self, name: str, message: str, mend: str | None = None, offset: float = 0.0) -> MeantPrimitive:
+        """The first primitive of a name in which something can slip at an offset [s], else the nearest to that.
 
-    def expected_primitive(self, name: str) -> str:
-        """The names that were expected instead of one that no primitive has."""
-        return expected_names(name, {one.name for place in self.places for one in place.primitives})
-
-    def in_another_step(self, name: str) -> str | None:
-        """What to write instead if a primitive of some name is in another step than the one that was written."""
-        found = _meant(name, self.everywhere)
-        return None if found is None else f"write {found.place.prefix}{self.bare}"
+        Raises InputError where the tool holds nothing in it, and where none has the name: with the message, and with
+        another step to write if one has such a primitive, else with `mend`.
+        """
+        found = [
+            MeantPrimitive(place, one) for place in self.everywhere for one in place.primitives if one.name == name
+        ]
+        here = [meant for meant in found if meant.place in self.places]
+        if not here:
+            another = f"write {found[0].place.prefix}{self.bare}" if found else mend
+            expected = expected_names(name, {one.name for place in self.places for one in place.primitives})
+            raise self.refused(f"{message}; {expected}", another)
+        able = [meant for meant in here if name in meant.place.holding]
+        long = [meant for meant in able if meant.primitive.start + offset <= meant.primitive.end]
+        chosen = (long or able or here)[0]
+        self.check_can_slip(chosen.place, [name])
+        return chosen
 
     def slip_instead(self, places: Sequence[StepPlace] | None = None) -> str:
         """What to write where a fault of the tool cannot happen: the first slip that can, in some places or in any.
@@ -225,74 +224,59 @@ def parse_fault(
     instants. option: that gives it, for messages. served: whether it happens to a cell that is served to others.
     """
     written = _FaultText(option, text, steps, _SERVED_FORMS if served else _FORMS)
-    kind, places = written.kind, written.places
+    kind, places, refused = written.kind, written.places, written.refused
     if kind not in written.forms:
         if any(kind == entry.fault for step in steps for entry in step.formulas):
-            raise written.refused(f"`{kind}` is what monitors look for, and cannot be made to happen as such")
-        raise written.refused(f"there is no fault `{kind}`; {expected_names(kind, written.forms)}")
+            raise refused(f"`{kind}` is what monitors look for, and cannot be made to happen as such")
+        raise refused(f"there is no fault `{kind}`; {expected_names(kind, written.forms)}")
     form = written.forms[kind]
     found = form.pattern.fullmatch(written.bare[len(kind) :])
     if found is None:
-        raise written.refused(f"expected {form.expected}")
+        raise refused(f"expected {form.expected}")
+    if kind == "slip" and found["time"]:
+        place, t = places[0], written.time(found["time"])
+        if t > (last := place.primitives[-1].end):
+            several = "write N:slip@T for T seconds from the start of step N"
+            mend = written.slip_instead() if len(steps) == 1 else several
+            raise refused(f"{place.label} lasts only {last:.2f} s", mend)
+        during = [one.name for one in place.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
+        written.check_can_slip(place, during)
+        return InjectedFault("slip", text, t, step=place.number)
     if kind == "slip":
-        return _slip(written, found, rng)
+        name, offset = found["primitive"], written.time(found["offset"] or "0")
+        place, primitive = written.meant(name, f"{written.owner} has no primitive `{name}`", offset=offset)
+        t = primitive.start + offset
+        if found["random"]:
+            t = float(rng.uniform(primitive.start, primitive.end))
+        elif t > primitive.end:
+            owner = f"`{name}`" if len(steps) == 1 else f"`{name}` of {place.label}"
+            raise refused(f"{owner} lasts only {primitive.end - primitive.start:.2f} s")
+        return InjectedFault("slip", text, t, step=place.number)
     if kind == "miss-pick":
-        grasping = [
-            place for place in written.everywhere if any(primitive.action == "Grasp" for primitive in place.primitives)
-        ]
+        grasping = [place for place in written.everywhere if any(one.action == "Grasp" for one in place.primitives)]
         able = [place for place in grasping if place in places]
         if not able:
             owner = "this program" if len(places) == len(steps) else places[0].label
             mend = f"write {grasping[0].prefix}miss-pick" if grasping else written.slip_instead()
-            raise written.refused(f"no primitive of {owner} grasps", mend)
+            raise refused(f"no primitive of {owner} grasps", mend)
         return InjectedFault("miss-pick", text, step=able[0].number)
     figures = found.groupdict()
     camera: str | None = figures.get("camera")
     if camera is not None and camera not in cameras:
         instead = text.replace(camera, nearest(camera, cameras) or min(cameras, default="CAMERA"))
-        raise written.refused(f"there is no camera `{camera}`; {expected_names(camera, cameras)}", f"write {instead}")
+        raise refused(f"there is no camera `{camera}`; {expected_names(camera, cameras)}", f"write {instead}")
     t, delay = (written.time(figures[name]) if name in figures else 0.0 for name in ("time", "delay"))
     return InjectedFault(form.kind, text, t, camera, delay, places[0].number)
-
-
-def _slip(written: _FaultText, found: re.Match[str], rng: np.random.Generator) -> InjectedFault:
-    place = written.places[0]
-    if found["time"]:
-        t, last = written.time(found["time"]), place.primitives[-1].end
-        if t > last:
-            several = "write N:slip@T for T seconds from the start of step N"
-            mend = written.slip_instead() if len(place.steps) == 1 else several
-            raise written.refused(f"{place.label} lasts only {last:.2f} s", mend)
-        during = [one.name for one in place.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
-        written.check_can_slip(place, during)
-        return InjectedFault("slip", written.text, t, step=place.number)
-    name, offset = found["primitive"], written.time(found["offset"] or "0")
-    meant = _meant(name, written.places, offset)
-    if meant is None:
-        message = f"{written.owner} has no primitive `{name}`; {written.expected_primitive(name)}"
-        raise written.refused(message, written.in_another_step(name))
-    place, primitive = meant
-    written.check_can_slip(place, [name])
-    if found["random"]:
-        t = float(rng.uniform(primitive.start, primitive.end))
-    elif (t := primitive.start + offset) > primitive.end:
-        owner = f"`{name}`" if len(place.steps) == 1 else f"`{name}` of {place.label}"
-        raise written.refused(f"{owner} lasts only {primitive.end - primitive.start:.2f} s")
-    return InjectedFault("slip", written.text, t, step=place.number)
 
 
 def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> MeantPrimitive:
     """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
     written = _FaultText(option, text, steps, _FORMS)
     kind, _, name = written.bare.partition("@")
+    instead = written.slip_instead(written.places)
     if kind != "slip":
-        raise written.refused("expected `slip@` and a primitive of the program", written.slip_instead(written.places))
-    found = _meant(name, written.places)
-    if found is None:
-        message = f"expected `slip@` and a primitive of {written.owner}; {written.expected_primitive(name)}"
-        raise written.refused(message, written.in_another_step(name) or written.slip_instead(written.places))
-    written.check_can_slip(found.place, [name])
-    return found
+        raise written.refused("expected `slip@` and a primitive of the program", instead)
+    return written.meant(name, f"expected `slip@` and a primitive of {written.owner}", instead)
 
 
 class FaultTracker:
