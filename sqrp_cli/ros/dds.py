@@ -17,7 +17,6 @@ from sqrp_cli.ros.messages import Inbox, Message, MessageTypes, Send, Topic, mes
 
 _PEERS = 40
 """Most participants on this computer, where multicast is off."""
-
 _TAKEN = 64
 """Most messages that are taken from a reader at a time."""
 

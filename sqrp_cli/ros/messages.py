@@ -23,13 +23,10 @@ if TYPE_CHECKING:
 
 Message: TypeAlias = Any
 """A record of a type that the store made, with the fields that its definition names; arrays of numbers are NumPy's."""
-
 Ros = Literal[1, 2]
 """Which ROS: its types differ a little, its bytes much."""
-
 LONGEST_SEQUENCE = 1 << 26
 """Most elements of a sequence in a message that is read: an image of 64 million bytes."""
-
 _TF = "geometry_msgs/TransformStamped[] transforms"
 """Of tf2_msgs/TFMessage, which the store lacks in ROS 1."""
 

@@ -16,19 +16,14 @@ from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
 """The shortest duration of a stop [s], and the factor to one that is too short at which the search for it ends."""
-
 LIMIT_SLACK = 1.01
 """Factor by which a stop may exceed the limits between its samples."""
-
 HALT = 0.01
 """In what time a guarded move comes to rest at contact [s]."""
-
 JOINT_MOVE = "JointMove"
 """The action of a primitive after which the arm is where it was planned to be, whatever contact did before."""
-
 _RAMP = 0.4
 """Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero."""
-
 _ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
 """A clock that goes on at its usual rate."""
 

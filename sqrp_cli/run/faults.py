@@ -61,10 +61,8 @@ _SERVED_FORMS: Mapping[str, _Form] = {
     "joints-latency": _Form("joints-latency", "joints-latency=0.5", _JOINTS_BY, "by how much joint states are late"),
 }
 """Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
-
 PHYSICAL = ("slip", "miss-pick")
 """Faults of the step; the others are faults of cameras."""
-
 _STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
 
 

@@ -35,7 +35,6 @@ from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
 
 RATE = 25.0
 """States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
-
 DIGITS = 5
 """Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
 

@@ -14,16 +14,12 @@ from sqrp_cli.records import dataclass
 
 ImageArray = NDArray[np.uint8]
 """Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""
-
 MOST_SIMULATED = 16_000_000
 """Most pixels of an image that is simulated; each drawing process needs some 100 bytes for each of them."""
-
 MOST_SIMULATED_TOGETHER = 64_000_000
 """Most pixels of one image of every camera."""
-
 MOST_RECORDED = 64_000_000
 """Most pixels of a recorded image that is looked at."""
-
 NEEDED = ("cv2", "sqrp_cli.run.perception.image_detector", "sqrp_cli.run.cell.render_pool")
 """What processes that draw and look at images import, for `platform.processes.fresh`.
 

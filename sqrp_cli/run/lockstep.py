@@ -28,14 +28,10 @@ from sqrp_cli.run.record.report import TRUTH_SPACING
 
 MOST_COMMANDS = 20
 """Most commands to the tool that are remembered."""
-
 FEELING = 0.004
 """Time between looks at the force of a guarded move [s]."""
-
 SAME_INSTANT = 0.0015
 """Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
-
-
 DueKind = Literal["tool", "primitive", "fault"]
 """A command to the tool, the beginning of a primitive, or a fault to inject."""
 

@@ -18,14 +18,12 @@ from sqrp_cli.shapes import Mesh, Part
 
 OPEN_SHARE = 0.25
 """Fingers count as open while they are closed by no more than this share of their way."""
-
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines.
 
 They are inscribed, and half as many as those that sight is computed with: outlines are drawn anew for every image, and
 that of a part 4 cm wide and 0.5 m away is within a quarter of a pixel for a focal length of 600 pixels.
 """
-
 _MANY, _DETAIL = 20_000, 64
 """Triangles above which a mesh is coarsened, and cells along its longest side in which vertices then become one."""
 

@@ -46,10 +46,8 @@ from sqrp_cli.run.robot_body import RobotBody
 
 LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
-
 ELSEWHERE = 0.05
 """How far from where it is meant to be at the end a part is that was dropped [m]."""
-
 SPACING = 0.05
 """Sampling period of a motion in the search for a viewpoint [s]."""
 

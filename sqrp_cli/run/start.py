@@ -150,7 +150,6 @@ def connected(program: Program, workspace: Workspace, file: RobotFile, speed: fl
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
 """The bounds of an interval in the text of a formula."""
-
 _TIMES = ("time", "start", "end", "x", "shown", "seen", "usual", "refuted")
 """Fields with times that are as many times as long; how late an image is, how often one is taken, and how long a
 literal may lag stay as they are."""

@@ -26,15 +26,11 @@ from sqrp_cli.run.record.packed_image import DamagedImageError, image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 """Types of images; the first one is taken where a camera has both."""
-
 JOINTS = "sensor_msgs/msg/JointState"
-
 STRAYS = 0.05
 """A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
-
 MOST_STATES = 2_000_000
 """Most joint states that are read: those of an hour at 500 Hz."""
-
 MOST_FRAMES = 1_000_000
 """Most images that are looked at."""
 
@@ -193,25 +189,18 @@ def _names(topics: Sequence[RecordedTopic]) -> list[str]:
 
 SPACING = 0.02
 """Between the starts of a step that are tried [s]."""
-
 POINTS = 64
 """Points of a step's motion that are compared."""
-
 NEAR = 0.03
 """A joint this close to where the program wants it follows the program [rad or m]."""
-
 LEAST_SHARE = 0.35
 """Least share of a step's motion that must be there, from its beginning on: it may have been stopped on the way."""
-
 GAP = 0.2
 """Between joint states farther apart than this [s] the joints are not known."""
-
 LONGEST = 12 * 3600.0
 """Longest recording that is searched [s]; that of a longer one, or of one in which a clock jumped, is refused."""
-
 _ONE_RUN = 2.0
 """Starts that fit as well as the first one, and are not later than this after it [s], are of the same run."""
-
 _BLOCK = 4096
 """Starts that are tried at once."""
 

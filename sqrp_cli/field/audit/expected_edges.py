@@ -26,22 +26,16 @@ from sqrp_cli.run.robot_body import RobotBody
 
 SMOOTHED = 1.5
 """Standard deviation of the blur that makes an outline of pixels a line [pixels]."""
-
 _STRAIGHT = 0.68 / (SMOOTHED * np.sqrt(2.0 * np.pi))
 """Least slope of a blurred outline: less of it has a corner, or another outline nearby."""
-
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
-
 TOUCH = 0.005
 """Where depths differ by less than this [m], an object stands on another one: the edge is that of the movable one."""
-
 LOOSE, FIXED = (7e-4, 7e-4, 3e-4, 6e-3), (5e-4, 5e-4, 5e-4, 1e-3)
 """Standard deviations of the places of movable and of fixed objects along the world's axes [m], and of their turn about
 the vertical [rad]: objects stand where they should, nearly."""
-
 POINTS = 400
 """Points of the edges in an image, at most."""
-
 STEP = 0.005
 """Time over which speeds are measured [s]."""
 

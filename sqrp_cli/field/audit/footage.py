@@ -72,7 +72,6 @@ class Footage(ImageSource, Protocol):
 
 FARTHEST = 3.0
 """Largest offset of a clock that is looked for [s]."""
-
 _APART = 1000.0
 """Time between the steps of a folder of frames, whose times are those of the step [s]."""
 

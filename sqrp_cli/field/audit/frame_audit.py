@@ -22,11 +22,8 @@ from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
 from sqrp_cli.run.robot_body import RobotBody
 
 Known = TypeVar("Known")
-
 AHEAD = 8
 """Images that are looked at while others are read."""
-
-
 LEAST_LOST = 3
 """Images, at least, that say of a literal to the end of a step that it is not as planned, for `MaybeLost`."""
 

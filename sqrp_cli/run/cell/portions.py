@@ -21,20 +21,14 @@ from sqrp_cli.run.cell.interface import JointStates, StoppableReference
 
 AHEAD = 0.4
 """How much of the motion a portion holds before its stop [s]."""
-
 EVERY = 0.08
 """Time between two portions [s]."""
-
 LEAD = 0.02
 """From when a portion is sent to its first point [s]; until then the controller leads over from what it does."""
-
 SPACING = 0.02
 """Between two points [s]; with their velocities and accelerations a controller follows the path to micrometres."""
-
-
 SETTLES = 0.3
 """After a motion, a robot that follows it with a lag may still be off for so long [s]."""
-
 JUMP = 0.02
 """How far a portion may begin from where the robot will be by the one before [rad or m]."""
 

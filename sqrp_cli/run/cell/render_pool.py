@@ -20,13 +20,10 @@ if TYPE_CHECKING:
 
 Memory: TypeAlias = "ctypes.Array[ctypes.c_uint8]"
 """Memory that processes share."""
-
 Task: TypeAlias = tuple[int, Array, float]
 """An image to draw: of a camera by index, at joint positions (MuJoCo's qpos), at time t [s]."""
-
 MOST_WORKERS = 8
 """More would cost more memory than they save time."""
-
 DRAWN_WITHIN = 120.0
 """A process that takes longer for an image [s] is taken for dead."""
 

@@ -18,19 +18,14 @@ from sqrp_cli.run.cell.requirements import no_opengl
 
 NEAR, FAR = 0.01, 50.0
 """Clipping planes [m]."""
-
 NOISE = 1.5
 """Standard deviation of every value of every pixel, of 255."""
-
 _SPARE = 64
 """By how many pixels the stored noise is larger than an image: it can be laid over one in `_SPARE` ** 2 ways."""
-
 _WIDEST = np.tan(np.radians(80.0))
 """Largest distance from the optical axis in the plane z = 1 that is drawn; beyond it images stay black."""
-
 _MOST_PIXELS = 2048
 """Largest width and height of a drawn picture."""
-
 _BAND = 1_000_000
 """Pixels whose distortion is undone at once."""
 

@@ -14,10 +14,8 @@ from sqrp_cli.errors import InputError, bad_input
 
 _PACKAGES = {"mujoco": "mujoco", "cv2": "opencv-contrib-python-headless"}
 """Modules of the extra `sim`, with the names under which pip installs them."""
-
 _LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}
 """Shared libraries behind each value of MUJOCO_GL that draws without a screen, the preferred one first."""
-
 _DEBIAN = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
 

@@ -25,12 +25,9 @@ from sqrp_cli.records import dataclass
 
 ToolType = Literal["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"]
 ImageType = Literal["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]
-
 _SLOWER = "if computers are busy, let the simulated time pass more slowly, as with `sqrp cell --pace 0.1`"
-
 _OTHER_FILES = {"sqrp_program": "a program", "skills": "a workspace"}
 """Files that are taken for this one, by a key that only they have."""
-
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*")
 
 

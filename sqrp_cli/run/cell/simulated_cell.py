@@ -25,16 +25,12 @@ from sqrp_cli.run.image import CameraImage, check_simulated
 
 SUCTION_REACH = 3e-3
 """Largest gap between the origin of the tool frame and a surface that suction closes [m]."""
-
 GRIP = 30.0
 """Force of a finger, if its effort limit allows it [N]; of one that turns, at `FINGER_LENGTH`."""
-
 CLOSING_SPEED = 0.05
 """Of a finger on its way to what it grasps [m/s]."""
-
 FINGER_LENGTH = 0.05
 """Lever of a finger that turns [m]."""
-
 _SLIPPERY = 1e-4
 """Coefficient of friction between fingers and what slips out of them."""
 
@@ -340,7 +336,6 @@ class SimulatedCell(Physics, AbstractContextManager["SimulatedCell"]):
 
 BANDWIDTH = 60.0
 """Of each joint's position loop, critically damped [rad/s]."""
-
 FURTHEST = 1e6
 """No motor is driven further [rad or m]: a simulation that is told to go on does not get unstable."""
 

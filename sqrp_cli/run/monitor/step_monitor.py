@@ -29,7 +29,6 @@ from sqrp_cli.run.robot_body import RobotBody
 
 PATIENCE = 0.3
 """How long predicted evidence may be missing before the robot stops [s]; at least three images."""
-
 _SAME = 1e-9
 
 

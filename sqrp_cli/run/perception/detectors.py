@@ -40,13 +40,10 @@ from sqrp_cli.skill.target_box import TargetBox
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
-
 SHADE_TOLERANCE = 0.12
 """How much of a pixel's brightness may be of another hue in a shade of the background."""
-
 COLOR_BITS = 4
 """Bits per channel of the coarse colours that make up the robot's palette."""
-
 LEAST_PALETTE_SHARE = 5e-4
 """Share of the robot's pixels that a coarse colour must have to belong to its palette."""
 
@@ -306,7 +303,6 @@ class ColorDetector:
 
 ABSENT_SHARE = 0.9
 """Share of a marker's outline in which the background must be seen for the marker to be absent."""
-
 AROUND = 0.5
 """How much of the image around a marker is looked at again, as a share of the marker's size in it."""
 

@@ -43,9 +43,7 @@ from sqrp_cli.skill.target_box import TargetBox
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
-
 Done = TypeVar("Done")
-
 _ANSWER = bool | np.bool_ | None
 
 

@@ -36,7 +36,6 @@ from sqrp_cli.skill.target_box import TargetBox, object_of
 
 TOUCH = 1e-3
 """A piece that touches a far face of a box may reach this deep into it and still is behind it [m]."""
-
 LEAST_DEPTH = 0.02
 """Points nearer to the lens than this [m] are not projected."""
 

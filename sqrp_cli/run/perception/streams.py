@@ -24,26 +24,20 @@ from sqrp_cli.run.record.report import MonitoringLost
 
 OVERDUE_PERIODS = 1.2
 """A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
-
 LOOKING = 0.005
 """Time between two looks for images that have come [s]."""
-
 MOST_WAITING = 3
 """Most images of a camera that wait to be looked at; what comes then is left out."""
-
 SLACK, LOOKING_SLACK = 0.08, 0.3
 """How much later than in simulation an image may come, and be looked at, in real time [s]."""
-
 FIRST = 3.0
 """How much longer the first image may take, for which the robot waits [s]."""
-
 _REASONS = (
     ("camera-loss", "{names} {are} lost: no image for {ages}"),
     ("latency", "the images of {names} come too late: the newest {are} {ages} old"),
     ("perception-late", "this computer looks too slowly at images of {names}: it knows what they showed {ages} ago"),
 )
 """How streams fail, the worst first."""
-
 Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
 """Takes an image with each of some cameras, now."""
 

@@ -90,7 +90,6 @@ def area_of(polygon: Array) -> float:
 
 _SUBPIXEL = 4
 """Fractional bits of polygon corners."""
-
 Corners = NDArray[np.int32]
 """Corners of polygons in sixteenths of a pixel."""
 
@@ -214,7 +213,6 @@ def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMar
 
 _FRAME = 8
 """Width of a white frame around the image [pixels]: the margin of a marker at the edge."""
-
 BRIGHT = 90
 """Percentile of the pixels around a marker that is as bright as its margin."""
 

@@ -38,10 +38,8 @@ from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 AS_PLANNED = "/as_planned"
 """The topic that says whether everything goes as the program says."""
-
 EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
-
 _PLAIN = (0.75, 0.74, 0.72)
 _SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
 _ALPHA = 0.35

@@ -30,7 +30,6 @@ from sqrp_cli.run.record.report import Outcome, RunReport
 
 VERSION: Literal[1] = 1
 """Of the log's fields."""
-
 _TRUTHS = {truth.word: truth for truth in (Truth.TRUE, Truth.FALSE, Truth.UNKNOWN)}
 
 
@@ -49,7 +48,6 @@ ShownTruth = Annotated[
     WithJsonSchema({"type": "string", "enum": list(_TRUTHS)}),
 ]
 """A truth value that images show: `true`, `false` or `blind` in the log."""
-
 Numbers3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 Numbers4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Numbers7 = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
@@ -327,7 +325,6 @@ class RunReported(_Event):
 
 State = WholeState | StateChanged
 """Where everything really is."""
-
 Event = (
     RunBegan
     | StepBegan
@@ -345,14 +342,10 @@ Event = (
     | RunReported
 )
 """An event of a run."""
-
-
 KINDS: Mapping[str, type[Event]] = {
     kind: model for model in get_args(Event) for kind in get_args(model.model_fields["event"].annotation)
 }
 """The records by the kind that the log calls them; the first state of a log is a `WholeState` instead."""
-
-
 Listener = Callable[[Event], None]
 """Receives events: the log, the live view."""
 

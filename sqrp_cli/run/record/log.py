@@ -25,10 +25,8 @@ from sqrp_cli.run.record.report import Confusion, RunReport
 
 MAX_BYTES = 200_000_000
 """Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
-
 MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
 """Most bytes of a line of a log that is read, and most lines."""
-
 SLACK = 0.01
 """Largest step back between events [s], since the simulation's clock is discrete."""
 

@@ -25,7 +25,6 @@ from sqrp_cli.run.image import ImageArray
 
 JPEG_QUALITY = 95
 """Of recorded images, of 100."""
-
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">IIBBBBB")
 _HEADER_CHUNK = 25
@@ -36,14 +35,11 @@ _PALETTE = 3
 """The type of colour whose numbers are those of a palette."""
 _DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
 _PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
-
 _BYTES_PER_PIXEL, _SPARE_BYTES = 8, 10_000_000
 """Largest size of an image file: so much for each pixel (four values of 16 bits), and so much for the rest."""
-
 _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _PADDING = re.compile(r"Corrupt JPEG data: ([1-9]|1[0-6]) extraneous bytes before marker 0xd[0-79]")
 """What is said where a camera fills up to a marker with a few bytes, as many do: nothing of the image is lost."""
-
 _CONVERSIONS = {
     "rgb8": None,
     "bgr8": cv2.COLOR_BGR2RGB,

@@ -11,10 +11,8 @@ from sqrp_cli.records import dataclass
 
 PROCESSING = 0.02
 """Time to process an image [s]: measured, 15 ms for one of 640x480 pixels."""
-
 TRUTH_SPACING = 0.002
 """When a fault has come true is known to this: a step of the physics [s]."""
-
 Outcome = Literal["done", "stopped", "missed"]
 """Of a run: all steps were done; the robot stopped before; or all were done, but a fault that happened was never
 noticed."""
