@@ -12,7 +12,8 @@ Evidence of a time is complete when no image taken by then is under way.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import field
 from enum import StrEnum
 from typing import Protocol
@@ -64,7 +65,13 @@ class CellModel:
     @classmethod
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
         """What a workspace says. Raises InputError for a mesh, or a detector of a package, that cannot be used."""
-        check_plugins(workspace)
+        for name, detector in workspace.detectors.items():
+            if detector.kind not in BUILT_IN:
+                try:
+                    load_detector(detector.kind)
+                except PluginError as error:
+                    place = workspace.places.get(f"detectors.{name}.kind")
+                    raise bad_input("broken-detector", str(error), place) from error
         objects = workspace.objects
         surfaces = {name: tuple(Surface.of(part).coarsened() for part in obj.parts) for name, obj in objects.items()}
         shadows = any(not light.is_ambient for light in workspace.lights.values())
@@ -195,38 +202,29 @@ class PluginError(SqrpError):
     """A detector of an installed package did not do what it should."""
 
 
-def check_plugins(workspace: Workspace) -> None:
-    """Raises InputError, at its line, for a detector of an installed package that cannot be loaded."""
-    for name, detector in workspace.detectors.items():
-        if detector.kind not in BUILT_IN:
-            try:
-                load_detector(detector.kind)
-            except PluginError as error:
-                place = workspace.places.get(f"detectors.{name}.kind")
-                raise bad_input("broken-detector", str(error), place) from error
-
-
 def load_detector(kind: str) -> MakeDetector:
     """What makes detectors of an installed kind. Raises PluginError if it cannot be loaded."""
     entry = installed_detectors().get(kind)
     if entry is None:
         raise PluginError(f"no installed package has a detector `{kind}` any more (entry points `{GROUP}`)")
-    try:
+    with plugin_errors(kind, "cannot be loaded"):
         make: MakeDetector = entry.load()
-    except Exception as error:  # it is somebody else's code
-        raise PluginError(complaint(kind, f"cannot be loaded: {named(error)}")) from error
     return make
+
+
+@contextmanager
+def plugin_errors(kind: str, what: str) -> Iterator[None]:
+    """Turn any exception of somebody else's code into a PluginError."""
+    try:
+        yield
+    except Exception as error:
+        raise PluginError(complaint(kind, f"{what}: {type(error).__name__}: {error}")) from error
 
 
 def complaint(kind: str, what: str) -> str:
     """What is wrong with a kind of detector, with the package that brings it."""
     entry = installed_detectors().get(kind)
     return f"the detector `{kind}` of the package {'' if entry is None else package_of(entry)} {what}"
-
-
-def named(error: Exception) -> str:
-    """An exception of somebody else's code."""
-    return f"{type(error).__name__}: {error}"
 
 
 FRESH_PERIODS = 1.5

@@ -8,29 +8,29 @@ What is neither object nor background is not judged. Markers on fingers show how
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from sqrp_cli.camera import detector
 from sqrp_cli.cell.scene import SceneObject
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, pose, transform
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.run.perception.projected import ExpectedView, ProjectedBox, ProjectedObject
+from sqrp_cli.run.perception.projected import ExpectedView, ProjectedObject
 from sqrp_cli.run.perception.vision import (
     Crop,
     FoundMarker,
-    blobs,
     color_mask,
     dilated,
     direction,
     displacement,
     filled,
     inpainted,
+    largest_blob,
     markers_beside,
     same_color,
     shade_of,
@@ -46,6 +46,10 @@ COLOR_BITS = 4
 """Bits per channel of the coarse colours that make up the robot's palette."""
 LEAST_PALETTE_SHARE = 5e-4
 """Share of the robot's pixels that a coarse colour must have to belong to its palette."""
+ABSENT_SHARE = 0.9
+"""Share of a marker's outline in which the background must be seen for the marker to be absent."""
+AROUND = 0.5
+"""How much of the image around a marker is looked at again, as a share of the marker's size in it."""
 
 
 class Background:
@@ -143,30 +147,6 @@ class _Place:
     shift: Array | None = None
     """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
 
-    @property
-    def fits(self) -> bool:
-        """Whether the object is here, as exactly as the image shows."""
-        if self.projected is None or self.shift is None or self.filled < detector.FULL:
-            return False
-        return bool(
-            np.hypot(*self.shift) <= detector.SHIFT_PIXELS + detector.SHIFT_SHARE * self.projected.box.area**0.5
-        )
-
-    def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
-        """The sight of a box with this content; min_visible: share that its detector requires."""
-        because = MissReason.DETECTOR
-        if self.share < np.clip(min_visible - detector.BORDER * self.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
-            missing = {
-                MissReason.MASK: self.hidden,
-                MissReason.BACKGROUND: self.same_color,
-                MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.same_color,
-            }
-            evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
-        if self.projected is None or self.projected.area < detector.LEAST_PIXELS**2:
-            evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
-        outline = NO_OUTLINE if self.projected is None else self.projected.box.polygon
-        return BoxDetection(box.name, evidence, self.share, outline, because)
-
 
 class ColorSight(NamedTuple):
     """What is seen of the boxes in which an object may be, and where it is."""
@@ -185,10 +165,14 @@ class ColorDetector:
 
     def detect(self, boxes: Sequence[TargetBox]) -> ColorSight:
         """What is seen of the boxes in which the object may be."""
-        places = [self._place(box) for box in boxes]
-        poses = [self._view.pose(box) for box in boxes]
-        at_tool = [self._view.is_at_tool(box) for box in boxes]
-        held = [i for i, place in enumerate(places) if at_tool[i] and self._view.believed.holding and place.fits]
+        view, places = self._view, [self._place(box) for box in boxes]
+        poses, at_tool = [view.pose(box) for box in boxes], [view.is_at_tool(box) for box in boxes]
+        held = []
+        for i, place in enumerate(places):
+            if at_tool[i] and view.believed.holding and place.filled >= detector.FULL and place.shift is not None:
+                assert place.projected is not None  # noqa: S101 - what is filled is there
+                most = detector.SHIFT_PIXELS + detector.SHIFT_SHARE * place.projected.box.area**0.5
+                held += [i] if np.hypot(*place.shift) <= most else []
         position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
         found = []
         for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
@@ -198,43 +182,80 @@ class ColorDetector:
                 offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
                 inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
                 evidence = Truth.TRUE if inside else Truth.FALSE
-            found.append(place.detect(box, evidence, self._view.cell.detectors[box.detector].min_visible))
+            because, wanted = MissReason.DETECTOR, view.cell.detectors[box.detector].min_visible
+            if place.share < np.clip(wanted - detector.BORDER * place.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
+                missing = {
+                    MissReason.MASK: place.hidden,
+                    MissReason.BACKGROUND: place.same_color,
+                    MissReason.LIGHTING: 1.0 - place.share - place.hidden - place.same_color,
+                }
+                evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
+            if place.projected is None or place.projected.area < detector.LEAST_PIXELS**2:
+                evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
+            outline = NO_OUTLINE if place.projected is None else place.projected.box.polygon
+            found.append(BoxDetection(box.name, evidence, place.share, outline, because))
         return ColorSight(found, position)
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
-        """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""
+        """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere.
+
+        In none of them it is the largest new patch of its colour, if that is big enough, at the height of a box.
+        """
+        view, X_WC = self._view, self._view.posed_camera.X_WC
+
+        def at_height(pixel: Array, height: float) -> Array | None:
+            """Where the ray of a pixel is at a height [m]; None if it never is."""
+            ray = X_WC[:3, :3] @ direction(view.camera, pixel)
+            distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
+            position: Array = X_WC[:3, 3] + distance * ray
+            return position if distance > 0 else None
+
         in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > detector.FULL / 2]
         if in_box:  # as high as it would at the pose, by the ray to its patch
             best = max(in_box, key=lambda i: places[i].filled)
             projected, shift, at_rest = places[best].projected, places[best].shift, poses[best][:3, 3]
             assert projected is not None and shift is not None  # noqa: S101, PT018 - what is filled is there
-            position = self._at_height(projected.box.center + shift, float(at_rest[2]))
+            position = at_height(projected.box.center + shift, float(at_rest[2]))
             return at_rest if position is None else position
-        if any(place.filled > detector.EMPTY for place in places):
+        resting = next((X for X, tool in zip(poses, at_tool, strict=True) if not tool), None)
+        if resting is None or not self._colored.any() or any(place.filled > detector.EMPTY for place in places):
             return None
-        on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
-        return self._elsewhere(on_table[0]) if on_table else None
+        patch = largest_blob(self._colored & ~self._background.matches(view.image, view.whole))
+        position = None if patch is None else at_height(patch.center, float(resting[2, 3]))
+        if patch is None or position is None:
+            return None
+        expected = view.projected(self._object.name, pose(resting[:3, :3], position))
+        if expected is None or patch.area < detector.LEAST_SHARE * expected.area:
+            return None
+        return at_height(patch.center - expected.offset, float(resting[2, 3]))
 
     def _place(self, box: TargetBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
-        view, background, X_WO = self._view, self._background, self._view.pose(box)
-        projected = view.projected(self._object.name, X_WO)
+        view, background, obj, X_WO = self._view, self._background, self._object, self._view.pose(box)
+        projected = view.projected(obj.name, X_WO)
         if projected is None:
             return _Place(None)
-        margin = max(6, round(0.6 * projected.box.area**0.5))
-        crop = view.crop(projected.box.polygon, margin)
+        outlined, margin = projected.box, max(6, round(0.6 * projected.box.area**0.5))
+        crop = view.crop(outlined.polygon, margin)
         if crop is None or projected.area <= 0.0:
             return _Place(projected)
         silhouette = projected.mask(crop)
         background.guess_again(crop)
         shown = background.matches(view.image, crop)
         # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
-        same = background.has_hue(view.image, crop, self._object.color or "")
+        same = background.has_hue(view.image, crop, obj.color or "")
         own = self._colored[crop] & ~shown & ~same
-        behind = view.robot.mask(crop, projected.box, behind=True) & background.robot_colored(view.image, crop)
-        before = self._in_front(X_WO, projected.box, crop, without=box.encloses)
+        behind = view.robot.mask(crop, outlined, behind=True) & background.robot_colored(view.image, crop)
+        # What of the robot, without some links, and of other objects is before the object.
+        before = view.robot.mask(crop, outlined, without=box.encloses)
+        steps = np.linspace(-0.45, 0.45, 3)
+        points = transform(X_WO, np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * obj.size)
+        for name in view.cell.objects:
+            if name != obj.name and name in view.believed.X_WO:
+                blocking = view.blocking(name, points)
+                before |= True if blocking is None else blocking.mask(crop)
         hiding = dilated(before, 1)
-        enclosed = dilated(view.robot.mask(crop, projected.box, links=box.encloses), 1)
+        enclosed = dilated(view.robot.mask(crop, outlined, links=box.encloses), 1)
         front = hiding | enclosed
         hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
         same_color = float((silhouette & ~front & same).sum()) / projected.area
@@ -248,7 +269,7 @@ class ColorDetector:
         outline, shift = projected.outline(crop), None
         if (dilated(outline, margin // 2) & judged & own).any():
             # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
-            most = round((1.0 - detector.FULL / 2) * float(np.ptp(projected.box.polygon, axis=0).max())) + 2
+            most = round((1.0 - detector.FULL / 2) * float(np.ptp(outlined.polygon, axis=0).max())) + 2
             shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
         return _Place(
             projected,
@@ -260,122 +281,63 @@ class ColorDetector:
             shift=shift,
         )
 
-    def _in_front(self, X_WO: Array, outline: ProjectedBox, crop: Crop, without: Collection[str]) -> Mask:
-        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
-        view = self._view
-        mask = view.robot.mask(crop, outline, without=without)
-        steps = np.linspace(-0.45, 0.45, 3)
-        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._object.size
-        points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
-        for name in view.cell.objects:
-            if name != self._object.name and name in view.believed.X_WO:
-                blocking = view.blocking(name, points)
-                mask |= True if blocking is None else blocking.mask(crop)
-        return mask
 
-    def _at_height(self, pixel: Array, height: float) -> Array | None:
-        """Where the ray of a pixel is at a height [m]; None if it never is."""
-        X_WC = self._view.posed_camera.X_WC
-        ray = X_WC[:3, :3] @ direction(self._view.camera, pixel)
-        distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
-        position: Array = X_WC[:3, 3] + distance * ray
-        return position if distance > 0 else None
+def marker_detection(view: ExpectedView, background: Background, atom: str, box: TargetBox) -> BoxDetection:
+    """What is seen of a box with an ArUco marker, on an object or on a finger."""
+    outline = view.posed_camera.outline(view.pose(box), box.size)
+    if outline is None:
+        return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
+    wanted, robot, on_finger = view.marker(atom, box), view.cell.robot, box.frame in view.cell.markers
+    # Where open fingers carry a marker in the image, and the way to where closed ones do, (2,) [pixels] each: 0 where
+    # they do not move it, or nobody can tell how far they are closed.
+    opened, step, centers = outline.center, np.zeros(2), list[Array]()
+    for fingers in (robot.fingers.open, robot.fingers.closed) if on_finger and robot.fingers is not None else ():
+        X_WL = robot.link_poses(robot.with_fingers(view.believed.joints, fingers))
+        end = view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
+        centers += [] if end is None else [end.center]
+    if len(centers) == 2:
+        opened, step = centers[0], centers[1] - centers[0]
 
-    def _elsewhere(self, X_WO: Array) -> Array | None:
-        """Where the object lies that is in none of its boxes [m]: the largest new patch of its colour, if big enough.
+    def closure(marker: FoundMarker) -> float:
+        """How far the fingers are closed by a marker that they carry: 0 open, 1 closed."""
+        return float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
 
-        X_WO: a pose at which it would rest, (4, 4), as high as where it lies.
-        """
-        if not self._colored.any():
-            return None
-        found = blobs(self._colored & ~self._background.matches(self._view.image, self._view.whole))
-        height = float(X_WO[2, 3])
-        position = self._at_height(found[0].center, height) if found else None
-        if position is None:
-            return None
-        X_found = X_WO.copy()
-        X_found[:3, 3] = position
-        expected = self._view.projected(self._object.name, X_found)
-        if expected is None or found[0].area < detector.LEAST_SHARE * expected.area:
-            return None
-        return self._at_height(found[0].center - expected.offset, height)
+    def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
+        """The marker of the box among several: that on a finger lies where the fingers can carry it."""
+        found = [marker for marker in markers if wanted is not None and marker.id == wanted.id]
+        if on_finger:  # to half the size of the outline
+            ways = [opened + np.clip(closure(marker), 0.0, 1.0) * step for marker in found]
+            off = [np.hypot(*(marker.center - way)) for marker, way in zip(found, ways, strict=True)]
+            found = [marker for marker, far in zip(found, off, strict=True) if far <= 0.5 * outline.area**0.5]
+        return min(found, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
 
-
-ABSENT_SHARE = 0.9
-"""Share of a marker's outline in which the background must be seen for the marker to be absent."""
-AROUND = 0.5
-"""How much of the image around a marker is looked at again, as a share of the marker's size in it."""
-
-
-class MarkerDetector:
-    """The search for markers in one image."""
-
-    def __init__(self, view: ExpectedView, background: Background) -> None:
-        self._view, self._background = view, background
-
-    def detect(self, atom: str, box: TargetBox) -> BoxDetection:
-        """What is seen of a box with a marker."""
-        view = self._view
-        outline = view.posed_camera.outline(view.pose(box), box.size)
-        if outline is None:
-            return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
-        wanted = view.marker(atom, box)
-        on_finger = box.frame in view.cell.markers
-        opened, step = self._finger_way(box, outline) if on_finger else (outline.center, np.zeros(2))
-
-        def closure(marker: FoundMarker) -> float:
-            """How far the fingers are closed by a marker that they carry: 0 open, 1 closed."""
-            return float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
-
-        def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
-            """The marker of the box among several: that on a finger lies where the fingers can carry it."""
-            found = [marker for marker in markers if wanted is not None and marker.id == wanted.id]
-            if on_finger:  # to half the size of the outline
-                ways = [opened + np.clip(closure(marker), 0.0, 1.0) * step for marker in found]
-                off = [np.hypot(*(marker.center - way)) for marker, way in zip(found, ways, strict=True)]
-                found = [marker for marker, far in zip(found, off, strict=True) if far <= 0.5 * outline.area**0.5]
-            return min(found, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
-
-        found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
-        crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
-        if crop is not None:
-            # What of the robot is before the box, other than what carries the marker, may touch this in the image.
-            others = {surface.parent for surface in view.cell.robot.surfaces} - {box.frame, *box.encloses}
-            hiding = dilated(view.robot.mask(crop, outline, links=others), 1)
-            if (hiding & filled(crop, [outline.corners])).any():
-                if wanted is not None:
-                    beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
-                    found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
-                because = MissReason.MASK if found is None else because
-        share = 0.0 if found is None else 1.0
-        if on_finger:
-            sought, robot, evidence = view.sought, view.cell.robot, Truth.UNKNOWN
-            about_object = any(view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
-            if found is not None and (about_object or robot.fingers is None):
-                evidence = Truth.TRUE
-            elif found is not None and np.hypot(*step) * OPEN_SHARE >= 1.0:  # else too small to tell open from closed
-                is_open = closure(found) <= OPEN_SHARE
-                evidence = Truth.TRUE if is_open == sought.when_open[atom] else Truth.FALSE
-        elif found is not None:
-            near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
-            evidence = Truth.TRUE if near else Truth.FALSE
-        else:
-            # The share of the outline in which the background is seen and the robot is not.
-            if (crop := view.crop(outline.polygon, 2)) is not None:
-                background = filled(crop, [outline.corners]) & self._background.matches(view.image, crop)
-                background &= ~dilated(view.robot.mask(crop, outline), 1)
-                share = min(1.0, float(background.sum()) / max(outline.area, 1.0))
-            evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
-        return BoxDetection(box.name, evidence, share, outline.polygon, because)
-
-    def _finger_way(self, box: TargetBox, outline: ProjectedBox) -> tuple[Array, Array]:
-        """Where open fingers carry a marker in the image, and the way to where closed ones do, (2,) [pixels] each.
-
-        The way is 0 where they do not move it, or nobody can tell how far they are closed.
-        """
-        robot, ends = self._view.cell.robot, list[ProjectedBox | None]()
-        for fingers in (robot.fingers.open, robot.fingers.closed) if robot.fingers is not None else ():
-            X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
-            ends.append(self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size))
-        centers = [end.center for end in ends if end is not None]
-        return (centers[0], centers[1] - centers[0]) if len(centers) == 2 else (outline.center, np.zeros(2))
+    found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
+    crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
+    if crop is not None:
+        # What of the robot is before the box, other than what carries the marker, may touch this in the image.
+        others = {surface.parent for surface in robot.surfaces} - {box.frame, *box.encloses}
+        hiding = dilated(view.robot.mask(crop, outline, links=others), 1)
+        if (hiding & filled(crop, [outline.corners])).any():
+            if wanted is not None:
+                beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
+                found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
+            because = MissReason.MASK if found is None else because
+    share, evidence = 0.0 if found is None else 1.0, Truth.UNKNOWN
+    if on_finger:
+        about_object = any(view.object_of(atom, other) is not None for other in view.sought.targets[atom].boxes)
+        if found is not None and (about_object or robot.fingers is None):
+            evidence = Truth.TRUE
+        elif found is not None and np.hypot(*step) * OPEN_SHARE >= 1.0:  # else too small to tell open from closed
+            is_open = closure(found) <= OPEN_SHARE
+            evidence = Truth.TRUE if is_open == view.sought.when_open[atom] else Truth.FALSE
+    elif found is not None:
+        near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
+        evidence = Truth.TRUE if near else Truth.FALSE
+    else:
+        # The share of the outline in which the background is seen and the robot is not.
+        if (crop := view.crop(outline.polygon, 2)) is not None:
+            seen = filled(crop, [outline.corners]) & background.matches(view.image, crop)
+            seen &= ~dilated(view.robot.mask(crop, outline), 1)
+            share = min(1.0, float(seen.sum()) / max(outline.area, 1.0))
+        evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
+    return BoxDetection(box.name, evidence, share, outline.polygon, because)

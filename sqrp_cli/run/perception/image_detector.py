@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import NamedTuple, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
@@ -34,16 +34,15 @@ from sqrp_cli.run.perception.detections import (
     PluginError,
     complaint,
     load_detector,
-    named,
+    plugin_errors,
 )
-from sqrp_cli.run.perception.detectors import Background, ColorDetector, MarkerDetector
+from sqrp_cli.run.perception.detectors import Background, ColorDetector, marker_detection
 from sqrp_cli.run.perception.projected import ExpectedView
 from sqrp_cli.run.perception.vision import dilated, filled
 from sqrp_cli.skill.target_box import TargetBox
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
-Done = TypeVar("Done")
 _ANSWER = bool | np.bool_ | None
 
 
@@ -86,13 +85,12 @@ class ImageDetector:
         places: dict[str, Array] = {}
         by_object: dict[str, list[tuple[str, TargetBox]]] = {}
         asked: dict[str, list[tuple[str, TargetBox]]] = {kind: [] for kind in self._plugins}
-        markers = MarkerDetector(view, background)
         for atom, box in view.boxes():
             obj, kind = view.object_of(atom, box), view.cell.detectors[box.detector].kind
             if kind in asked:
                 asked[kind].append((atom, box))
             elif kind == "aruco":
-                boxes[atom].append(markers.detect(atom, box))
+                boxes[atom].append(marker_detection(view, background, atom, box))
             elif obj is None or obj.color is None:
                 boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
             else:
@@ -112,19 +110,20 @@ class ImageDetector:
 
 
 class _PluginDetector:
-    """Asks a detector of an installed package what the images of one camera show; see `plugin`."""
+    """Asks a detector of an installed package what the images of one camera show."""
 
     def __init__(self, kind: str, camera: Camera) -> None:
         """Raises PluginError if it cannot be made."""
-        self._kind = kind
-        make = load_detector(kind)
-        self._plugin = self._tried(lambda: make(camera))
+        self._kind, make = kind, load_detector(kind)
+        with plugin_errors(kind, "failed"):
+            self._plugin = make(camera)
 
     def detect(self, view: ExpectedView, asked: Sequence[tuple[str, TargetBox]]) -> list[BoxDetection]:
         """What is seen of some boxes, each with its atom. Raises PluginError where the package's code fails."""
         questions = [question_about(view, atom, box) for atom, box in asked]
         put = [question for question in questions if question is not None]
-        said: object = self._tried(lambda: self._plugin.look(view.image.copy(), put))
+        with plugin_errors(self._kind, "failed"):
+            said: object = self._plugin.look(view.image.copy(), put)
         answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
         if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
             message = f"answered {len(put)} questions with {said!r:.80}; expected one True, False or None for each"
@@ -136,12 +135,6 @@ class _PluginDetector:
             outline = NO_OUTLINE if question is None else question.outline
             found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), outline))
         return found
-
-    def _tried(self, work: Callable[[], Done]) -> Done:
-        try:
-            return work()
-        except Exception as error:  # it is somebody else's code
-            raise PluginError(complaint(self._kind, f"failed: {named(error)}")) from error
 
 
 def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion | None:
@@ -172,9 +165,8 @@ class PerceptionError(SqrpError):
         self.cameras = tuple(cameras)
 
 
-class _ImageTask(NamedTuple):
-    image: CameraImage
-    believed: BelievedState
+_Task: TypeAlias = DetectionTargets | tuple[CameraImage, BelievedState]
+"""What to look for from now on, or an image to look at, with what was believed when it was taken."""
 
 
 class DetectorPool(AbstractContextManager["DetectorPool"]):
@@ -182,8 +174,7 @@ class DetectorPool(AbstractContextManager["DetectorPool"]):
 
     def __init__(self, cell: CellModel, processes: int | None = None) -> None:
         """processes: at most one per camera; by default one per core."""
-        context = fresh(NEEDED)
-        names = list(cell.cameras)
+        context, names = fresh(NEEDED), list(cell.cameras)
         count = max(1, min(processes or os.cpu_count() or 1, len(names)))
         self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
         self._of_camera = {name: worker for worker in self._workers for name in worker.cameras}
@@ -195,7 +186,7 @@ class DetectorPool(AbstractContextManager["DetectorPool"]):
 
     def submit(self, image: CameraImage, believed: BelievedState) -> None:
         """Have an image looked at, with what was believed when it was taken."""
-        self._of_camera[image.camera].send(_ImageTask(image, believed))
+        self._of_camera[image.camera].send((image, believed))
 
     def get_ready(self) -> None:
         """Wait until all processes have answered what they were asked. Raises PerceptionError if one has crashed."""
@@ -240,12 +231,11 @@ class _Worker:
     """A process that looks through some of the cameras."""
 
     def __init__(self, context: Context, cell: CellModel, cameras: list[str]) -> None:
-        self.cameras = cameras
-        self.process = Worker[DetectionTargets | _ImageTask, Detection | None](context, _detectors, cell, cameras)
+        self.cameras, self.unanswered = cameras, 0
+        self.process = Worker[_Task, Detection | None](context, _detectors, cell, cameras)
         self.ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
-        self.unanswered = 0
 
-    def send(self, message: DetectionTargets | _ImageTask) -> None:
+    def send(self, message: _Task) -> None:
         self.take_all()  # else both ends could wait for the other to read
         self.process.send(message)
         self.unanswered += 1
@@ -267,13 +257,13 @@ class _Worker:
             self.ready[detection.camera].append(detection)
 
 
-def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[DetectionTargets | _ImageTask], Detection | None]:
+def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[_Task], Detection | None]:
     """What looks through some of the cameras."""
     detectors = {name: ImageDetector(cell.cameras[name], cell) for name in cameras}
 
-    def answer(message: DetectionTargets | _ImageTask) -> Detection | None:
-        if isinstance(message, _ImageTask):
-            return detectors[message.image.camera].look(*message)
+    def answer(message: _Task) -> Detection | None:
+        if isinstance(message, tuple):
+            return detectors[message[0].camera].look(*message)
         for detector in detectors.values():
             detector.watch(message)
         return None

@@ -192,11 +192,11 @@ def inpainted(image: ImageArray, missing: Mask) -> ImageArray:
     return restored
 
 
-def blobs(mask: Mask) -> list[Blob]:
-    """The connected patches of a mask, largest first."""
+def largest_blob(mask: Mask) -> Blob | None:
+    """The largest connected patch of a mask, if there is any; of equal ones that furthest to the left, then up."""
     count, _, stats, centers = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     found = [Blob(int(stats[i, cv2.CC_STAT_AREA]), centers[i]) for i in range(1, count)]
-    return sorted(found, key=lambda blob: (-blob.area, *blob.center.tolist()))
+    return min(found, key=lambda blob: (-blob.area, *blob.center.tolist()), default=None)
 
 
 def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:

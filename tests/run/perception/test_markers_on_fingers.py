@@ -15,7 +15,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.perception import detectors
 from sqrp_cli.run.perception.detections import BoxDetection
-from sqrp_cli.run.perception.detectors import MarkerDetector
+from sqrp_cli.run.perception.detectors import marker_detection
 from sqrp_cli.run.perception.vision import Crop, FoundMarker, corners_of
 from sqrp_cli.skill.target_box import TargetBox
 
@@ -69,7 +69,7 @@ def detected(
     )  # fmt: skip
     background: Any = None
     with patch.object(detectors, "markers_beside", lambda *_: beside):
-        return MarkerDetector(view, background).detect("open", BOX)
+        return marker_detection(view, background, "open", BOX)
 
 
 @pytest.mark.parametrize(("seen", "says"), [(OPEN, Truth.TRUE), (OPEN + 10, Truth.TRUE), (CLOSED, Truth.FALSE)])
