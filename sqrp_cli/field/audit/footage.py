@@ -13,14 +13,13 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, PixelSize
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.image import CameraImage, check_recorded
 from sqrp_cli.run.monitor.nominal_step import planned_joints
 from sqrp_cli.run.record.images import read_frames
-from sqrp_cli.run.record.packed_image import bare_png, decoded, png_damage, read_png
+from sqrp_cli.run.record.packed_image import read_png
 
 
 @dataclass(frozen=True)
@@ -128,10 +127,4 @@ def planned_at(program: Program, starts: Sequence[float], t: Array, early: float
 
 def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
     """The image of a camera in a PNG file, taken at time t [s]. Raises InputError for one that cannot be used."""
-    content = read_png(file, PixelSize(camera.width, camera.height), camera.name)
-    damage = png_damage(content)
-    image = None if damage else decoded(bare_png(content))
-    if image is None:
-        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
-        raise bad_input("unreadable", message, Place(file))
-    return CameraImage(camera.name, t, image)
+    return CameraImage(camera.name, t, read_png(file, PixelSize(camera.width, camera.height), camera.name))

@@ -14,13 +14,13 @@ import numpy as np
 from sqrp_cli.camera.light import COLORS, Rgb
 from sqrp_cli.camera.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.cell.mesh import read_mesh
-from sqrp_cli.cell.scene import FLOOR_DEPTH, SceneObject
+from sqrp_cli.cell.scene import FLOOR_DEPTH
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.robot.robot import Robot
-from sqrp_cli.robot.urdf import UrdfJoint, UrdfLink, UrdfModel
+from sqrp_cli.robot.urdf import UrdfLink, UrdfModel
 from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
 
@@ -85,15 +85,32 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
     _light(spec, workspace, objects)
-    builder = _ModelBuilder(spec)
-    robot = workspace.robot
-    builder.add_robot(robot)
+    builder, robot = _ModelBuilder(spec), workspace.robot
+    builder.add_urdf(robot.urdf, robot, spec.worldbody, robot.X_WB)
+    if robot.tool is not None:
+        builder.add_urdf(robot.tool.urdf, robot, spec.body(robot.tool.link), robot.tool.X_LT)
+    for link, marker in robot.markers.items():
+        builder.add_marker(spec.body(link), marker, pose())
+    tip = spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)
+    tip.size[0], tip.mass, tip.group = TIP_RADIUS, 0.0, FELT
+    tip.contype = tip.conaffinity = 0
     lowest = float(robot.X_WB[2, 3])
     for name, X_WO in objects.items():
         obj = workspace.objects[name]
-        builder.add_object(obj, X_WO, robot.tool_frame)
+        body = spec.worldbody.add_body(name=name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
+        color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
+        for part in obj.parts:
+            builder.add_part(body, part, DRAWN, color)
+            builder.add_part(body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
+        if obj.printed_marker is not None:
+            builder.add_marker(body, obj.printed_marker, pose(position=(0.0, 0.0, obj.size[2] / 2)))
         if obj.fixed:
             lowest = min(lowest, X_WO[2, 3] - obj.size[2] / 2)
+            continue
+        body.add_freejoint(name=name)
+        weld = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_WELD, active=False)
+        weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, robot.tool_frame, name
+        weld.solref[:], weld.solimp[:3] = _STIFF, _HARD
     floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(20.0, 20.0, 1.0))
     floor.pos[2] = lowest - FLOOR_DEPTH
     floor.rgba = (*_FLOOR_COLOR, 1.0)
@@ -109,86 +126,53 @@ def quaternion(X: Array) -> Array:
 
 
 class _ModelBuilder:
-    """Adds objects to a specification; every mesh file becomes one asset for drawing and one for contact."""
+    """Adds what a cell is made of to a specification."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
         self._spec = spec
         self._meshes: dict[tuple[Mesh, int], str] = {}
 
-    def add_robot(self, robot: Robot) -> None:
-        """Robot and tool, at rest."""
-        self._add_urdf(robot.urdf, robot, self._spec.worldbody, robot.X_WB)
-        if robot.tool is not None:
-            self._add_urdf(robot.tool.urdf, robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
-        for link, marker in robot.markers.items():
-            self._add_marker(self._spec.body(link), marker, pose())
-        tip = self._spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)
-        tip.size[0], tip.mass, tip.group = TIP_RADIUS, 0.0, FELT
-        tip.contype = tip.conaffinity = 0
-
-    def add_object(self, obj: SceneObject, X_WO: Array, tool_frame: str) -> None:
-        """An object of the cell, free to move unless it is fixed."""
-        body = self._spec.worldbody.add_body(name=obj.name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
-        color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
-        for part in obj.parts:
-            self._add_part(body, part, DRAWN, color)
-            self._add_part(body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
-        if obj.printed_marker is not None:
-            top = pose(position=(0.0, 0.0, obj.size[2] / 2))
-            self._add_marker(body, obj.printed_marker, top)
-        if obj.fixed:
-            return
-        body.add_freejoint(name=obj.name)
-        weld = self._spec.add_equality(name=obj.name, type=mujoco.mjtEq.mjEQ_WELD, active=False)
-        weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, tool_frame, obj.name
-        weld.solref[:] = _STIFF
-        weld.solimp[:3] = _HARD
-
-    def _add_urdf(self, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
+    def add_urdf(self, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
         """A URDF whose root link has the pose X_PR in a body."""
         root = parent.add_body(name=urdf.root, pos=X_PR[:3, 3], quat=quaternion(X_PR))
         bodies = {urdf.root: root}
         for joint in urdf.joints.values():
             body = bodies[joint.parent].add_body(name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ))
-            if joint.movable:
-                self._add_joint(body, joint)
             bodies[joint.child] = body
+            if not joint.movable:
+                continue
+            kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.type == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE
+            added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
+            if joint.mimic is not None:
+                follow = self._spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
+                follow.name1, follow.name2 = joint.name, joint.mimic.joint
+                follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
+                follow.solref[:] = _STIFF
+                continue
+            if np.isfinite([joint.lower, joint.upper]).all():
+                added.limited, added.range[:] = True, (joint.lower, joint.upper)
+                added.solref_limit[:] = _STIFF
+            motor = self._spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+            if joint.effort is not None:
+                added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
         resolve = partial(resolve_mesh, robot.package_roots)
         for part in urdf.parts("visual", resolve):
-            self._add_part(bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
+            self.add_part(bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
         for part in urdf.parts("collision", resolve):
             inertial = urdf.links[part.parent].inertial
             density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
-            self._add_part(bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
+            self.add_part(bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
         for name, body in bodies.items():
             _set_inertia(body, urdf.links[name])
 
-    def _add_joint(self, body: mujoco.MjsBody, joint: UrdfJoint) -> None:
-        slides = joint.type == "prismatic"
-        kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
-        added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
-        if joint.mimic is not None:
-            follow = self._spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
-            follow.name1, follow.name2 = joint.name, joint.mimic.joint
-            follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
-            follow.solref[:] = _STIFF
-            return
-        if np.isfinite([joint.lower, joint.upper]).all():
-            added.limited, added.range[:] = True, (joint.lower, joint.upper)
-            added.solref_limit[:] = _STIFF
-        motor = self._spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        if joint.effort is not None:
-            added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
-
-    def _add_part(
+    def add_part(
         self, body: mujoco.MjsBody, part: Part, group: int, color: Rgb, *, touches: int = 0, density: float = 0.0
     ) -> None:
-        geom, kinds = (
-            body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0)),
-            mujoco.mjtGeom,
-        )
-        match part.shape:
+        """Add a part of a link or an object, to be drawn or felt; every mesh file is one asset for each."""
+        kinds, inertias, mesh = mujoco.mjtGeom, mujoco.mjtMeshInertia, part.shape
+        geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
+        match mesh:
             case Box(size):
                 geom.type, geom.size[:] = kinds.mjGEOM_BOX, np.array(size) / 2
             case Sphere(radius):
@@ -198,26 +182,20 @@ class _ModelBuilder:
             case Capsule(radius, length):
                 geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
             case Mesh():
-                geom.type, geom.meshname = kinds.mjGEOM_MESH, self._mesh(part.shape, group)
+                if (mesh, group) not in self._meshes:
+                    triangles = read_mesh(mesh.path, mesh.scale)
+                    self._meshes[mesh, group] = name = f"mesh{len(self._meshes)}"
+                    asset = self._spec.add_mesh(name=name)
+                    asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
+                    # A drawn mesh may be open or flat; one that collides does so as its convex hull.
+                    asset.inertia = inertias.mjMESH_INERTIA_SHELL if group == DRAWN else inertias.mjMESH_INERTIA_CONVEX
+                geom.type, geom.meshname = kinds.mjGEOM_MESH, self._meshes[mesh, group]
         geom.group, geom.density = group, density
-        geom.friction[:] = FRICTION
-        geom.condim = 4
+        geom.friction[:], geom.condim = FRICTION, 4
         geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
         geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
 
-    def _mesh(self, mesh: Mesh, group: int) -> str:
-        """The name of the asset of a mesh file."""
-        if (mesh, group) not in self._meshes:
-            triangles = read_mesh(mesh.path, mesh.scale)
-            self._meshes[mesh, group] = name = f"mesh{len(self._meshes)}"
-            asset = self._spec.add_mesh(name=name)
-            asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
-            # A drawn mesh may be open or flat; one that collides does so as its convex hull.
-            kinds = mujoco.mjtMeshInertia
-            asset.inertia = kinds.mjMESH_INERTIA_SHELL if group == DRAWN else kinds.mjMESH_INERTIA_CONVEX
-        return self._meshes[mesh, group]
-
-    def _add_marker(self, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
+    def add_marker(self, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
         """A marker with its margin on a face whose middle is at X_BF with z outwards."""
         name, side, modules = f"{marker.dictionary} {marker.id}", marker.side, DICTIONARIES[marker.dictionary].modules
         if self._spec.material(name) is None:

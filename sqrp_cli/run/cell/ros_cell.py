@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,8 +14,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.records import dataclass
-from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds
+from sqrp_cli.ros.messages import Message, MessageError, Send, Topic, Transport, nanoseconds
 from sqrp_cli.run.cell.interface import StoppableReference
 from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.run.cell.robot_file import RobotFile
@@ -104,28 +102,6 @@ class ImageTimes(NamedTuple):
     """When it came [s]."""
 
 
-@dataclass
-class _Flood:
-    """Whether more comes than anybody can mean."""
-
-    inbox: Inbox
-    most: float
-    """Messages a second."""
-    count: int = 0
-    since: float = field(default_factory=time.monotonic)
-
-    def check(self) -> str | None:
-        """What is wrong."""
-        passed = time.monotonic() - self.since
-        if passed < FLOOD_WINDOW:
-            return None
-        rate = (self.inbox.count - self.count) / passed
-        self.count, self.since = self.inbox.count, time.monotonic()
-        if rate <= self.most:
-            return None
-        return f"a flood on `{self.inbox.topic.name}`: {rate:,.0f} messages a second"
-
-
 class RosCell(AbstractContextManager["RosCell"]):
     """A cell behind topics; a context manager that leaves the robot standing."""
 
@@ -133,6 +109,7 @@ class RosCell(AbstractContextManager["RosCell"]):
         """joints: that are moved, with their names in messages."""
         self.file, self.transport, self.cameras, self.moved = file, transport, workspace.cameras, tuple(joints)
         self._wire_names, fingers = tuple(joints.values()), workspace.robot.fingers
+        self._mend = f" ({file.mend_of_lateness})" if file.mend_of_lateness else ""  # at the end of a reason
         self.clock = RosClock(transport, simulated=file.use_sim_time)
         self.joints = JointLog({wire: name for name, wire in joints.items()})
         reliable = file.reliable
@@ -158,8 +135,9 @@ class RosCell(AbstractContextManager["RosCell"]):
         self.commands.append(Topic(name=file.trajectory.topic, type=_TRAJECTORY, depth=1, reliable=True))
         self._send_trajectory = transport.publish(self.commands[-1])
         rates = {name: FLOOD_FACTOR * max(workspace.cameras[name].rate, 5.0) for name in self.images}
-        self._floods = [_Flood(self.states, MOST_JOINT_STATES)]
-        self._floods += [_Flood(inbox, rates[name]) for name, inbox in self.images.items()]
+        self._floods = [(self.states, MOST_JOINT_STATES)]  # most messages a second
+        self._floods += [(inbox, rates[name]) for name, inbox in self.images.items()]
+        self._counts, self._counted = [0] * len(self._floods), time.monotonic()
         self.ages: dict[str, deque[ImageTimes]] = {name: deque(maxlen=100) for name in self.images}
         """When images were taken, and when they came, since `watch`."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
@@ -223,13 +201,7 @@ class RosCell(AbstractContextManager["RosCell"]):
                 self._end(f"`/clock` jumped ahead by {silent:.1f} s")
             else:
                 why = "this computer was too busy to send the next part of the motion for"
-                self._end(f"{why} {silent:.1f} s{self._mend_of_lateness}")
-
-    @property
-    def _mend_of_lateness(self) -> str:
-        """At the end of a reason."""
-        mend = self.file.mend_of_lateness
-        return f" ({mend})" if mend else ""
+                self._end(f"{why} {silent:.1f} s{self._mend}")
 
     def _end(self, why: str) -> None:
         """Send no motion any more."""
@@ -262,24 +234,23 @@ class RosCell(AbstractContextManager["RosCell"]):
             self._note(f"a message is malformed: {error}")
         except InputError as error:
             self._note(error.problems[0].message)
-        for flood in self._floods:
-            if (found := flood.check()) is not None:
-                self._note(found)
+        if (passed := time.monotonic() - self._counted) >= FLOOD_WINDOW:
+            for (inbox, most), count in zip(self._floods, self._counts, strict=True):
+                if (rate := (inbox.count - count) / passed) > most:
+                    self._note(f"a flood on `{inbox.topic.name}`: {rate:,.0f} messages a second")
+            self._counts, self._counted = [inbox.count for inbox, _ in self._floods], time.monotonic()
 
-    def grasp(self) -> None:
+    def grasp(self, *, holding: bool = True) -> None:
         """As `RunnableCell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
-        if self.file.tool is not None:
-            self._command_tool(self.file.tool.hold)
+        tool = self.file.tool
+        if tool is not None and self._send_tool is not None and self.trouble() is None:
+            value = tool.hold if holding else tool.release
+            data = np.array(value, dtype=float) if isinstance(value, list) else value
+            self._send_tool(self.transport.types.make(tool.type, data=data))
 
     def release(self) -> None:
         """As `RunnableCell` says; as `grasp`, nothing where there is trouble."""
-        if self.file.tool is not None:
-            self._command_tool(self.file.tool.release)
-
-    def _command_tool(self, value: object) -> None:
-        if self.file.tool is not None and self._send_tool is not None and self.trouble() is None:
-            data = np.array(value, dtype=float) if isinstance(value, list) else value
-            self._send_tool(self.transport.types.make(self.file.tool.type, data=data))
+        self.grasp(holding=False)
 
     def tool_force(self) -> float:
         """As `RunnableCell` says: of the last message of the force sensor."""
@@ -301,9 +272,7 @@ class RosCell(AbstractContextManager["RosCell"]):
         if (silent := waited(self.joints.came)) > JOINTS_OVERDUE:
             return Stopped(f"the joint states are lost: none {topic} for {silent:.2f} s")
         if (old := waited(self.joints.newest)) > JOINTS_OVERDUE:
-            return Stopped(
-                f"the joint states {topic} come too late: the newest are {old:.2f} s old{self._mend_of_lateness}"
-            )
+            return Stopped(f"the joint states {topic} come too late: the newest are {old:.2f} s old{self._mend}")
         if reference is None:
             return None
         then, changed = self.joints.newest, self.joints.changed

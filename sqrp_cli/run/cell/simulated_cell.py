@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.interface import ArmReference, CellState
 from sqrp_cli.run.cell.mujoco_model import FRICTION, TIME_STEP, TIP, TIP_RADIUS, build_model, mujoco, quaternion
 from sqrp_cli.run.cell.render_pool import RenderPool
@@ -44,7 +43,14 @@ class SuctionGrip:
 
     def grasp(self) -> None:
         """Weld the nearest object within reach, as it lies."""
-        gap, obj = min(((self._gap(obj), obj) for obj in self._movables), default=(np.inf, ""))
+        model, gaps, far = self._model, list[tuple[float, str]](), 10 * SUCTION_REACH
+        for obj in self._movables:
+            body = model.body(obj)
+            solid = [i for i in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]) if model.geom_contype[i]]
+            tip = model.geom(TIP).id
+            away = min(mujoco.mj_geomDistance(model, self._data, tip, part, far, None) for part in solid)
+            gaps.append((TIP_RADIUS + float(away), obj))
+        gap, obj = min(gaps, default=(np.inf, ""))
         if gap <= SUCTION_REACH:
             self.weld(obj)
 
@@ -65,14 +71,6 @@ class SuctionGrip:
     def held(self) -> str | None:
         """What is welded."""
         return next((obj for obj in self._movables if self._data.eq_active[self._model.equality(obj).id]), None)
-
-    def _gap(self, obj: str) -> float:
-        tip, body = self._model.geom(TIP).id, self._model.body(obj)
-        parts = range(body.geomadr[0], body.geomadr[0] + body.geomnum[0])
-        solid = [part for part in parts if self._model.geom_contype[part]]
-        far = 10 * SUCTION_REACH
-        gaps = [mujoco.mj_geomDistance(self._model, self._data, tip, part, far, None) for part in solid]
-        return TIP_RADIUS + float(min(gaps))
 
 
 class FingerGrip:
@@ -172,7 +170,7 @@ class Physics:
             self._data.joint(name).qpos[0] = world.joints.get(name, rest)
         move_followers(self.model, followers(self.model), self._data.qpos)
         mujoco.mj_forward(self.model, self._data)
-        self._controller = Controller(self.model, self._data)
+        self._controller = Controller(self.model, self._data, self._carrier)
         self._hold: SuctionGrip | FingerGrip = SuctionGrip(self.model, self._data, self._carrier, movables)
         # What a force sensor between arm and tool would carry, without what is held.
         links = (robot.tool_frame,) if robot.tool is None else robot.tool.urdf.links
@@ -212,10 +210,9 @@ class Physics:
             self._controller.wanted[moved], velocity[moved], acceleration[moved] = q, qd, qdd
             mujoco.mj_step1(self.model, self._data)
             held = self._hold.held() if isinstance(self._hold, SuctionGrip) else None
-            payload = None if held is None else Payload(self.model.body(held).id, self._carrier)
-            self._controller.drive(velocity, acceleration, payload)
+            self._controller.drive(velocity, acceleration, None if held is None else self.model.body(held).id)
             mujoco.mj_step2(self.model, self._data)
-            error = self._data.xpos[self._carrier] - self._controller.wanted_position(self._carrier)
+            error = self._data.xpos[self._carrier] - self._controller.wanted_position()
             self.squared_error += float(error @ error)
             self.steps += 1
         mujoco.mj_kinematics(self.model, self._data)
@@ -340,14 +337,6 @@ FURTHEST = 1e6
 """No motor is driven further [rad or m]: a simulation that is told to go on does not get unstable."""
 
 
-@dataclass(frozen=True)
-class Payload:
-    """What the arm knows that it carries: body of the object, and the body that carries it."""
-
-    obj: int
-    carrier: int
-
-
 class Follower(NamedTuple):
     """A joint that mimics another one, by their numbers in the model."""
 
@@ -367,9 +356,9 @@ class Controller:
     URDF can say: then what its weight takes goes beside the effort.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """data: at the start, with everything computed."""
-        self._model, self._data, self._scratch = model, data, mujoco.MjData(model)
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> None:
+        """data: at the start, with everything computed. carrier: the body that carries what the tool holds."""
+        self._model, self._data, self._scratch, self._carrier = model, data, mujoco.MjData(model), carrier
         self.joints = tuple(model.actuator(i).name for i in range(model.nu))
         joint_ids = model.actuator_trnid[:, 0]
         self._joint_ids, self._efforts = joint_ids, model.jnt_actfrcrange[joint_ids].copy()
@@ -408,8 +397,11 @@ class Controller:
         self._model.actuator_gainprm[motor, 0] = self._stiffness[motor]
         self._model.actuator_biasprm[motor, :3] = 0.0, -self._stiffness[motor], -self._damping[motor]
 
-    def drive(self, velocity: Array, acceleration: Array, payload: Payload | None) -> None:
-        """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s]."""
+    def drive(self, velocity: Array, acceleration: Array, payload: int | None) -> None:
+        """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s].
+
+        payload: body of the object that the arm knows that it carries.
+        """
         if self._balanced:
             self._model.jnt_actfrcrange[self._joint_ids] = self._efforts + self._weight()[:, None]
         torque = self._inverse_dynamics(velocity, acceleration, payload)
@@ -421,9 +413,9 @@ class Controller:
         given: Array = self._data.qfrc_actuator[self._velocity]
         return given
 
-    def wanted_position(self, body: int) -> Array:
-        """Position of a body if every motor were where it is wanted [m], at the last `drive`."""
-        wanted: Array = self._scratch.xpos[body]
+    def wanted_position(self) -> Array:
+        """Position of the carrier if every motor were where it is wanted [m], at the last `drive`."""
+        wanted: Array = self._scratch.xpos[self._carrier]
         return wanted
 
     def _weight(self) -> Array:
@@ -431,7 +423,7 @@ class Controller:
         still = np.zeros(self._model.nu)
         return self._inverse_dynamics(still, still, None)
 
-    def _inverse_dynamics(self, velocity: Array, acceleration: Array, payload: Payload | None) -> Array:
+    def _inverse_dynamics(self, velocity: Array, acceleration: Array, payload: int | None) -> Array:
         """Torque of each motor that the wanted motion takes; everything else stands still where it now is."""
         model, scratch = self._model, self._scratch
         scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
@@ -446,8 +438,8 @@ class Controller:
         torque += model.dof_armature * scratch.qacc
         if payload is not None:
             jacobian = np.zeros((3, model.nv))
-            mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.obj], payload.carrier)
-            torque -= model.body_mass[payload.obj] * model.opt.gravity @ jacobian
+            mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload], self._carrier)
+            torque -= model.body_mass[payload] * model.opt.gravity @ jacobian
         return self._moved.T @ torque
 
 

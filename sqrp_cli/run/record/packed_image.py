@@ -84,10 +84,11 @@ def decoded(content: bytes) -> ImageArray | None:
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def read_png(path: Path, expected: PixelSize, camera: str) -> bytes:
-    """The content of a PNG file, still packed, whose header says that it has the expected size.
+def read_png(path: Path, expected: PixelSize, camera: str) -> ImageArray:
+    """The image of a PNG file, which must have the expected size.
 
-    Raises InputError for what is no PNG file, one that is animated or much larger than its pixels, and another size.
+    Raises InputError for what is no PNG file, one that is animated, damaged or much larger than its pixels, and another
+    size: that its header says, before anything is decoded.
     """
     content = read_input(path, _BYTES_PER_PIXEL * expected.width * expected.height + _SPARE_BYTES)
     if not content.startswith(_SIGNATURE):
@@ -100,7 +101,13 @@ def read_png(path: Path, expected: PixelSize, camera: str) -> bytes:
         raise bad_input("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend)
     if found != expected:
         raise bad_input("wrong-size", f"this image is {found.short}, {camera} has {expected.short}", Place(path))
-    return content
+    try:
+        if (image := decoded(bare_png(content))) is not None:
+            return image
+        damage = "it cannot be decoded"
+    except DamagedPngError as error:
+        damage = str(error)
+    raise bad_input("unreadable", f"this is no PNG file, or a damaged one: {damage}", Place(path))
 
 
 def png_size(content: bytes) -> PixelSize | None:
@@ -112,70 +119,55 @@ def png_size(content: bytes) -> PixelSize | None:
     return PixelSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
 
 
-class _DamagedError(Exception):
+class DamagedPngError(Exception):
     """What is wrong with a PNG file, and where in it."""
 
 
-def png_damage(content: bytes) -> str | None:
-    """What is wrong with a PNG file: a damaged chunk, or other rows than its header promises; None where nothing is."""
-    try:
-        _check_png(content)
-    except _DamagedError as error:
-        return str(error)
-    return None
-
-
 def bare_png(content: bytes) -> bytes:
-    """A PNG file that is whole with nothing but its pixels: of what else there may be, the decoder has much to say."""
-    kept = ((kind.encode() + data, len(data)) for kind, data in _chunks(content) if kind in _PIXELS)
-    packed = (struct.pack(">I", size) + named + struct.pack(">I", zlib.crc32(named)) for named, size in kept)
-    return _SIGNATURE + b"".join(packed)
+    """A PNG file with nothing but its pixels: of what else there may be, the decoder has much to say.
 
-
-def _check_png(content: bytes) -> None:
+    Raises DamagedPngError for a damaged chunk, or other rows than its header promises.
+    """
     if not content.startswith(_SIGNATURE):
-        raise _DamagedError("it does not begin as PNG files do")
-    chunks = list(_chunks(content)) or [("", b"")]
-    first, header = chunks[0]
-    if first != "IHDR" or len(header) != _HEADER.size:
-        raise _DamagedError(f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes")
-    width, height, depth, color, _, _, interlaced = _HEADER.unpack(header)
-    if color not in _NUMBERS or depth not in _DEPTHS:
-        raise _DamagedError(f"its header asks for colours of type {color} with {depth} bits, which PNG does not have")
-    if chunks[-1][0] != "IEND":
-        raise _DamagedError("it ends without the chunk `IEND`")
-    if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
-        raise _DamagedError("its colours are numbers of a palette (`PLTE`), which it does not have")
-    row = 1 + (width * _NUMBERS[color] * depth + 7) // 8
-    packed = b"".join(data for kind, data in chunks if kind == "IDAT")
-    try:
-        data = zlib.decompressobj().decompress(packed, row * height + 1)
-    except zlib.error as error:
-        raise _DamagedError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
-    if interlaced:
-        return
-    if len(data) < row * height:
-        raise _DamagedError(f"it has {len(data) // row:,} rows, its header promises {height:,}")
-    if len(data) > row * height:
-        raise _DamagedError(f"it has more rows than the {height:,} that its header promises")
-    wrong = next((number for number, law in enumerate(data[::row]) if law >= _FILTERS), None)
-    if wrong is not None:
-        raise _DamagedError(f"row {wrong + 1:,} is packed in a way that PNG does not have")
-
-
-def _chunks(content: bytes) -> Iterator[tuple[str, bytes]]:
-    """Name and data of each chunk of a PNG file."""
-    at = len(_SIGNATURE)
+        raise DamagedPngError("it does not begin as PNG files do")
+    at, chunks = len(_SIGNATURE), list[tuple[str, bytes]]()
     while at < len(content):
         length, name = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
         kind, end = name.decode("ascii", errors="replace"), at + 12 + length
         if not (name.isalpha() and end <= len(content)):
-            raise _DamagedError(f"the chunk at byte {at:,} is cut off or damaged")
+            raise DamagedPngError(f"the chunk at byte {at:,} is cut off or damaged")
         data = content[at + 8 : end - 4]
         if zlib.crc32(name + data) != int.from_bytes(content[end - 4 : end], "big"):
-            raise _DamagedError(f"the chunk `{kind}` at byte {at:,} does not fit its checksum")
-        yield kind, data
+            raise DamagedPngError(f"the chunk `{kind}` at byte {at:,} does not fit its checksum")
+        chunks.append((kind, data))
         at = end
+    first, header = chunks[0] if chunks else ("", b"")
+    if first != "IHDR" or len(header) != _HEADER.size:
+        raise DamagedPngError(f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes")
+    width, height, depth, color, _, _, interlaced = _HEADER.unpack(header)
+    if color not in _NUMBERS or depth not in _DEPTHS:
+        raise DamagedPngError(f"its header asks for colours of type {color} with {depth} bits, which PNG does not have")
+    if chunks[-1][0] != "IEND":
+        raise DamagedPngError("it ends without the chunk `IEND`")
+    if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
+        raise DamagedPngError("its colours are numbers of a palette (`PLTE`), which it does not have")
+    row = 1 + (width * _NUMBERS[color] * depth + 7) // 8
+    packed = b"".join(data for kind, data in chunks if kind == "IDAT")
+    try:
+        pixels = zlib.decompressobj().decompress(packed, row * height + 1)
+    except zlib.error as error:
+        raise DamagedPngError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
+    if not interlaced:
+        if len(pixels) < row * height:
+            raise DamagedPngError(f"it has {len(pixels) // row:,} rows, its header promises {height:,}")
+        if len(pixels) > row * height:
+            raise DamagedPngError(f"it has more rows than the {height:,} that its header promises")
+        wrong = next((number for number, law in enumerate(pixels[::row], 1) if law >= _FILTERS), None)
+        if wrong is not None:
+            raise DamagedPngError(f"row {wrong:,} is packed in a way that PNG does not have")
+    kept = ((kind.encode() + data, len(data)) for kind, data in chunks if kind in _PIXELS)
+    packed_again = (struct.pack(">I", size) + named + struct.pack(">I", zlib.crc32(named)) for named, size in kept)
+    return _SIGNATURE + b"".join(packed_again)
 
 
 class DamagedImageError(InputError):
@@ -206,9 +198,12 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
             what = f"as `{message.format}`" if message.format else "in a way that is not said"
             raise damaged(f", packed {what}, is no whole JPEG or PNG")
         check_size(size)
+        damage, image = None, None
         if is_png:
-            damage = png_damage(content)
-            image = None if damage else decoded(bare_png(content))
+            try:
+                image = decoded(bare_png(content))
+            except DamagedPngError as error:
+                damage = str(error)
         else:
             with _complaints() as said:
                 image = decoded(content)
