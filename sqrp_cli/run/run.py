@@ -31,15 +31,7 @@ from sqrp_cli.run.monitor.step_monitor import (
     condition_value,
 )
 from sqrp_cli.run.perception.streams import Streams
-from sqrp_cli.run.record.events import (
-    EventPublisher,
-    Listener,
-    MovingOn,
-    PrimitiveBegan,
-    Retrying,
-    RunEnded,
-    listed,
-)
+from sqrp_cli.run.record.events import EventPublisher, Listener, MovingOn, PrimitiveBegan, Retrying, RunEnded, listed
 from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped, StopTimes
 from sqrp_cli.run.robot_body import RobotBody

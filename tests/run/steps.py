@@ -6,6 +6,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.frames import FrameName
+from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.trajectory import Trajectory
@@ -21,8 +22,9 @@ class FixedNominalStep:
     def holds(self, atom: str, t: float) -> bool:
         return [value for start, value in self._changes[atom] if start <= t + 1e-9][-1]
 
-    def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
-        return all(self.holds(atom, max(t, 0.0)) == positive for t in np.linspace(start, end, 51))
+    def held_throughout(self, literal: Literal, start: float, end: float) -> bool:
+        times = np.linspace(start, end, 51)
+        return all(self.holds(str(literal.atom), max(t, 0.0)) == literal.positive for t in times)
 
     def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
         seen = self.step.targets[atom].seen

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.program.record import ProgramTarget, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.robot_body import RobotBody
@@ -81,7 +81,9 @@ class NominalStep:
     def __init__(self, step: Step, joints: tuple[str, ...], robot: RobotBody) -> None:
         """joints: names of the arm's joints, in the order of the step's trajectories."""
         self.step, before = step, step.before
-        self._t = t = np.arange(0.0, step.time + SPACING, SPACING)
+        t = np.arange(0.0, step.time + SPACING, SPACING)
+        self.times: Sequence[float] = t.tolist()
+        """The instants at which the nominal motion is looked at, from 0 on [s]; the last may lie after its end."""
         primitive_of = _primitive_at(step, t)
         X_WL = robot.poses_over(dict(zip(joints, planned_joints(step, t).T, strict=True)))
         X_WT, held = X_WL[robot.tool_frame], [step.primitives[index].held for index in primitive_of.tolist()]
@@ -97,21 +99,17 @@ class NominalStep:
             for atom, target in step.targets.items():
                 self._holds[atom][i] = holds(atom, target, now, when_open=when_open[atom])
 
-    @property
-    def times(self) -> Sequence[float]:
-        """The instants at which the nominal motion is looked at, from 0 on [s]; the last may lie after its end."""
-        return self._t.tolist()
-
     def _index(self, t: float) -> int:
-        return min(round(max(t, 0.0) / SPACING), len(self._t) - 1)
+        return min(round(max(t, 0.0) / SPACING), len(self.times) - 1)
 
     def holds(self, atom: str, t: float) -> bool:
         """Whether an atom holds at time t [s] of the step."""
         return bool(self._holds[atom][self._index(t)])
 
-    def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
-        """Whether an atom has a value at all times from start to end [s]."""
-        return bool((self._holds[atom][self._index(start) : self._index(end) + 1] == positive).all())
+    def held_throughout(self, literal: Literal, start: float, end: float) -> bool:
+        """Whether a literal holds at all times from start to end [s]."""
+        found = self._holds[str(literal.atom)][self._index(start) : self._index(end) + 1]
+        return bool((found == literal.positive).all())
 
     def object_poses(self, t: float) -> Mapping[str, Array]:
         """Where objects are at time t [s] of the step, (4, 4)."""

@@ -87,7 +87,7 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
                 for literal in one.literals:
                     ends[literal.atom] = max(ends.get(literal.atom, 0.0), one.end)
             values = {atom: nominal.holds(str(atom), t) for atom in ends}
-            stay = [atom for atom, end in ends.items() if nominal.held_throughout(str(atom), values[atom], t, end)]
+            stay = [atom for atom, end in ends.items() if nominal.held_throughout(Literal(atom, values[atom]), t, end)]
             samples.append(TraceSample(t, {atom: Truth.TRUE if values[atom] else Truth.FALSE for atom in stay}))
         truth = evaluate(formula, Trace(tuple(samples), total, total)).truth
         if truth == (Truth.FALSE if entry.fault is None else Truth.TRUE):
@@ -122,10 +122,6 @@ class _FormulaMonitor:
     def active(self, t: float) -> Iterator[GroundOperator]:
         """The operators that apply at a time; evidence of other times does not matter to the formula."""
         return (one for one in self.operators if one.start - _SAME <= t <= one.end + _SAME)
-
-    def required(self, t: float) -> list[Literal]:
-        """The literals that `always` operators require at a time."""
-        return [literal for one in self.active(t) if one.operator == "always" for literal in one.literals]
 
     def fault_alarm(self) -> Alarm:
         """That the fault of the formula was seen, told once."""
@@ -218,36 +214,35 @@ class StepMonitor:
 
     def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """A fault that is seen, else a violation."""
-        alarms = [self._judge(watch, t, values) for watch in self._watches]
-        return min((one for one in alarms if one is not None), key=lambda one: one.kind != "fault", default=None)
-
-    def _judge(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> Alarm | None:
-        if watch.over or t > self._total + _SAME:
-            return None
-        entry, known = watch.entry, _known(values) if any(watch.active(t)) else {}
-        if entry.fault is not None:
-            seen = watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values)
-            return watch.fault_alarm() if seen else None
-        # What contradicts a formula may be a change that is a little late: it counts once it has lasted for the time to
-        # settle, and the nominal motion has had its change for as long.
-        required = watch.required(t)
-        for literal in required:
-            value = _value(literal, values)
-            if value == Truth.TRUE:
-                self._contrary.pop(literal, None)
-            elif value == Truth.FALSE:
-                late = t - self._contrary.setdefault(literal, t) < entry.settle
-                if late or not self._holds_nominally(literal, t - entry.settle, t):
-                    known[literal.atom] = Truth.UNKNOWN
-        if watch.violated is None and watch.monitor.observe(t, known).truth == Truth.FALSE:
-            wrong = [one for one in required if _value(one, values) == Truth.FALSE]
-            what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
-            text = f"the cameras see {what} against `{entry.formula}`"
-            watch.violated = Alarm("violation", entry.formula, text, entry.response)
-        if watch.violated is None or self._may_be_fault(t, values):
-            return None
-        watch.over = True
-        return watch.violated
+        found: list[Alarm] = []
+        for watch in self._watches:
+            if watch.over or t > self._total + _SAME:
+                continue
+            entry, known = watch.entry, _known(values) if any(watch.active(t)) else {}
+            if entry.fault is not None:
+                if watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values):
+                    found.append(watch.fault_alarm())
+                continue
+            # What contradicts a formula may be a change that is a little late: it counts once it has lasted for the
+            # time to settle, and the nominal motion has had its change for as long.
+            required = [literal for one in watch.active(t) if one.operator == "always" for literal in one.literals]
+            for literal in required:
+                value = _value(literal, values)
+                if value == Truth.TRUE:
+                    self._contrary.pop(literal, None)
+                elif value == Truth.FALSE:
+                    late = t - self._contrary.setdefault(literal, t) < entry.settle
+                    if late or not self._nominal.held_throughout(literal, t - entry.settle, t):
+                        known[literal.atom] = Truth.UNKNOWN
+            if watch.violated is None and watch.monitor.observe(t, known).truth == Truth.FALSE:
+                wrong = [one for one in required if _value(one, values) == Truth.FALSE]
+                what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
+                text = f"the cameras see {what} against `{entry.formula}`"
+                watch.violated = Alarm("violation", entry.formula, text, entry.response)
+            if watch.violated is not None and not self._may_be_fault(t, values):
+                watch.over = True
+                found.append(watch.violated)
+        return min(found, key=lambda one: one.kind != "fault", default=None)
 
     def _may_be_fault(self, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be visible."""
@@ -267,12 +262,9 @@ class StepMonitor:
             if operator.operator == "eventually" and t >= operator.end and operator.literals:
                 seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
                 around = (t - watch.entry.settle, t + watch.entry.settle)
-                if seen and any(self._holds_nominally(literal.negated(), *around) for literal in operator.literals):
+                if seen and any(self._nominal.held_throughout(one.negated(), *around) for one in operator.literals):
                     return True
         return False
-
-    def _holds_nominally(self, literal: Literal, start: float, end: float) -> bool:
-        return self._nominal.held_throughout(str(literal.atom), literal.positive, start, end)
 
 
 def _value(literal: Literal, values: Mapping[str, Truth]) -> Truth:
@@ -376,10 +368,6 @@ class Attempt:
     def beliefs(self, tau: float | None) -> Mapping[str, Array]:
         """Where objects are believed to be at a time of the step [s], (4, 4) each."""
         return self.nominal.object_poses(0.0 if self.failed else tau or 0.0)
-
-    def counts(self, tau: float) -> bool:
-        """Whether an image taken at a time of the step [s] counts in the check of predictions."""
-        return self.undisturbed and 0.0 <= tau <= self.step.time
 
     @property
     def unseen(self) -> Mapping[str, float | None]:
