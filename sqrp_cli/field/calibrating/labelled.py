@@ -10,8 +10,6 @@ Detectors look at them, and what they say of each box is kept with how the camer
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -41,7 +39,7 @@ from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.monitor.nominal_step import SPACING, NominalStep, values_when_open
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
-from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_text
+from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_rows
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.sight.likelihood import Shutter, likelihoods
 from sqrp_cli.sight.limits import Cause
@@ -180,58 +178,47 @@ class Label:
 
 def read_labels(folder: Path, workspace: Workspace) -> Iterator[Label]:
     """The rows of a folder's labels. Raises InputError for a file that is wrong, with its line."""
-    path = folder / LABELS
-    rows = csv.DictReader(io.StringIO(table_text(path), newline=""), strict=True)
-    try:
-        columns = rows.fieldnames or ()
-        for name in (*columns, *_REQUIRED):
-            if name not in _COLUMNS:
-                message = f"there is a column {describe(name)}; {expected_names(name[:LONGEST_NAME], _COLUMNS)}"
-                raise bad_input("wrong-columns", message, Place(path, 1))
-            if name not in columns:
-                message = f"there is no column `{name}`; expected {', '.join(_REQUIRED)}"
-                raise bad_input("wrong-columns", message, Place(path, 1))
-        for row in rows:
-            yield _label(row, Place(path, rows.reader.line_num), folder, workspace)
-    except csv.Error as error:
-        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.reader.line_num)) from error
-
-
-def _label(row: Mapping[str | None, str | None], place: Place, folder: Path, workspace: Workspace) -> Label:
-    """What a row says. Raises InputError for one that is wrong."""
-    if None in row or None in row.values():
-        raise bad_input("wrong-columns", "this row does not have one value for each column", place)
-    texts = {name: (row.get(name) or "").strip() for name in _COLUMNS}
-
-    def number(name: str) -> float:
-        value = as_number(texts[name])
-        if not abs(value) <= LARGEST:
-            message = f"`{name}` is {describe(texts[name])}, expected a number of at most {LARGEST:g} in size"
-            raise bad_input("wrong-value", message, place)
-        return value
-
-    numbers = np.array([number(name) for name in _POSE])
-    length = math.hypot(*numbers[3:])
-    if abs(length - 1.0) > 0.01:
-        message = f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)"
-        raise bad_input("not-a-rotation", message, place)
-    if texts["there"] not in ("yes", "no", ""):
-        raise bad_input("wrong-value", f"`there` is {describe(texts['there'])}, expected `yes` or `no`", place)
+    rows = table_rows(folder / LABELS)
+    place, columns = next(rows, (Place(folder / LABELS, 1), []))
+    for name in (*columns, *_REQUIRED):
+        if name not in _COLUMNS:
+            message = f"there is a column {describe(name)}; {expected_names(name[:LONGEST_NAME], _COLUMNS)}"
+            raise bad_input("wrong-columns", message, place)
+        if name not in columns:
+            message = f"there is no column `{name}`; expected {', '.join(_REQUIRED)}"
+            raise bad_input("wrong-columns", message, place)
     placed = {name: one for name, one in workspace.objects.items() if one.X_WO is not None}
     known = (("detector", workspace.detectors), ("camera", workspace.cameras), ("object", placed))
-    for column, names in known:
-        if (found := texts[column]) not in names and (found or column != "detector"):
-            message = f"there is no {column} {describe(found)}; {expected_names(found[:LONGEST_NAME], names)}"
-            raise bad_input(f"unknown-{column}", message, place)
-    return Label(
-        camera=texts["camera"],
-        file=file_in(folder, texts["file"], place),
-        object=texts["object"],
-        X_WO=pose(quaternion_to_matrix(numbers[3:] / length), numbers[:3]),
-        velocity=np.array([number(name) if texts[name] else 0.0 for name in _VELOCITY]),
-        detector=texts["detector"] or None,
-        there=texts["there"] != "no",
-    )
+    for place, row in rows:
+        if len(row) != len(columns):
+            raise bad_input("wrong-columns", "this row does not have one value for each column", place)
+        texts = dict.fromkeys(_COLUMNS, "") | {name: text.strip() for name, text in zip(columns, row, strict=True)}
+        stated = [name for name in (*_POSE, *_VELOCITY) if name in _POSE or texts[name]]
+        numbers = {name: as_number(texts[name]) for name in stated}
+        for name, value in numbers.items():
+            if not abs(value) <= LARGEST:
+                message = f"`{name}` is {describe(texts[name])}, expected a number of at most {LARGEST:g} in size"
+                raise bad_input("wrong-value", message, place)
+        x, y, z, *quaternion = (numbers[name] for name in _POSE)
+        length = math.hypot(*quaternion)
+        if abs(length - 1.0) > 0.01:
+            message = f"`qx` to `qw` have length {length:.3g}, expected 1 (order x, y, z, w)"
+            raise bad_input("not-a-rotation", message, place)
+        if texts["there"] not in ("yes", "no", ""):
+            raise bad_input("wrong-value", f"`there` is {describe(texts['there'])}, expected `yes` or `no`", place)
+        for column, names in known:
+            if (found := texts[column]) not in names and (found or column != "detector"):
+                message = f"there is no {column} {describe(found)}; {expected_names(found[:LONGEST_NAME], names)}"
+                raise bad_input(f"unknown-{column}", message, place)
+        yield Label(
+            camera=texts["camera"],
+            file=file_in(folder, texts["file"], place),
+            object=texts["object"],
+            X_WO=pose(quaternion_to_matrix(np.array(quaternion) / length), (x, y, z)),
+            velocity=np.array([numbers.get(name, 0.0) for name in _VELOCITY]),
+            detector=texts["detector"] or None,
+            there=texts["there"] != "no",
+        )
 
 
 _EVERY_TERM = Curve(bias=0.0, **dict.fromkeys(COEFFICIENTS, 0.0))

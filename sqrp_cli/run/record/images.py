@@ -193,50 +193,48 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     if not path.is_file():
         message = f"there is no {INDEX} in this folder, and no metadata.yaml of a rosbag2; expected one of them"
         raise bad_input("no-frames", message, Place(folder))
-    rows, columns = csv.reader(io.StringIO(table_text(path), newline="")), ", ".join(_COLUMNS)
-    try:
-        header = next(rows, [])
-        if not header:
-            message = f"this file is empty: the run was stopped before it kept an image; expected `{columns}`"
-            mend = "record again: sqrp run PROGRAM --sim --frames DIR"
-            raise bad_input("wrong-columns", message, Place(path, 1), mend=mend)
-        if tuple(header) != _COLUMNS:
-            # What has none of them may be another file, linked here to see what it says.
-            found = f"`{', '.join(header)}`" if {*header} & {*_COLUMNS} else "others"
-            raise bad_input("wrong-columns", f"the columns are {found}, expected `{columns}`", Place(path, 1))
-        for row in rows:
-            if row:
-                yield _entry(row, folder, cameras, steps, Place(path, rows.line_num))
-    except csv.Error as error:
-        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num)) from error
+    rows, columns = table_rows(path), ", ".join(_COLUMNS)
+    place, header = next(rows, (Place(path, 1), []))
+    if not header:
+        message = f"this file is empty: the run was stopped before it kept an image; expected `{columns}`"
+        mend = "record again: sqrp run PROGRAM --sim --frames DIR"
+        raise bad_input("wrong-columns", message, place, mend=mend)
+    if tuple(header) != _COLUMNS:
+        # What has none of them may be another file, linked here to see what it says.
+        found = f"`{', '.join(header)}`" if {*header} & {*_COLUMNS} else "others"
+        raise bad_input("wrong-columns", f"the columns are {found}, expected `{columns}`", place)
+    for place, row in rows:
+        if len(row) != len(_COLUMNS):
+            message = f"this row has {len(row)} columns, expected {len(_COLUMNS)}: {columns}"
+            raise bad_input("wrong-columns", message, place)
+        camera, name, step, t = row
+        if camera not in cameras:
+            message = f"there is no camera {describe(camera)}; {expected_names(camera[:LONGEST_NAME], cameras)}"
+            raise bad_input("unknown-camera", message, place)
+        file, number = file_in(folder, name, place), int(step) if step.isdecimal() and len(step) < LONGEST_NAME else 0
+        if not 1 <= number <= steps:
+            message = f"`step` is {describe(step)}, expected a whole number from 1 to {steps}, the steps of the program"
+            raise bad_input("wrong-value", message, place)
+        seconds = as_number(t) if t else 0.0
+        if not 0.0 <= seconds <= LONGEST:
+            message = f"`t` is {describe(t)}, expected seconds from 0 to {LONGEST:g}, or nothing"
+            raise bad_input("wrong-value", message, place)
+        yield FrameEntry(camera, file, number, seconds if t else None)
 
 
-def _entry(row: Sequence[str], folder: Path, cameras: Sequence[str], steps: int, place: Place) -> FrameEntry:
-    if len(row) != len(_COLUMNS):
-        message = f"this row has {len(row)} columns, expected {len(_COLUMNS)}: {', '.join(_COLUMNS)}"
-        raise bad_input("wrong-columns", message, place)
-    camera, name, step, t = row
-    if camera not in cameras:
-        message = f"there is no camera {describe(camera)}; {expected_names(camera[:LONGEST_NAME], cameras)}"
-        raise bad_input("unknown-camera", message, place)
-    file, number = file_in(folder, name, place), int(step) if step.isdecimal() and len(step) < LONGEST_NAME else 0
-    if not 1 <= number <= steps:
-        message = f"`step` is {describe(step)}, expected a whole number from 1 to {steps}, the steps of the program"
-        raise bad_input("wrong-value", message, place)
-    seconds = as_number(t) if t else 0.0
-    if not 0.0 <= seconds <= LONGEST:
-        message = f"`t` is {describe(t)}, expected seconds from 0 to {LONGEST:g}, or nothing"
-        raise bad_input("wrong-value", message, place)
-    return FrameEntry(camera, file, number, seconds if t else None)
-
-
-def table_text(path: Path) -> str:
-    """The text of a CSV file beside frames. Raises InputError where it is none."""
+def table_rows(path: Path) -> Iterator[tuple[Place, list[str]]]:
+    """The rows of a CSV file beside frames with their places, but for empty ones. Raises InputError for others."""
     text = read_text(path, MAX_INDEX)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise bad_input("wrong-value", "this is no CSV: it has a NUL character", Place(path, line))
-    return text
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        for row in rows:
+            if row:
+                yield Place(path, rows.line_num), row
+    except csv.Error as error:
+        raise bad_input("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num)) from error
 
 
 def file_in(folder: Path, name: str, place: Place) -> Path:
