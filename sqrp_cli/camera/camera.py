@@ -9,12 +9,12 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from math import radians, tan
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time
+from sqrp_cli.files.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time, Written
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.records import dataclass
@@ -242,6 +242,12 @@ class PoseFile(Stored):
     """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
 
 
+def _or_path(record: type[PoseFile] | type[CalibrationFile]) -> Written:
+    """Marks a field for which a file writes such a record, or the path alone."""
+    form: Any = MappingOr[record, Text]  # type: ignore[misc, valid-type]
+    return Written(form | None, lambda stated: record(file=stated) if isinstance(stated, str) else stated)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraEntry(Sensing):
     """A camera: where it is and how it makes an image, stated, or by files that others wrote."""
@@ -251,26 +257,16 @@ class CameraEntry(Sensing):
     URDF calls `world`. With `hand_eye`: instead of the link that the file names."""
     pose: CameraPose | None = None
     """Pose of the optical frame (z forward, x right, y down) in `frame`."""
-    hand_eye: MappingOr[PoseFile, Text] | None = None
+    hand_eye: Annotated[PoseFile | None, _or_path(PoseFile)] = None
     """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
     static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."""
     convention: Literal["optical", "body"] = "optical"
     """Axes of the stated orientation; body: x forward, y left, z up."""
     image: ImageEntry | None = None
     """Size and field of view or focal lengths of the image."""
-    calibration: MappingOr[CalibrationFile, Text] | None = None
+    calibration: Annotated[CalibrationFile | None, _or_path(CalibrationFile)] = None
     """A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as `{file, camera, width,
     height}` where it has several cameras or no image size."""
-
-    @property
-    def pose_file(self) -> PoseFile | None:
-        """The file with the pose, if there is one."""
-        return PoseFile(file=self.hand_eye) if isinstance(self.hand_eye, str) else self.hand_eye
-
-    @property
-    def calibration_file(self) -> CalibrationFile | None:
-        """The calibration file, if there is one."""
-        return CalibrationFile(file=self.calibration) if isinstance(self.calibration, str) else self.calibration
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""

@@ -151,15 +151,8 @@ def marker_ranges(
 ) -> dict[str, dict[str, MarkerRange]]:
     """The range of each marker for each camera, by their names."""
     return {
-        name: {called: MarkerRange.of(camera, marker) for called, marker in markers.items()}
-        for name, camera in cameras.items()
+        eye: {name: MarkerRange.of(camera, one) for name, one in markers.items()} for eye, camera in cameras.items()
     }
-
-
-def widest(ranges: Mapping[str, Mapping[str, MarkerRange]]) -> MarkerRange | None:
-    """The nearest and the farthest of several ranges; None of none."""
-    every = [one for of_camera in ranges.values() for one in of_camera.values()]
-    return MarkerRange(min(one.near for one in every), max(one.far for one in every)) if every else None
 
 
 GROUP = "sqrp.detectors"
@@ -260,12 +253,13 @@ class Detector(DetectorTraits):
         distance, least = entry.distance, entry.min_pixels
         dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
         if distance is None or least is None:
-            reads = widest(marker_ranges(cameras, markers))
-            if reads is None:
+            reads = [MarkerRange.of(camera, marker) for camera in cameras.values() for marker in markers.values()]
+            if not reads:
                 raise ValueError("there is no marker, or no camera, that gives the detector its limits")
             looks = product(cameras.values(), dictionaries)
             smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
-            distance, least = distance or (reads.near, reads.far), smallest if least is None else least
+            distance = distance or (min(one.near for one in reads), max(one.far for one in reads))
+            least = smallest if least is None else least
         return completed(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
 
     @property

@@ -58,10 +58,10 @@ class CellReader(EntryReader):
             with self._collecting():
                 path: KeyPath = ("cameras", name)
                 seat = self._seat(path, entry)
-                if entry.calibration_file is not None:
+                if entry.calibration is not None:
                     at = (*path, "calibration")
-                    file = self._resolve(entry.calibration_file.file, self._place_of_file(at))
-                    calibration = read_calibration(file, entry.calibration_file, dotted(at))
+                    file = self._resolve(entry.calibration.file, self._place_of_file(at))
+                    calibration = read_calibration(file, entry.calibration, dotted(at))
                     intrinsics = calibration.intrinsics
                     self.digest.add(dotted(at), file, calibration.document.content)
                     self.warnings.extend(unusual_values(calibration.part, CALIBRATION))
@@ -80,7 +80,7 @@ class CellReader(EntryReader):
 
     def _seat(self, path: KeyPath, entry: CameraEntry) -> Seat:
         """Where a camera is, by its entry or by a file."""
-        found = None if entry.pose_file is None else self._hand_eye(path, entry, entry.pose_file)
+        found = None if entry.hand_eye is None else self._hand_eye(path, entry, entry.hand_eye)
         if found is None:
             assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             frame, X_FC = entry.frame or WORLD, entry.pose.matrix()

@@ -244,10 +244,13 @@ Number = Annotated[float, In(None, -units.LARGEST, units.LARGEST)]
 _A_NUMBER = {"type": "number", "minimum": -units.LARGEST, "maximum": units.LARGEST}
 
 
-def _joint_quantity(value: object) -> units.Quantity:
+_JOINT = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
+
+
+def any_quantity(value: object, expected: str = _JOINT) -> units.Quantity:
+    """The quantity in a file, of any dimension; raises PydanticCustomError for others. expected: describes it."""
     read = units.read_quantity(value)
     if read is None:
-        expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
         raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
     if abs(read.value) > units.LARGEST:
         raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
@@ -256,7 +259,7 @@ def _joint_quantity(value: object) -> units.Quantity:
 
 AnyQuantity = Annotated[
     units.Quantity,
-    BeforeValidator(_joint_quantity),
+    BeforeValidator(any_quantity),
     PlainSerializer(lambda quantity: quantity.value),
     WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "string"}], "description": "A number, or one with its unit."}),
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from pathlib import Path
 from typing import TypeVar
 
@@ -125,7 +125,13 @@ class _SkillReader:
             self._check_fields(primitive, ("primitives", index))
         waypoints = {name: self._freed(name, waypoint) for name, waypoint in self.file.waypoints.items()}
         primitives = tuple(self._freed(primitive.name, primitive) for primitive in self.file.primitives)
-        parameters, requirements = (*self._parameters(), *self.implicit.values()), self._requirements()
+        parameters = []
+        for name, stated in self.values.items():
+            values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
+            if len(set(values)) < len(values):
+                self._report("repeated-value", ("motion", name), "a value is given twice")
+            parameters.append(settings.MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
+        requirements = self._requirements()
         self._check_targets()
         if self.problems:
             raise InputError(*self.problems)
@@ -134,7 +140,7 @@ class _SkillReader:
             folder=folder,
             domain=self.domain,
             action=self.action,
-            motion_parameters=parameters,
+            motion_parameters=(*parameters, *self.implicit.values()),
             waypoints=waypoints,
             primitives=primitives,
             requirements=requirements,
@@ -155,13 +161,23 @@ class _SkillReader:
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
         """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
         for at, value, mark in marked(entry, path):
-            if isinstance(mark, Names) and mark.what == "frame":
-                continue  # the workspace knows its objects
             if isinstance(mark, Names):
-                valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
-                self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)
-            else:
-                self._check_setting(value, mark, at)
+                if mark.what != "frame":  # the workspace knows its objects
+                    valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
+                    self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)
+            elif not isinstance(value, settings.Reference):
+                if isinstance(value, Quantity | str) and (complaint := mark.complaint(value)) is not None:
+                    self._report(complaint.code, at, complaint.message)
+            elif (name := value.parameter) in self.file.motion:
+                self.kinds[name].append(mark)
+                complaints = filter(None, map(mark.complaint, self.values[name]))
+                if (complaint := next(complaints, None)) is not None and name not in self._refused:
+                    self._refused.add(name)  # once, however many settings use it
+                    message = f"{complaint.message} (`{dotted(at)}` uses it)"
+                    self._report(complaint.code, ("motion", name), message)
+            elif name != PATH or mark is not settings.PATHS:
+                known = expected_names(name, self.file.motion)
+                self._report("unknown-parameter", at, f"found `${name}`, which is no parameter under `motion`; {known}")
 
     def _freed(self, name: str, entry: FreedEntry) -> FreedEntry:
         """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
@@ -177,36 +193,6 @@ class _SkillReader:
                 )
                 freed[str(field)] = settings.Reference(parameter)
         return entry.model_copy(update=freed)
-
-    def _check_setting(self, value: object, kind: settings.Kind, path: KeyPath) -> None:
-        """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
-        if isinstance(value, settings.Reference):
-            name = value.parameter
-            if name in self.file.motion:
-                self.kinds[name].append(kind)
-                complaints = (kind.complaint(stated) for stated in self.values[name])
-                if (complaint := next(filter(None, complaints), None)) is not None:
-                    if name not in self._refused:  # once, however many settings use it
-                        message = f"{complaint.message} (`{dotted(path)}` uses it)"
-                        self._report(complaint.code, ("motion", name), message)
-                    self._refused.add(name)
-            elif name != PATH or kind is not settings.PATHS:
-                known = expected_names(name, self.file.motion)
-                self._report(
-                    "unknown-parameter", path, f"found `${name}`, which is no parameter under `motion`; {known}"
-                )
-        elif isinstance(value, Quantity | str) and (complaint := kind.complaint(value)) is not None:
-            self._report(complaint.code, path, complaint.message)
-
-    def _parameters(self) -> tuple[settings.MotionParameter, ...]:
-        """The motion parameters with their values in SI units; call it after all settings are checked."""
-        parameters = []
-        for name, stated in self.values.items():
-            values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
-            if len(set(values)) < len(values):
-                self._report("repeated-value", ("motion", name), "a value is given twice")
-            parameters.append(settings.MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
-        return tuple(parameters)
 
     def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
         entry = self.file.motion[name]
@@ -232,11 +218,19 @@ class _SkillReader:
             message = "`home` is the robot's home configuration; take another name"
             self._report("ambiguous-name", ("waypoints", HOME), message)
         others = {name: origins(waypoint) for name, waypoint in self.file.waypoints.items()}
+        in_circles: set[str] = set()
         for name in others:
-            circle = _circle(name, others)
-            if circle and name == next(other for other in others if other in circle):
+            ways: list[tuple[str, ...]] = [(name,)]  # through its origins, the shortest first
+            reached = set[str]()
+            for way in ways:
+                new = [other for other in others.get(way[-1], ()) if other not in reached]
+                reached.update(new)
+                ways += [(*way, other) for other in new]
+            circle = next((way for way in ways[1:] if way[-1] == name), None)
+            if circle is not None and not in_circles & set(circle):
                 path = ("waypoints", name, *others[name][circle[1]])
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
+            in_circles.update(circle or ())
 
     def _requirements(self) -> tuple[Requirement, ...]:
         stated: list[tuple[str | None, FormulaEntry | str, KeyPath]] = [
@@ -285,17 +279,3 @@ class _SkillReader:
                 if box.frame == TOOL and box.fits in grasped and not grasps:
                     expected = f"expected one that grasps `{box.fits}` (with `object` and `side`)"
                     self._report("wrong-value", (*path, "at"), f"found waypoint `{box.at}`, {expected}")
-
-
-def _circle(name: str, others: Mapping[str, Collection[str]]) -> tuple[str, ...]:
-    """The shortest way from a waypoint through its origins back to it, which stands at both ends; empty if none."""
-    ways: list[tuple[str, ...]] = [(name,)]
-    reached: set[str] = set()
-    for way in ways:
-        for other in others.get(way[-1], ()):
-            if other == name:
-                return (*way, name)
-            if other not in reached:
-                reached.add(other)
-                ways.append((*way, other))
-    return ()

@@ -11,8 +11,7 @@ from pydantic_core.core_schema import no_info_after_validator_function
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.files import units
-from sqrp_cli.files.entries import Entry, MappingOr, one_of, refused
-from sqrp_cli.files.source import describe
+from sqrp_cli.files.entries import Entry, MappingOr, any_quantity, one_of
 from sqrp_cli.records import dataclass
 
 MotionValue = float | str  # value of a motion parameter: a number in SI units, or a word such as `+z` or `up`
@@ -42,15 +41,9 @@ def side_of(value: MotionValue) -> str:
 
 
 def _value(value: object) -> units.Quantity | str:
-    read = units.read_quantity(value)
-    if read is not None and abs(read.value) > units.LARGEST:
-        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {units.LARGEST:g} in size")
-    if read is not None:
-        return read
-    if isinstance(value, str) and value and not any(character.isspace() for character in value):
+    if isinstance(value, str) and units.read_quantity(value) is None and value and not any(map(str.isspace, value)):
         return value
-    expected = "a number, a number with a unit such as `5 cm`, or a word"
-    raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
+    return any_quantity(value, "a number, a number with a unit such as `5 cm`, or a word")
 
 
 def _setting(value: object) -> units.Quantity | str | Reference:
