@@ -28,12 +28,12 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_371),
-    "files": ("files", 2_226),
+    "files": ("files", 2_229),
     "robot": ("robot", 3_123),
-    "camera": ("camera", 2_167),
+    "camera": ("camera", 2_157),
     "cell": ("cell", 3_391),
     "logic": ("logic", 2_946),
-    "skill, program": ("skill program", 1_928),
+    "skill, program": ("skill program", 1_901),
     "task": ("task", 1_085),
     "motion": ("motion", 3_009),
     "sight": ("kernel sight", 1_564),
