@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field
 
 from sqrp_cli.document import Record
-from sqrp_cli.files.entries import Stored
+from sqrp_cli.files.entries import Stored, completed
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.records import dataclass
 
@@ -103,3 +103,21 @@ NO_FIGURES = Figures(
     **{part.name: {} if part.name == "faults" else None for part in fields(Figures)}  # type: ignore[arg-type]
 )
 """Those of an infeasible candidate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdvisedFigures(Qualities):
+    """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
+
+    time: float | None = None
+    """Duration of the whole motion [s]."""
+    delay_worst: float | None = None
+    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
+    noticed."""
+    unseen: float | None = None
+    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
+
+    @classmethod
+    def of(cls, found: Figures) -> AdvisedFigures:
+        """The figures of a candidate."""
+        return completed(AdvisedFigures, found)

@@ -55,7 +55,7 @@ def _compiled_later(cls: type) -> Callable[..., None]:
 def _constructor(cls: type) -> Callable[..., None]:
     names: dict[str, Any] = {"_MISSING": MISSING}
     of_kind: dict[bool, list[str]] = {False: ["self"], True: ["*"]}
-    body = [" fields = self.__dict__"]
+    body = [" _own = self.__dict__"]
     for field in dataclasses.fields(cls):
         name, value, default = field.name, field.name, ""
         if field.default is not MISSING:
@@ -66,7 +66,7 @@ def _constructor(cls: type) -> Callable[..., None]:
         if field.init:
             of_kind[bool(field.kw_only)].append(name + default)
         if field.init or field.default_factory is not MISSING:
-            body.append(f" fields[{name!r}] = {value}")
+            body.append(f" _own[{name!r}] = {value}")
     if hasattr(cls, "__post_init__"):
         body.append(" self.__post_init__()")
     arguments = [*of_kind[False], *(of_kind[True] if len(of_kind[True]) > 1 else [])]

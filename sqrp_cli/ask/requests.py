@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.run.record.events import Listener
-    from sqrp_cli.score.work.cluster import Cluster
-    from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.score.cluster import Cluster
+    from sqrp_cli.score.compute import Means
     from sqrp_cli.search.goal import Objective
     from sqrp_cli.study.find import TimeLimit
     from sqrp_cli.study.pipeline import Inquiry
@@ -131,7 +131,7 @@ class Computed(Sampled, Worked, Resumable):
 
     def means(self, seed: int, workers: Cluster | None = None) -> Means:
         """What computes it. seed: of everything that planning draws at random."""
-        from sqrp_cli.score.work.compute import Means
+        from sqrp_cli.score.compute import Means
         from sqrp_cli.study.sampling import Adaptive
 
         return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)

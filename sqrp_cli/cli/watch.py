@@ -172,7 +172,7 @@ def _against(old: str, new: str) -> str:
 
 def view_of(answer: Document) -> AnswerView:
     """What of an answer is compared."""
-    from sqrp_cli.score.scorecard import Scorecard
+    from sqrp_cli.score.result import Scorecard
     from sqrp_cli.show.documents.checks import Check
     from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
     from sqrp_cli.study.result import Ranking

@@ -11,8 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.score.score import TaskScore
-from sqrp_cli.score.scorecard import Scorecard, listed
+from sqrp_cli.score.result import Scorecard, TaskScore, listed
 from sqrp_cli.shown import one_line
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'

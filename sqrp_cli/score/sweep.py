@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.cell.workspace_file import read_workspace_document
-from sqrp_cli.document import WorkspaceDocument, live
 from sqrp_cli.errors import InputError, bad_option
-from sqrp_cli.figures import Qualities
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import edited, from_here, patch
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.score import ScoredCell, TaskScore, read_cell
-from sqrp_cli.score.scorecard import Progress, Scorecard, score_cells
-from sqrp_cli.score.work.compute import Computer
+from sqrp_cli.score.compute import Computer
+from sqrp_cli.score.result import Scorecard, ScoredVariant, Sweep
+from sqrp_cli.score.score import ScoredCell, read_cell, score_cells
 
 MAX_VARIANTS = 10_000
 """Most variants of a sweep."""
 
 _END = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*?)\s*")
-_INDEX = re.compile(r"\[(\d+)\]")
+
+_QUALITY_STEP, _DELAY_STEP = 1e-3, 0.01
+"""Qualities are compared rounded as in a ranking, and delays [s] as they are shown: sampling may cause finer ones."""
 
 Values = tuple[tuple[str, str], ...]
 """The values of a variant, as YAML text, by dotted path."""
@@ -75,7 +75,7 @@ def read_variation(text: str) -> Variation:
         raise bad_option(f"--vary is `{text}`: expected the same unit at both ends, such as `80 cm:120 cm:9`")
     if count is not None and int(count) < 1:
         raise bad_option(f"--vary is `{text}`: expected at least one value")
-    dotted = _INDEX.sub(r".\1", path.strip())
+    dotted = re.sub(r"\[(\d+)\]", r".\1", path.strip())
     return Variation(dotted, float(low), float(high), unit, None if count is None else int(count))
 
 
@@ -106,108 +106,12 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     return tuple(tuple((v.path, v.text(x)) for v, x in zip(variations, point, strict=True)) for point in points)
 
 
-def grid_shape(variations: Sequence[Variation], draws: int | None) -> tuple[int, ...] | None:
-    """How many values of each path `variants` combines, in row-major order; None if they are drawn."""
-    return None if draws is not None else tuple(variation.count or 1 for variation in variations)
-
-
-def shares(values: Sequence[Values]) -> Array:
-    """The values of each variant, scaled to 0..1 between the least and the greatest per path; shape (n, paths)."""
-    numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
-    low, high = numbers.min(axis=0), numbers.max(axis=0)
-    found: Array = (numbers - low) / np.where(high > low, high - low, 1.0)
-    return found
-
-
-AS_IT_IS: Values = ()
-"""The values in the workspace file."""
-
-_QUALITY_STEP = 1e-3
-"""Qualities are compared rounded to this, as in a ranking."""
-
-_DELAY_STEP = 0.01
-"""Delays are compared rounded to this [s], as they are shown: sampling may cause finer differences."""
-
-
-@dataclass(frozen=True, eq=False)
-class Variant:
+class Variant(NamedTuple):
     """A workspace with other values, none for the workspace as it is; the content of its file, and what that says."""
 
     values: Values
     content: bytes
     cell: ScoredCell
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ScoredVariant(Qualities):
-    """A variant of a workspace, with means over the choices of objects that can be done, each by its best candidate.
-
-    Figures are null where a variant cannot be scored, or one is undefined for all.
-    """
-
-    rank: int = 0
-    """Place from 1."""
-    values: Mapping[str, str]
-    """Values that differ from the workspace as it is, by path."""
-    choices: int = 0
-    """Choices of objects of every task."""
-    feasible: int = 0
-    """Feasible ones among them; the figures are means over these."""
-    time: float | None = None
-    """Mean duration of the motion [s]."""
-    delay: float | None = None
-    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none, or one may never be
-    noticed."""
-    unseen: float | None = None
-    """Mean of the largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
-    results: tuple[TaskScore, ...]
-    """One for each task."""
-    variant: Any = live()
-    """The `Variant`."""
-    findings: Any = live()
-    """Its `Scorecard`."""
-
-    @property
-    def order(self) -> tuple[float, ...]:
-        """Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking."""
-        qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
-        time = math.inf if self.time is None else self.time
-        delay = math.inf if self.delay is None else round(self.delay / _DELAY_STEP)
-        found = self.findings
-        return (found.count("error"), -found.count("passed"), -self.feasible, *qualities, time, delay)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Sweep(WorkspaceDocument):
-    """The variants of a workspace, the best first. The unchanged workspace is one of them.
-
-    Of equally good ones the unchanged workspace comes first, else the one with most margin, see `most_margin`; the
-    others are in the order of their values.
-    """
-
-    VIEW = "sqrp_cli.show.terminal.score_table:print_sweep"
-
-    document: Literal["score --vary"] = "score --vary"
-    variants: tuple[ScoredVariant, ...]
-    """The best first."""
-    best: Mapping[str, str] = field(default_factory=dict)
-    """The `values` of the best variant; empty if that is the workspace as it is."""
-    equals: int = 1
-    """Variants that are as good as the best; it has the most room around it."""
-    file: str
-    """The workspace file, from here."""
-    patch: str | None = None
-    """The file that was written."""
-    passed: bool = False
-    """Whether every task of the best variant passed."""
-    interrupted: bool = live(False)
-    source: Any = live()
-    """The workspace file, a `SourceDocument`."""
-
-    @property
-    def best_patch(self) -> str:
-        """A unified diff from the workspace file to the best variant; empty if nothing is better."""
-        return patch(self.source, self.variants[0].variant.content, self.file)
 
 
 def read_variants(
@@ -218,16 +122,16 @@ def read_variants(
     Raises InputError if a value is not in the file, or the workspace as it is cannot be used.
     """
     document = read_workspace_document(file)
-    variants = []
-    for chosen in (AS_IT_IS, *values):
+    found = []
+    for chosen in ((), *values):
         content = edited(document, dict(chosen)) if chosen else document.content
         name = ", ".join(f"{path}={value}" for path, value in chosen) or "as it is"
         cell = read_cell(file, name, content)
         if cell.workspace is None and not chosen:
             raise InputError(*cell.problems)
-        variants.append(Variant(chosen, content, cell))
+        found.append(Variant(chosen, content, cell))
         advance()
-    return document, variants
+    return document, found
 
 
 def sweep(
@@ -237,35 +141,54 @@ def sweep(
     computer: Computer,
     progress: Progress,
 ) -> Sweep:
-    """Score a workspace and its variants; shape: of their grid, see `variation.grid_shape`.
+    """Score a workspace and its variants; shape: of their grid, in row-major order; None if they are drawn.
 
     Raises InputError where results cannot be kept.
     """
     findings = score_cells([variant.cell for variant in variants], computer, progress)
-    about: dict[str, Any] = {"workspace": variants[0].cell.name, "file": from_here(document.path), "source": document}
+    name, file = variants[0].cell.name, from_here(document.path)
     if findings.interrupted:
-        return Sweep(variants=(), interrupted=True, **about)
+        return Sweep(workspace=name, file=file, variants=(), interrupted=True)
     results = iter(findings.results)
     scored = []
     for variant in variants:
-        count = max(1, len(variant.cell.tasks))
-        scored.append(_scored(variant, replace(findings, results=tuple(next(results) for _ in range(count)))))
-    least = min(one.order for one in scored)
-    equal = [one.order == least for one in scored]
-    best = scored[0 if equal[0] else 1 + most_margin(equal[1:], [variant.values for variant in variants[1:]], shape)]
-    ranked = sorted(scored, key=lambda one: (one.order, one is not best))
-    name = variants[0].cell.name
-    placed = (
-        replace(one, rank=rank, results=tuple(replace(result, workspace=name) for result in one.results))
-        for rank, one in enumerate(ranked, 1)
+        own = tuple(next(results) for _ in range(max(1, len(variant.cell.tasks))))
+        scored.append(_scored(variant, replace(findings, results=own)))
+    orders = [_order(one) for one in scored]
+    equal = [order == min(orders) for order in orders]
+    first = 0
+    if not equal[0]:
+        marked, values = np.array(equal[1:]), [variant.values for variant in variants[1:]]
+        if shape is not None:
+            first = 1 + middle_of_grid(marked.reshape(shape))
+        else:
+            numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
+            low, high = numbers.min(axis=0), numbers.max(axis=0)
+            first = 1 + middle_of_draws(marked, (numbers - low) / np.where(high > low, high - low, 1.0))
+    best = scored[first]
+    ranked = sorted(range(len(scored)), key=lambda index: (orders[index], index != first))
+    return Sweep(
+        workspace=name,
+        file=file,
+        variants=tuple(
+            replace(
+                scored[index], rank=rank, results=tuple(replace(one, workspace=name) for one in scored[index].results)
+            )
+            for rank, index in enumerate(ranked, 1)
+        ),
+        best=best.values,
+        equals=sum(equal),
+        passed=best.findings.passed,
+        best_patch=patch(document, variants[first].content, file),
     )
-    return Sweep(variants=tuple(placed), best=best.values, equals=sum(equal), passed=best.findings.passed, **about)
 
 
-def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
-    """The index of the variant with most margin among equals, on a grid or among draws."""
-    marked = np.array(equal)
-    return middle_of_draws(marked, shares(values)) if shape is None else middle_of_grid(marked.reshape(shape))
+def _order(one: ScoredVariant) -> tuple[float, ...]:
+    """Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking."""
+    qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (one.q_eoi, one.q_avg)]
+    time = math.inf if one.time is None else one.time
+    delay = math.inf if one.delay is None else round(one.delay / _DELAY_STEP)
+    return (one.findings.count("error"), -one.findings.count("passed"), -one.feasible, *qualities, time, delay)
 
 
 def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
@@ -287,12 +210,8 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         time=mean("time"),
         delay=None if any(way.unseen for way in feasible) else mean("delay_worst"),
         unseen=mean("unseen"),
-        variant=variant,
         findings=findings,
     )
-
-
-Mask = NDArray[np.bool_]
 
 
 def middle_of_grid(equal: Mask) -> int:

@@ -10,8 +10,7 @@ import numpy as np
 
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, live
 from sqrp_cli.errors import InputError, bad_option
-from sqrp_cli.figures import Qualities
-from sqrp_cli.files.entries import completed
+from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
@@ -21,24 +20,6 @@ if TYPE_CHECKING:
     from sqrp_cli.study.result import CandidateResult
 else:  # no file has them
     CandidateResult = ProposedChange = Any
-
-
-@dataclass(frozen=True, kw_only=True)
-class AdvisedFigures(Qualities):
-    """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
-
-    time: float | None = None
-    """Duration of the whole motion [s]."""
-    delay_worst: float | None = None
-    """The longest time that any fault may remain unnoticed [s]; null without faults, and where one may never be
-    noticed."""
-    unseen: float | None = None
-    """The largest share of times after which a fault may never be noticed, in 0..1; null without faults."""
-
-    @classmethod
-    def of(cls, found: CandidateResult) -> AdvisedFigures:
-        """The figures of a candidate."""
-        return completed(AdvisedFigures, found)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Protocol
 
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.entries import completed
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import (
     AdviceFound,
-    AdvisedFigures,
     ChangeFound,
     KindOutcome,
     NearestChange,

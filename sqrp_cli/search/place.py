@@ -15,9 +15,10 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.advice_result import AdvisedFigures
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_problem import Late, Problem, Requirements, Selection, obstacle
 from sqrp_cli.search.placing_program import Limits, PlacementProgram, Watch
@@ -34,7 +35,7 @@ from sqrp_cli.search.placing_result import (
 )
 from sqrp_cli.search.refine import Pair, refined
 from sqrp_cli.search.sites import JudgedWay, blocked, judged
-from sqrp_cli.search.visibility_table import PlaceQuestion, Progress, VisibilityTable
+from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
 from sqrp_cli.study.assessment import Study, Watched
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality

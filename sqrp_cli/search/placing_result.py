@@ -7,8 +7,8 @@ from dataclasses import field
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, live
+from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.advice_result import AdvisedFigures
 from sqrp_cli.search.goal import FewestPossible, Goal, Objective
 
 if TYPE_CHECKING:

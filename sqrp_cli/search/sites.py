@@ -5,10 +5,10 @@ A site may be in the way: of the robot, of anything solid, of another camera, or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -189,25 +189,14 @@ def view_batches(way: JudgedWay, views: Sequence[View]) -> list[ViewBatch]:
     return [ViewBatch(way, tuple(views[first : first + _VIEWS_TOGETHER])) for first in starts]
 
 
-class Verdicts(Protocol):
-    """Where verdicts come from: processes, a cluster, or a run before this one."""
-
-    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
-        """Call `done` with the number of every portion, in any order, and what it sees."""
+Verdicts = Callable[[Sequence[ViewBatch]], Iterable[tuple[int, Mask]]]
+"""Where verdicts come from, processes, a cluster, or a run before this one: of every batch its number, in any order,
+and what it shows."""
 
 
-@dataclass(frozen=True, eq=False)
-class LocalVerdicts:
-    """Processes of this machine."""
-
-    cell: Cell
-    jobs: int = 1
-
-    def of(self, parts: Sequence[ViewBatch], done: Callable[[int, Mask], None]) -> None:
-        """See `Verdicts`."""
-        found = in_processes(lambda part: part.seen(self.cell), parts, min(self.jobs, len(parts)))
-        for number, sees in enumerate(found):
-            done(number, sees)
+def seen_locally(cell: Cell, jobs: int, parts: Sequence[ViewBatch]) -> Iterator[tuple[int, Mask]]:
+    """See `Verdicts`: by as many processes of this machine."""
+    yield from enumerate(in_processes(lambda part: part.seen(cell), parts, min(jobs, len(parts))))
 
 
 def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -16,13 +16,13 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.files.entries import completed
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.placing_problem import Hiding, Late, Problem, Requirements, Rows, Selection, covered_way
 from sqrp_cli.search.placing_result import UnseenTarget
 from sqrp_cli.search.sites import (
     Installation,
     JudgedWay,
-    LocalVerdicts,
     Verdicts,
     View,
     blocked,
@@ -31,6 +31,7 @@ from sqrp_cli.search.sites import (
     judged,
     middle_of,
     pairs_apart,
+    seen_locally,
     varied,
     view_batches,
     views_at,
@@ -50,9 +51,6 @@ MOST_ADDED = 24
 
 _TOGETHER = 200
 """Options whose delays are looked at together, to bound the memory."""
-
-Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""A title and the number of parts; yields what counts the finished ones."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -321,16 +319,13 @@ class VisibilityTable:
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
-        verdicts = self.question.verdicts or LocalVerdicts(self.question.cell)
+        verdicts = self.question.verdicts or partial(seen_locally, self.question.cell, 1)
         batches = [view_batches(way, self.views) for way in ways]
         found: dict[int, Mask] = {}
         with self._progress("Looking from every mount", sum(map(len, batches))) as advance:
-
-            def done(number: int, sees: Mask) -> None:
+            for number, sees in verdicts([batch for of_way in batches for batch in of_way]):
                 found[number] = sees
                 advance(1)
-
-            verdicts.of([batch for of_way in batches for batch in of_way], done)
         numbers = iter(range(len(found)))
         empty = [np.zeros((0, len(way.items.sample)), dtype=bool) for way in ways]
         return [

@@ -9,16 +9,19 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PlainSerializer
 
+from sqrp_cli.figures import Seconds
+from sqrp_cli.files.entries import Stored, Written
 from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import SIDES, Cause
+from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel
 from sqrp_cli.sight.observer import BoxVerdicts
 from sqrp_cli.study.assessment import Study
 from sqrp_cli.study.result import UnseenTime
@@ -137,15 +140,33 @@ class BlindSpan:
         return self.cause.by(self.by)
 
 
+def _ends(stretch: Stretch) -> tuple[float, float]:
+    return round(stretch.start, 3), round(stretch.end, 3)
+
+
+_Ends = Annotated[Stretch, Written(tuple[Seconds, Seconds], lambda ends: Stretch(*ends), _ends)]
+"""A file has start and end of a stretch, to 1 ms."""
+
+_Span = Annotated[
+    BlindSpan,
+    Written(
+        tuple[Seconds, Seconds, CauseLabel, str | None],
+        lambda said: BlindSpan(Stretch(*said[:2]), Cause[said[2].upper()], said[3]),
+        lambda span: (*_ends(span.stretch), span.cause.label, span.by),
+    ),
+]
+"""A file has start and end, the cause and what is in the way."""
+
+
 @dataclass(frozen=True)
-class TargetCoverage:
+class TargetCoverage(Stored):
     """The coverage of an atom's target."""
 
-    needed: int
+    needed: Annotated[int, Field(ge=1)]
     """Number of cameras that must see it."""
-    required: tuple[Stretch, ...]
+    required: tuple[_Ends, ...]
     """When it must be observable."""
-    blind: Mapping[str, tuple[BlindSpan, ...]]
+    blind: Mapping[str, tuple[_Span, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
 
     def later(self, start: float) -> TargetCoverage:
@@ -184,10 +205,10 @@ class TargetCoverage:
 
 
 @dataclass(frozen=True)
-class Coverage:
+class Coverage(Stored):
     """The coverage of a candidate over time."""
 
-    primitives: Mapping[str, float]
+    primitives: Mapping[str, Annotated[Seconds, PlainSerializer(lambda end: round(end, 3))]]
     """When each ends, by name [s]."""
     targets: Mapping[str, TargetCoverage]
     """By atom."""

@@ -20,7 +20,16 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.waypoints import setting_value
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
-from sqrp_cli.skill.settings import ANY, DIRECT, FIRST_NUMBER, FIRST_SIDE, MotionValue, Reference, side_of
+from sqrp_cli.skill.settings import (
+    ANY,
+    DIRECT,
+    FIRST_NUMBER,
+    FIRST_SIDE,
+    NOTHING_SPECIAL,
+    MotionValue,
+    Reference,
+    side_of,
+)
 from sqrp_cli.skill.skill import HOME, GraspWaypoint, JointMove, PutWaypoint, Skill
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.task import Candidate, in_words
@@ -187,8 +196,6 @@ _UNSAID = ("no_flip", "up", "direct", "+z", "0")
 """Values that are so usual that only the others are said."""
 
 _SAID = {"flip": "flipped", "down": "elbow down", "home": "via home", "seen": "seen path"}
-
-NOTHING_SPECIAL = "as usual"
 
 
 def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[str, MotionValue]) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from sqrp_cli.files.json_file import json_document, json_name
-from sqrp_cli.score.baselines import baseline as baseline_file
+from sqrp_cli.score import baseline as baseline_file
 
 HUGE = 3 << 30
 DEEP = "[" * 100_000
@@ -142,7 +142,7 @@ def listening(answer: bytes) -> Iterator[int]:
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\1" + bytes(7), b"\xff" * 64], ids=repr)
 def test_a_listener_that_says_nothing_of_use_is_given_up_within_seconds(sqrp, watch, monkeypatch, answer):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("sqrp_cli.score.work.cluster.CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr("sqrp_cli.score.cluster.CONNECT_TIMEOUT", 1.0)
     with listening(answer) as port:
         before = time.monotonic()
         outcome = sqrp("score", watch, "--cluster", f"tcp://127.0.0.1:{port}")

@@ -273,13 +273,15 @@ def test_an_interrupted_comparison_does_not_say_that_all_is_well(sqrp, watch, ow
 
 
 @pytest.mark.usefixtures("ctrl_c_at")
-@pytest.mark.parametrize("where", ["compare_with", "write_junit", "write_scores"])
+@pytest.mark.parametrize(
+    "where",
+    ["score.comparison.compare_with", "score.ci_files.write_junit", "show.pages.candidate_page.write_scores"],
+)
 def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypatch, where):
     baseline = tmp_path / "baseline.json"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
 
-    module = "show.pages.candidate_page" if where == "write_scores" else "ask.api.scores"
-    monkeypatch.setattr(f"sqrp_cli.{module}.{where}", press_ctrl_c)
+    monkeypatch.setattr(f"sqrp_cli.{where}", press_ctrl_c)
     outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
     outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)
     assert outcome.code == 130
@@ -378,7 +380,7 @@ def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch)
 
 def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from sqrp_cli.score.work.results import Results\n"
+        "import sys; from pathlib import Path; from sqrp_cli.score.kept import Results\n"
         "results = Results(Path(sys.argv[1])); print('ready', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", program, str(tmp_path / "results")]
@@ -404,7 +406,7 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     ],
 )
 def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
-    from sqrp_cli.score.work import cluster
+    from sqrp_cli.score import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
     outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
@@ -483,7 +485,7 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
 
 
 def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch) -> None:
-    monkeypatch.setattr("sqrp_cli.score.work.compute.open_computer", None)
+    monkeypatch.setattr("sqrp_cli.score.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)
     assert outcome.code == 0
     assert outcome.out == "Nothing that matters differs in the workspace.\n\nNo task gets better or worse.\n"

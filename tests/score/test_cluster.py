@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.score.work.job import read_answers
-from sqrp_cli.score.work.results import Outcome
+from sqrp_cli.score.cluster import read_answer
+from sqrp_cli.score.kept import Outcome
 from sqrp_cli.study.result import CandidateResult
 
 ROOT = Path(__file__).parents[2]
@@ -22,9 +22,9 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 def test_a_scheduler_reads_tasks_without_loading_the_program():
     code = """
 import pickle, sys
-from sqrp_cli.score.work.cluster import run_packed
+from sqrp_cli.score.cluster import run_packed
 pickle.loads(pickle.dumps(run_packed))
-print(*({"numpy", "coal", "pinocchio", "sqrp_cli.score.work.job"} & set(sys.modules)))
+print(*({"numpy", "coal", "pinocchio", "sqrp_cli.score.compute"} & set(sys.modules)))
 """
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
 
@@ -34,8 +34,8 @@ import atexit, os, subprocess, sys, threading, time
 from pathlib import Path
 import distributed
 from sqrp_cli.errors import InputError
-from sqrp_cli.score.work import cluster
-from sqrp_cli.score.work.cluster import connected
+from sqrp_cli.score import cluster
+from sqrp_cli.score.cluster import connected
 
 class Evil:
     def __init__(self, mark):
@@ -197,22 +197,22 @@ def test_connections_are_encrypted_as_asked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("port", ["0", "-1", "65536", "9223372036854775808", "9" * 400])
 def test_a_port_that_no_machine_has_is_refused(port):
-    code = f"from sqrp_cli.score.work.cluster import connected\nwith connected('tcp://127.0.0.1:{port}', print): pass"
+    code = f"from sqrp_cli.score.cluster import connected\nwith connected('tcp://127.0.0.1:{port}', print): pass"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "no Dask scheduler answers at" in found.stderr
 
 
 @pytest.mark.parametrize(
-    "text", [None, b"[]", "", "{}", "[1]", "[[{}]]", '["a", "b"]', '[[{"code": 1}]]', "[" * 9000, "x" * 20_000_000]
+    "text", [None, b"[]", "", "{}", "[]", "[1]", "[[{}]]", '["a", "b"]', '[{"code": 1}]', "[" * 9000, "x" * 20_000_000]
 )
 def test_answers_that_are_none_are_refused(text: object) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 # pydantic's own is one of these
-        read_answers(text, 1)
+        read_answer(text)
 
 
 def test_figures_of_another_type_are_no_result() -> None:
     from sqrp_cli.cell.load import load_workspace
-    from sqrp_cli.score.work.results import as_line, from_line, plain_of
+    from sqrp_cli.score.kept import as_line, from_line, plain_of
     from sqrp_cli.task.task import read_task
 
     workspace = load_workspace(ROOT / "tests" / "cases" / "watch")
@@ -227,7 +227,7 @@ def test_figures_of_another_type_are_no_result() -> None:
 
 
 def test_a_lost_option_is_refused() -> None:
-    from sqrp_cli.score.work.cluster import connected
+    from sqrp_cli.score.cluster import connected
 
     with pytest.raises(InputError, match="--tls is about --cluster"), connected(None, print, (ROOT, ROOT, ROOT)):
         pass

@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.logic.formula_time import union_length
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.score.work.results import CoverageRecord, Outcome
+from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
 from sqrp_cli.study.quality import qualities_over
@@ -49,9 +49,9 @@ def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found
 
 
 def test_a_record_survives_being_written_and_read(cell, found):
-    record = CoverageRecord.of(coverage_of(cell, found))
-    assert CoverageRecord.of(record.coverage()) == record
-    outcome = Outcome(found.assessment("a verdict"), record.coverage())
+    record = COVERAGE.dump_python(coverage_of(cell, found), mode="json")
+    outcome = Outcome(found.assessment("a verdict"), COVERAGE.validate_python(record))
+    assert COVERAGE.dump_python(outcome.coverage, mode="json") == record
     again = Outcome.from_text(outcome.to_text(), found.candidate)
     assert (again.assessment.q_avg, again.assessment.faults) == (outcome.assessment.q_avg, outcome.assessment.faults)
     assert again.to_text() == outcome.to_text()

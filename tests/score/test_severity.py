@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.score.changes import Shift, WayChange
+from sqrp_cli.score.result import Shift, WayChange
 
 
 def test_the_severity_of_a_change_is_its_largest_worsening():

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.logic.formula_time import union_length
-from sqrp_cli.score.score import ScoredCell, read_cell, wanted_of
-from sqrp_cli.score.scorecard import Scorecard
-from sqrp_cli.score.scorecard import difference as changed
-from sqrp_cli.score.work.compute import Means, open_computer
-from sqrp_cli.score.work.results import Outcome
+from sqrp_cli.score.comparison import compare_versions
+from sqrp_cli.score.compute import Means, open_computer
+from sqrp_cli.score.kept import Outcome
+from sqrp_cli.score.result import Scorecard
+from sqrp_cli.score.score import ScoredCell, read_cell
 from sqrp_cli.study.blind_spans import difference
 from sqrp_cli.study.sampling import Adaptive
 
@@ -30,14 +30,14 @@ def narrow(degrees: int) -> ScoredCell:
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    first = wanted_of(narrow(24))[0]
+    first = narrow(24).wanted[0]
     with open_computer(Means(Adaptive())) as computer:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)
         assert best is not None
-        way = replace(first, candidate=best.assessment.way)
-        computer.compute([way], lambda _: None, coverage=True)
-        found = computer.outcome(way, coverage=True)
+        way = replace(first, candidate=best.assessment.way, coverage=True)
+        computer.compute([way], lambda _: None)
+        found = computer.outcome(way)
     assert found is not None
     return found
 
@@ -45,7 +45,7 @@ def outcome() -> Outcome:
 @pytest.fixture(scope="module")
 def compared() -> Scorecard:
     with open_computer(Means(Adaptive())) as computer:
-        return changed(narrow(24), narrow(16), computer, 1.0, lambda *_: nullcontext(lambda _: None))
+        return compare_versions(narrow(24), narrow(16), computer, 1.0, lambda *_: nullcontext(lambda _: None))
 
 
 def test_the_time_in_which_every_literal_of_every_step_is_covered_is_q_avg(outcome: Outcome) -> None:

@@ -15,12 +15,13 @@ from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
 from sqrp_cli.cell.workspace_file import read_again, replace_workspace
 from sqrp_cli.errors import InputError, bad_option
+from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.work.results import KeptSearches, Results
-from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, AdvisedFigures, KindOutcome
+from sqrp_cli.score.kept import KeptSearches, Results
+from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, KindOutcome
 from sqrp_cli.search.advise import Adviser
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal

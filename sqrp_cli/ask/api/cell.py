@@ -24,8 +24,8 @@ from sqrp_cli.records import dataclass
 if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.score.scorecard import Scorecard
-    from sqrp_cli.score.work.cluster import Cluster
+    from sqrp_cli.score.cluster import Cluster
+    from sqrp_cli.score.result import Scorecard
     from sqrp_cli.search.advice_result import AdviceDocument
     from sqrp_cli.search.placing_program import Watch
     from sqrp_cli.search.placing_result import PlaceDocument
@@ -153,9 +153,8 @@ def _doubts(cell: Cell) -> Iterator[Problem]:
 
 def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:
     """All tasks of the workspace."""
-    from sqrp_cli.score.score import read_cells
-    from sqrp_cli.score.scorecard import score_cells
-    from sqrp_cli.score.work.compute import open_computer
+    from sqrp_cli.score.compute import open_computer
+    from sqrp_cli.score.score import read_cells, score_cells
 
     with open_computer(ask.means(cell.seed)) as computer:
         return score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress)

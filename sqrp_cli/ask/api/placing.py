@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,14 @@ from sqrp_cli.cell.mounts import Mounts, place_file, read_mounts
 from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
-from sqrp_cli.score.work.looks import ClusterVerdicts, KeptVerdicts
-from sqrp_cli.score.work.results import Results
+from sqrp_cli.score.kept import Results
+from sqrp_cli.score.looks import seen_before, seen_by_cluster
 from sqrp_cli.search.goal import FewestPossible, Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import Watch, check_solver
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
-from sqrp_cli.search.sites import LocalVerdicts, Verdicts
+from sqrp_cli.search.sites import Verdicts, seen_locally
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.task.candidate import split_steps
 from sqrp_cli.task.task import read_task
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.requests import PlaceRequest
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.score.compute import Means
 
 
 def find_placement(
@@ -64,8 +65,13 @@ def find_placement(
         fastest=request.ways == "fastest",
     )
     with closing(Results(means.out)) as results:
-        asked = replace(question, verdicts=_verdicts(cell, means, results))
+        verdicts: Verdicts = partial(seen_locally, cell, means.jobs)
+        if means.cluster is not None:
+            verdicts = partial(seen_by_cluster, means.cluster, workspace, cell.seed)
+        if results.folder is not None:
+            verdicts = partial(seen_before, results, workspace, cell.seed, verdicts)
         seconds = inf if request.time is None else request.time
+        asked = replace(question, verdicts=verdicts)
         placer = CameraPlacer(asked, request.progress, watch, seconds=seconds, gap=0.01 * request.gap)
         found = placer.place()
     file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
@@ -74,14 +80,6 @@ def find_placement(
     places = [(one.camera, one.place.lens.image, one.place.view) for one in found.cameras]
     patched = with_cameras(file, keep, [NewCamera(camera, image, view.at, view.up) for camera, image, view in places])
     return replace(found, file=file, content=patched, patch=patch(file, patched))
-
-
-def _verdicts(cell: Cell, means: Means, results: Results) -> Verdicts:
-    """Who judges views: processes of this computer or of others, or a run before."""
-    judged: Verdicts = LocalVerdicts(cell, means.jobs)
-    if means.cluster is not None:
-        judged = ClusterVerdicts(means.cluster, cell.workspace, cell.seed)
-    return judged if results.folder is None else KeptVerdicts(results, cell.workspace, cell.seed, judged)
 
 
 def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPossible | None:

@@ -27,9 +27,9 @@ KINDS: Mapping[str, str] = {
     "run --sweep": "sqrp_cli.run.record.report:SweepDocument",
     "audit": "sqrp_cli.field.audit.report:AuditDocument",
     "calibrate": "sqrp_cli.field.calibrating.fit:CalibrateDocument",
-    "score": "sqrp_cli.score.scorecard:Scorecard",
-    "diff": "sqrp_cli.score.scorecard:Scorecard",
-    "score --vary": "sqrp_cli.score.sweep:Sweep",
+    "score": "sqrp_cli.score.result:Scorecard",
+    "diff": "sqrp_cli.score.result:Scorecard",
+    "score --vary": "sqrp_cli.score.result:Sweep",
     "show": "sqrp_cli.show.documents.scene:ShowDocument",
     "init": "sqrp_cli.show.documents.scene:NewCell",
 }

@@ -6,17 +6,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqrp_cli.checks.formulas import intervals_outside
 from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read
 from sqrp_cli.platform.memory import keep_all_so_far
+from sqrp_cli.platform.processes import Progress
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.baselines.baseline import baseline_of, save_baseline
-from sqrp_cli.score.ci_files import write_junit, write_summary
-from sqrp_cli.score.score import ScoredCell, find_workspaces, read_cells, wanted_of
-from sqrp_cli.score.scorecard import CoverageLookup, Expected, Progress, Scorecard, compare_with, score_cells
-from sqrp_cli.score.work.compute import Computer, Means, open_computer
+from sqrp_cli.score.compute import Computer, Means, open_computer
+from sqrp_cli.score.result import Scorecard
+from sqrp_cli.score.score import ScoredCell, find_workspaces, read_cells, score_cells
+
+if TYPE_CHECKING:
+    from sqrp_cli.score.baseline import Baseline
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,39 +59,43 @@ class ScoreRun:
     def doubts(self) -> Iterator[Problem]:
         """Warnings about formulas with intervals outside the motion; valid after `score`."""
         for cell in self.cells:
-            outcomes = filter(None, map(self.computer.outcome, wanted_of(cell)))
+            outcomes = filter(None, map(self.computer.outcome, cell.wanted))
             yield from intervals_outside(outcome.assessment for outcome in outcomes)
 
     def count(self, *, interrupted: bool) -> str:
         """How many candidates were computed, failed, or were known."""
-        total = sum(len(wanted_of(cell)) for cell in self.cells)
+        total = sum(len(cell.wanted) for cell in self.cells)
         computed, failed = self.computer.computed, self.computer.failed
         parts = [f"{computed} of {total} candidates were computed"]
         parts += [f"{failed} could not be"] if failed else []
         parts += ["the others were known"] if not interrupted and computed + failed < total else []
         return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
-    def compare(self, findings: Scorecard, expected: Expected) -> Scorecard:
-        """The findings compared with a baseline; at Ctrl-C without."""
+    def compare(self, findings: Scorecard, baseline: Baseline, allowance: float, *, may_vanish: bool) -> Scorecard:
+        """The findings compared with a baseline, see `compare_with`; at Ctrl-C without."""
+        from sqrp_cli.score.comparison import compare_with
+
+        about = (self.cells, self.computer, self.progress)
         try:
-            return compare_with(findings, self.cells, expected, self._lookup, self.progress)
+            return compare_with(baseline, findings, *about, allowance=allowance, may_vanish=may_vanish)
         except KeyboardInterrupt:
             return replace(findings, interrupted=True, unfinished=0)
 
     def write(self, findings: Scorecard, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
         """Write the requested files. Raises InputError for one that cannot be written."""
+        from sqrp_cli.score.ci_files import write_junit, write_summary
+
         if junit is not None:
             write_junit(findings, junit)
         if summary is not None:
             write_summary(findings, summary)
         if baseline is not None:
-            scores = findings.results
-            self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], self.progress)
-            save_baseline(baseline_of(self.cells, scores, self._lookup, self.computer.sampling), baseline)
+            from sqrp_cli.score.baseline import Baseline
+            from sqrp_cli.score.comparison import look_up
 
-    @property
-    def _lookup(self) -> CoverageLookup:
-        return CoverageLookup(self.cells, self.computer)
+            scores = findings.results
+            look_up(((score, way) for score in scores for way in score.ways.values()), self.computer, self.progress)
+            Baseline.of(self.cells, scores, self.computer).save(baseline)
 
 
 def nothing_scored(*found: Scorecard) -> bool:

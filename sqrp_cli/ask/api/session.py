@@ -31,7 +31,7 @@ from sqrp_cli.task.task import Task, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import RankRequest, TaskRequest
-    from sqrp_cli.score.scorecard import Progress
+    from sqrp_cli.platform.processes import Progress
     from sqrp_cli.search.suggestion import SuggestedStep
 
 

@@ -17,8 +17,9 @@ from sqrp_cli.errors import ExitCode, InputError, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
 
 if TYPE_CHECKING:
-    from sqrp_cli.score.scorecard import Expected, Scorecard
-    from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.score.baseline import Baseline
+    from sqrp_cli.score.compute import Means
+    from sqrp_cli.score.result import Scorecard
 
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
@@ -81,7 +82,7 @@ class _Score(
 @command("score", _Score)
 def score(ask: _Score) -> ExitCode:
     """Score all, or variants of one, once the options agree and the outputs can be written."""
-    from sqrp_cli.score.work.cluster import connected
+    from sqrp_cli.score.cluster import connected
 
     if ask.watch:
         return watched({"--json": ask.json, "--vary": ask.vary, "--save-baseline": ask.save_baseline})
@@ -101,16 +102,16 @@ def score(ask: _Score) -> ExitCode:
         means = ask.means(ask.seed, workers)
         if ask.vary:
             return _vary(ask, means)
-        from sqrp_cli.score.baselines.baseline import load_baseline
-        from sqrp_cli.score.scorecard import Expected
-
         check_not_read(ask.outputs.values(), [ask.baseline])
-        known = None if ask.baseline is None else load_baseline(ask.baseline, means.sampling)
-        expected = None if known is None else Expected(known, ask.allow, may_vanish=ask.allow_missing)
-        return _score(ask, expected, means)
+        known = None
+        if ask.baseline is not None:
+            from sqrp_cli.score.baseline import Baseline
+
+            known = Baseline.load(ask.baseline, means.sampling)
+        return _score(ask, known, means)
 
 
-def _score(ask: _Score, expected: Expected | None, means: Means) -> ExitCode:
+def _score(ask: _Score, baseline: Baseline | None, means: Means) -> ExitCode:
     """Score all, compare with the baseline, write the requested files and print.
 
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
@@ -129,8 +130,8 @@ def _score(ask: _Score, expected: Expected | None, means: Means) -> ExitCode:
             findings = run.score()
             print_problems(run.doubts)
             note(run.count(interrupted=bool(findings.interrupted)))
-            if expected is not None and not findings.interrupted:
-                findings = run.compare(findings, expected)
+            if baseline is not None and not findings.interrupted:
+                findings = run.compare(findings, baseline, ask.allow, may_vanish=ask.allow_missing)
                 if findings.interrupted:
                     note("interrupted before everything was compared with the baseline")
             if not findings.interrupted:
@@ -167,9 +168,9 @@ def _vary(ask: _Score, means: Means) -> ExitCode:
     """Score variants, print them and write the best as a patch."""
     from sqrp_cli.ask.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
-    from sqrp_cli.score.score import find_workspaces, short_names, wanted_of
-    from sqrp_cli.score.sweep import grid_shape, read_variants, read_variation, sweep, variants
-    from sqrp_cli.score.work.compute import open_computer
+    from sqrp_cli.score.compute import open_computer
+    from sqrp_cli.score.score import find_workspaces, short_names
+    from sqrp_cli.score.sweep import read_variants, read_variation, sweep, variants
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     variations = [read_variation(text) for text in ask.vary]
@@ -184,8 +185,9 @@ def _vary(ask: _Score, means: Means) -> ExitCode:
     with progress("Reading variants", len(drawn) + 1) as advance:
         document, read = read_variants(files[0], drawn, advance)
     with open_computer(means) as computer:
-        found = sweep(document, read, grid_shape(variations, ask.draws), computer, progress)
-        wants = [want for variant in read for want in wanted_of(variant.cell)]
+        shape = None if ask.draws is not None else tuple(variation.count or 1 for variation in variations)
+        found = sweep(document, read, shape, computer, progress)
+        wants = [want for variant in read for want in variant.cell.wanted]
         assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
@@ -217,21 +219,23 @@ class _Diff(requests.ScoreRequest, requests.Clustered, requests.Seeded, requests
 @command("diff", _Diff)
 def diff(ask: _Diff) -> ExitCode:
     """Compare, and print what differs."""
-    from sqrp_cli.score.work.cluster import connected
+    from sqrp_cli.score.cluster import connected
 
     with connected(ask.cluster, note_late, ask.tls) as workers:
         from sqrp_cli.ask.api.scores import why_not_scored
-        from sqrp_cli.score.scorecard import Scorecard, difference, read_versions
-        from sqrp_cli.score.work.compute import open_computer
+        from sqrp_cli.score.comparison import compare_versions, read_version
+        from sqrp_cli.score.compute import open_computer
+        from sqrp_cli.score.result import Scorecard
         from sqrp_cli.show.terminal.console import progress
 
         means = ask.means(ask.seed, workers)
-        old, new = read_versions(ask.before, ask.after)
-        if not ask.json and old.content == new.content:  # nothing can differ, not even what is computed
+        old, new = read_version(ask.before), read_version(ask.after)
+        same = old.workspace and new.workspace and old.workspace.file_digest == new.workspace.file_digest
+        if not ask.json and same:  # nothing can differ, not even what is computed
             findings = Scorecard(document="diff", results=())
         else:
             with open_computer(means) as computer:
-                findings = difference(old, new, computer, ask.allow, progress)
+                findings = compare_versions(old, new, computer, ask.allow, progress)
         if findings.count("error"):
             raise InputError(*why_not_scored(findings))
         answer(findings, as_json=ask.json)

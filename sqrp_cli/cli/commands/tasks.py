@@ -390,7 +390,7 @@ class _Place(
 @command("place", _Place)
 def place(ask: _Place) -> ExitCode:
     """Search, write what is to be written, and print."""
-    from sqrp_cli.score.work.cluster import connected
+    from sqrp_cli.score.cluster import connected
     from sqrp_cli.show.terminal.console import note, progress
     from sqrp_cli.show.terminal.search_tables import Bounds
 

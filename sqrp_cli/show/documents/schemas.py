@@ -24,8 +24,7 @@ from sqrp_cli.files.entries import Entry
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import RunReport, SweepDocument
-from sqrp_cli.score.scorecard import Scorecard
-from sqrp_cli.score.sweep import Sweep
+from sqrp_cli.score.result import Scorecard, Sweep
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.placing_result import PlaceDocument
 from sqrp_cli.show.documents.checks import Check, RulesDocument

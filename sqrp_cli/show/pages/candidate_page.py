@@ -27,9 +27,10 @@ from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
-    from sqrp_cli.score.score import ScoredCell, TaskScore
-    from sqrp_cli.score.scorecard import Progress, Scorecard
-    from sqrp_cli.score.work.compute import Means
+    from sqrp_cli.platform.processes import Progress
+    from sqrp_cli.score.compute import Means
+    from sqrp_cli.score.result import Scorecard, TaskScore
+    from sqrp_cli.score.score import ScoredCell
 
 
 Item = TypeVar("Item")

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sqrp_cli.score.scorecard import Progress
+from sqrp_cli.platform.processes import Progress
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument

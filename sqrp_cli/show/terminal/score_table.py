@@ -5,9 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 
-from sqrp_cli.score.score import TaskScore
-from sqrp_cli.score.scorecard import Scorecard, listed
-from sqrp_cli.score.sweep import Sweep
+from sqrp_cli.score.result import Scorecard, Sweep, TaskScore, listed
 from sqrp_cli.show.terminal.console import (
     Column,
     Styled,
@@ -95,7 +93,8 @@ def print_difference(findings: Scorecard) -> None:
     ways = [(result, change) for result in findings.results if result.baseline for change in result.baseline.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
     for result, way in ways:
-        mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if way.better else ("worse ", "red")
+        mixed = any(not shift.worse for shift in way.shifts)
+        mark = ("better", "green") if not way.worse else ("mixed ", "yellow") if mixed else ("worse ", "red")
         say(joined(["  ", mark, f"  {result.task} for {way}"]), indent=10)
     for result in findings.results:
         if result.baseline and result.baseline.verdict == "new":

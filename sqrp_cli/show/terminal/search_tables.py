@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import groupby
 from time import monotonic
 
-from sqrp_cli.search.advice_result import AdviceDocument, AdvisedFigures
+from sqrp_cli.figures import AdvisedFigures
+from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, Goal, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
 from sqrp_cli.show.sentences import KIND_WORDS

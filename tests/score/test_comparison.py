@@ -8,16 +8,17 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from pydantic import TypeAdapter
 
-from sqrp_cli.score.baselines.baseline import WayRecord
-from sqrp_cli.score.changes import LostView, Shift, WayChange
+from sqrp_cli.score.baseline import WayRecord
+from sqrp_cli.score.comparison import compare_versions
+from sqrp_cli.score.compute import Means, open_computer
+from sqrp_cli.score.result import LostView, Shift, WayChange
 from sqrp_cli.score.score import ScoredCell, read_cell
-from sqrp_cli.score.scorecard import difference
-from sqrp_cli.score.work.compute import Means, open_computer
 from sqrp_cli.show.terminal.score_table import print_difference
 from sqrp_cli.study.sampling import Adaptive
 
-TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop" / "workspace.yaml"
+TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"
 SLOWER = Shift("delay", 0.69, 0.71, worse=True)
 SEES_MORE = Shift("q_avg", 0.881, 0.888, worse=False)
 
@@ -48,7 +49,7 @@ def test_the_same_way_and_one_that_an_old_baseline_does_not_name_are_no_other(be
 
 
 def test_a_way_of_an_old_baseline_is_read():
-    assert WayRecord.model_validate({"candidate": "g4", "feasible": True}).choice is None
+    assert TypeAdapter(WayRecord).validate_python({"candidate": "g4", "feasible": True}).choice is None
 
 
 @pytest.mark.parametrize(("start", "end", "said"), [(5.002, 5.016, "5.002 s to 5.016 s"), (1.0, 2.5, "1.0 s to 2.5 s")])
@@ -66,7 +67,7 @@ def with_camera_at(height: str) -> ScoredCell:
 
 def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
     with open_computer(Means(Adaptive())) as computer:
-        found = difference(
+        found = compare_versions(
             with_camera_at("1.404"), with_camera_at("1.504"), computer, 0.5, lambda *_: nullcontext(lambda _: None)
         )
     (result,) = found.results

@@ -1,34 +1,42 @@
-"""Jobs on a Dask cluster: the connection to it, its workers, and their tasks.
+"""Jobs on a Dask cluster: the connection to it, its workers, and what travels.
 
 The only module that imports Dask. The scheduler of a cluster also imports the modules of every task, and blocks
 meanwhile: so this module imports nothing that computes; workers do. Workers run what we send; of what they answer,
-nothing runs here, see `_distrust`.
+nothing runs here, see `_distrust`. Machines that do not share our disk get the content of a workspace's files, named by
+its digest.
 """
 
 from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import hashlib
 import io
 import logging
+import os
 import pickle
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, needed
 from sqrp_cli.files.input_file import LARGEST, read_input, read_text
 from sqrp_cli.files.json_file import parse_json
+from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
-    from sqrp_cli.score.work.job import Answer, Job
+    from pydantic import TypeAdapter
+
+    from sqrp_cli.score.compute import Answer, Job
 
 CONNECT_TIMEOUT = 5.0
 """How long to wait for the scheduler, first for its greeting, then for the connection [s]."""
@@ -36,7 +44,7 @@ CONNECT_TIMEOUT = 5.0
 LOOKS = 5.0
 """Period of checking for workers [s]."""
 
-MAX_BYTES = 1_000_000
+MOST_BYTES = 1_000_000
 """Largest scheduler file that is read."""
 
 _MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
@@ -55,10 +63,8 @@ class Cluster:
     workers: tuple[str, ...]
     """Their addresses."""
 
-    def answers(
-        self, jobs: Sequence[Job], enough: Callable[[], bool] = lambda: False
-    ) -> Iterator[tuple[int, Sequence[Answer]]]:
-        """The answers to each job, by number, as they come; none of those that are not done once it is enough.
+    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
+        """The answer to each job, by number, as they come; none of those that are not done once it is enough.
 
         Files travel once to each worker that needs them: each is the result of its own task, which Dask passes from
         worker to worker and repeats if a worker died. What a worker answers is read as JSON, and nothing else. Raises
@@ -66,16 +72,14 @@ class Cluster:
         """
         from distributed import as_completed
 
-        from sqrp_cli.score.work.identity import program_digest
-        from sqrp_cli.score.work.job import read_answers
+        from sqrp_cli.score.kept import program_digest
 
         number: dict[Any, int] = {}
         for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
             indices = list(group)
-            files = jobs[indices[0]].workspace.files.items()
             contents = {
                 digest: self.client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
-                for path, digest in files
+                for path, digest in jobs[indices[0]].workspace.files.items()
             }
             packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
             told = {"program": program_digest(), "contents": contents, "pure": False}
@@ -86,10 +90,11 @@ class Cluster:
                 message = "the connection to the cluster is lost; what is finished is kept where --out was given"
                 raise bad_input("no-cluster", message, mend="run the same command again, with --out and --resume")
             try:
-                yield index, read_answers(future.result(), len(jobs[index].candidates))
+                yield index, read_answer(future.result())
             except Exception:  # whatever a worker answers with
-                why = f"a worker of the cluster has died of {jobs[index].told}, or answered with what is no result"
-                yield index, [(Problem("worker-died", why),)] * len(jobs[index].candidates)
+                name = jobs[index].candidate.name
+                why = f"a worker of the cluster has died of {name}, or answered with what is no result"
+                yield index, (Problem("worker-died", why),)
             if enough():
                 self.client.cancel(list(number))
                 return
@@ -126,23 +131,79 @@ def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None 
 
 
 async def prepare_worker() -> None:
-    """Load the program, see `job.prepare`, while the worker goes on serving others."""
+    """Load the program while the worker goes on serving others."""
     import asyncio  # every worker has it, and a run without a cluster need not load it
 
-    await asyncio.to_thread(_prepare)
+    await asyncio.to_thread(prepare)
 
 
-def _prepare() -> None:
-    from sqrp_cli.score.work.job import prepare
+@cache
+def prepare() -> None:
+    """Load the program, and tune the memory management of this process."""
+    import sqrp_cli.score.compute  # noqa: F401
+    from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
+    from sqrp_cli.score.kept import program_digest
 
+    keep_freed_memory()
+    collect_seldom()
+    program_digest()
+
+
+def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> str:
+    """Do a job that arrives as bytes from a machine with another disk; the answer as JSON, see `read_answer`.
+
+    program: digest of the program that sent it. contents: of the workspace's files, by their digests.
+    """
+    from sqrp_cli.score.compute import run_job
+    from sqrp_cli.score.kept import program_digest
+
+    if program != program_digest():
+        message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
+        wrong = Problem("version-mismatch", message, mend="install the same versions on every worker")
+        return _answers().dump_json((wrong,)).decode()
     prepare()
+    job: Job = pickle.loads(packed)  # noqa: S301 # of the same program, from one whom the worker's owner trusts
+    folder, places = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}", dict[Path, Path]()
+    folder.mkdir(mode=0o700, exist_ok=True)
+    for path, digest in job.workspace.files.items():
+        places[path] = place = folder / f"{digest}{path.suffix}"
+        if place not in _checked:
+            if not place.is_file() or hashlib.sha256(place.read_bytes()).hexdigest() != digest:
+                write_atomically(place, contents[digest])
+            _checked.add(place)
+    answer = run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
+    if not isinstance(answer, str):
+        answer = tuple(map(partial(_as_sent, {place: path for path, place in places.items()}), answer))
+    return _answers().dump_json(answer).decode()
 
 
-def run_packed(job: bytes, program: str, contents: Mapping[str, bytes]) -> str:
-    """Do a job that arrives as bytes, see `job.run_shipped`; the answers as JSON."""
-    from sqrp_cli.score.work.job import run_shipped
+_checked: set[Path] = set()
+"""Files whose content this process has verified."""
 
-    return run_shipped(job, program, contents)
+
+def _as_sent(originals: Mapping[Path, Path], problem: Problem) -> Problem:
+    """A problem with the files' names on the sender's machine."""
+    message, place = problem.message, problem.place
+    for local, original in originals.items():
+        message = message.replace(str(local), str(original))
+    place = place and replace(place, file=originals.get(place.file, place.file))
+    return replace(problem, message=message, place=place)
+
+
+def read_answer(text: object) -> Answer:
+    """What `run_packed` answers. Raises ValueError for anything else, from wherever it comes."""
+    from sqrp_cli.score.kept import MAX_BYTES
+
+    if not isinstance(text, str) or len(text) > MAX_BYTES:
+        raise ValueError("no text, or far too much")
+    return _answers().validate_json(text, strict=True)
+
+
+@cache
+def _answers() -> TypeAdapter[Answer]:
+    from pydantic import Field, TypeAdapter
+
+    return TypeAdapter(str | Annotated[tuple[Problem, ...], Field(min_length=1)])
 
 
 def _watch(client: Any, warn: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
@@ -165,7 +226,12 @@ def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of
         logging.getLogger(name).setLevel(logging.CRITICAL)
     _distrust()
     try:
-        security = distributed.Security() if tls is None else _security(tls)
+        security = distributed.Security()
+        if tls is not None:
+            for file in tls:
+                read_text(file, MOST_BYTES)  # says which cannot be read
+            names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+            security = distributed.Security(require_encryption=True, **dict(zip(names, map(str, tls), strict=True)))
         # The address of a scheduler, read from its file if a file is given.
         from distributed.comm import parse_address, parse_host_port
         from distributed.comm.registry import get_backend
@@ -184,15 +250,6 @@ def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of
     except (OSError, ValueError, TypeError, LookupError, RuntimeError) as error:
         why = str(error) or f"nothing was said within {CONNECT_TIMEOUT:g} s"
         raise InputError(_no_cluster(cluster, why)) from error
-
-
-def _security(tls: Tls) -> Any:  # noqa: ANN401 # of Dask's
-    from distributed import Security
-
-    for file in tls:
-        read_text(file, MAX_BYTES)  # says which cannot be read
-    names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
-    return Security(require_encryption=True, **dict(zip(names, map(str, tls), strict=True)))
 
 
 class _PlainUnpickler(pickle.Unpickler):
@@ -238,7 +295,7 @@ async def _greeted(address: str, security: Any) -> None:  # noqa: ANN401 # of Da
 
 def _address_in(path: Path) -> str:
     """The address in a scheduler file. Raises InputError, with file and line, for any other file."""
-    data = parse_json(path, read_text(path, MAX_BYTES))
+    data = parse_json(path, read_text(path, MOST_BYTES))
     address = data.get("address") if isinstance(data, dict) else None
     if not isinstance(address, str):
         message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"

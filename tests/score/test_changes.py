@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.score.baselines.baseline import baseline_of
+from sqrp_cli.score.baseline import Baseline
 from sqrp_cli.score.changes import workspace_changes
-from sqrp_cli.score.score import read_cell
-from sqrp_cli.score.work.identity import content_digest
+from sqrp_cli.score.compute import Means, open_computer
+from sqrp_cli.score.score import content_digest, read_cell
 from sqrp_cli.study.sampling import Adaptive
 
-CELL = Path(__file__).parents[2] / "cases" / "cell"
+CELL = Path(__file__).parents[1] / "cases" / "cell"
 
 
 @pytest.fixture
@@ -24,7 +24,8 @@ def own_cell(tmp_path: Path) -> Path:
 
 def changes(cell: Path) -> list[str]:
     """What changed in a copy of the cell."""
-    before = baseline_of([read_cell(CELL / "workspace.yaml", "cell")], [], lambda *_: None, Adaptive())
+    with open_computer(Means(Adaptive())) as computer:
+        before = Baseline.of([read_cell(CELL / "workspace.yaml", "cell")], [], computer)
     record = before.workspaces["cell"]
     found = workspace_changes(record.digest, record.files, before.fields, load_workspace(cell))
     same = content_digest(load_workspace(cell), "pickup") == content_digest(load_workspace(CELL), "pickup")

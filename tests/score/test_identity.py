@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import sqrp_cli
-from sqrp_cli.score.work.identity import code_digest
+from sqrp_cli.score.kept import code_digest
 
 PACKAGE = Path(sqrp_cli.__file__).parent
 CODE = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*") if path.suffix == ".py")
@@ -30,7 +30,7 @@ def test_a_change_of_any_file_is_another_program(package: Path, file: Path) -> N
 
 
 def test_a_folder_with_another_name_is_digested_like_every_other(package: Path) -> None:
-    moved = (package / "motion").rename(package / "planning")
+    moved = (package / "study").rename(package / "planning")
     renamed = code_digest(package)
     assert renamed != code_digest(PACKAGE)
     (moved / "quality.py").write_text("")

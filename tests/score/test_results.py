@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.score.work.results import Outcome, Results
+from sqrp_cli.score.kept import Outcome, Results
 from sqrp_cli.study.pipeline import Assignment
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task

@@ -1,6 +1,7 @@
-"""Kept results: figures and coverage of computed candidates, in a folder from which a run can resume.
+"""Kept results: outcomes of candidates and of searches, in a folder from which a run can resume, by their keys.
 
-They are lines of JSON, the same for the same figures; damage and edits are noticed.
+They are lines of JSON, the same for the same figures; damage and edits are noticed. A key is the digest of everything
+that an outcome depends on.
 """
 
 from __future__ import annotations
@@ -8,62 +9,89 @@ from __future__ import annotations
 import base64
 import errno
 import hashlib
+import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
+from importlib import metadata, resources
 from math import isfinite
 from pathlib import Path
 from types import UnionType
-from typing import IO, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import IO, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, TypeAdapter
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.errors import InputError, Place, bad_input
-from sqrp_cli.figures import FaultMetrics, Qualities
-from sqrp_cli.files.entries import Entry
+from sqrp_cli.figures import AdvisedFigures, FaultMetrics, Qualities
 from sqrp_cli.files.input_file import read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.geometry import read_only
-from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.work.identity import digest_of, program_digest
-from sqrp_cli.search.advice_result import (
-    AdviceFound,
-    AdvisedFigures,
-    ChangedCandidate,
-    KindOutcome,
-    Margin,
-    NearestChange,
-    TaskEffect,
-)
+from sqrp_cli.search import advice_result as advice
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Kind
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.shown import json_line
-from sqrp_cli.sight.limits import Cause, CauseLabel
 from sqrp_cli.skill.skill import Skill
-from sqrp_cli.study.blind_spans import BlindSpan, Coverage, TargetCoverage
+from sqrp_cli.study.blind_spans import Coverage
 from sqrp_cli.study.result import BlindEnd, CandidateResult, WayFigures, WaysFound
 from sqrp_cli.task.candidate import THEN, whole_skill
 from sqrp_cli.task.task import Candidate
+from sqrp_cli.version import __version__
+
+MAX_BYTES = 10_000_000
+"""Largest outcome that is read; an hour's motion takes less than a megabyte."""
+
+_LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")
+"""Libraries that figures depend on."""
 
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(AdvisedFigures, AdviceFound, Aim, BlindEnd, Camera, Candidate, CandidateResult, ChangedCandidate),
-        *(FaultMetrics, KindOutcome, Margin, NearestChange, ProposedChange, Qualities, TaskEffect, WayFigures),
-        WaysFound,
+        *(AdvisedFigures, Aim, BlindEnd, Camera, Candidate, CandidateResult, FaultMetrics, ProposedChange, Qualities),
+        *(advice.AdviceFound, advice.ChangedCandidate, advice.KindOutcome, advice.Margin, advice.NearestChange),
+        *(advice.TaskEffect, WayFigures, WaysFound),
     )
 }
 """What lines are made of; one that names anything else is none of ours."""
 
 _TAG = "@"
 """Key of what a JSON object stands for, where it is no mapping."""
+
+
+@cache
+def program_digest() -> str:
+    """Digest of the code and the libraries that compute: results of different ones are never mixed."""
+    hashed = hashlib.sha256(__version__.encode())
+    hashed.update(code_digest(Path(str(resources.files("sqrp_cli")))).encode())
+    for library in _LIBRARIES:
+        try:
+            version = metadata.version(library)
+        except metadata.PackageNotFoundError:
+            version = "none"
+        hashed.update(f"{library} {version}\n".encode())
+    return hashed.hexdigest()
+
+
+def code_digest(root: Path) -> str:
+    """Digest of all code and grammars of a package, however its folders are named.
+
+    Code that only prints counts too: a list of what figures depend on would go stale.
+    """
+    hashed = hashlib.sha256()
+    for file in sorted(path for path in root.rglob("*") if path.suffix == ".py"):
+        hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return hashed.hexdigest()
+
+
+def key_of(*about: object) -> str:
+    """The key of what depends on some JSON values, and on the program."""
+    return hashlib.sha256(json.dumps([program_digest(), *about], ensure_ascii=True).encode()).hexdigest()
 
 
 def as_line(value: object) -> str:
@@ -124,9 +152,7 @@ def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a v
         case "array":
             return read_only(entries["of"])
         case "mask":
-            text = entries["of"]
-            shape = tuple(entries["shape"])
-            bits = np.frombuffer(base64.b64decode(text), dtype=np.uint8)
+            shape, bits = tuple(entries["shape"]), np.frombuffer(base64.b64decode(entries["of"]), dtype=np.uint8)
             return np.unpackbits(bits, count=int(np.prod(shape))).astype(bool).reshape(shape)
         case "float":
             return float(entries["of"])
@@ -141,9 +167,7 @@ def _read(value: Any, skills: Mapping[str, Skill]) -> Any:  # noqa: ANN401 # a v
             return record(**entries)
 
 
-@cache
-def _hints(record: type) -> Mapping[str, Any]:
-    return get_type_hints(record)
+_hints = cache(get_type_hints)
 
 
 def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type of any kind
@@ -168,16 +192,11 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type o
     return isinstance(value, of or hint) and (hint is bool or not isinstance(value, bool))
 
 
-LOCK = ".lock"
-
-MAX_BYTES = 10_000_000
-"""Largest outcome that is read; an hour's motion takes less than a megabyte."""
-
-_NOT_KEPT = "results cannot be kept in this folder"
+COVERAGE: TypeAdapter[Coverage | None] = TypeAdapter(Coverage | None, config=ConfigDict(defer_build=True))
+"""Reads a coverage from plain values, and writes it as those."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(NamedTuple):
     """A computed candidate."""
 
     assessment: CandidateResult
@@ -186,86 +205,17 @@ class Outcome:
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
-        return as_line((self.assessment, self.coverage and CoverageRecord.of(self.coverage).model_dump(mode="json")))
+        return as_line((self.assessment, COVERAGE.dump_python(self.coverage, mode="json")))
 
-    @staticmethod
-    def from_text(text: str, candidate: Candidate) -> Outcome:
+    @classmethod
+    def from_text(cls, text: str, candidate: Candidate) -> Outcome:
         """Reads what `to_text` wrote. Raises ValueError for any other text."""
         assessment, numbers = from_line(text, [step.skill for step in (candidate, *candidate.steps)])
-        coverage = None if numbers is None else CoverageRecord.model_validate(numbers).coverage()
-        return Outcome(replace(assessment, candidate=candidate), coverage)
-
-
-Seconds = Annotated[float, Field(ge=0)]
-
-
-class _TargetRecord(Entry):
-    """A `TargetCoverage`."""
-
-    needed: Annotated[int, Field(ge=1)]
-    required: tuple[tuple[Seconds, Seconds], ...]
-    """Start and end of each stretch [s]."""
-    blind: dict[str, tuple[tuple[Seconds, Seconds, CauseLabel, str | None], ...]]
-    """By camera: start and end of each stretch that it does not see [s], why, and what is in the way."""
-
-
-class CoverageRecord(Entry):
-    """A coverage in plain lists and numbers, times to 1 ms."""
-
-    primitives: dict[str, Seconds]
-    targets: dict[str, _TargetRecord]
-
-    @staticmethod
-    def of(coverage: Coverage) -> CoverageRecord:
-        """The record of a coverage."""
-        return CoverageRecord(
-            primitives={name: _rounded(end) for name, end in coverage.primitives.items()},
-            targets={atom: _target_record(target) for atom, target in coverage.targets.items()},
-        )
-
-    def coverage(self) -> Coverage:
-        """The coverage of this record."""
-        return Coverage(
-            dict(self.primitives),
-            {
-                atom: TargetCoverage(
-                    target.needed,
-                    tuple(Stretch(start, end) for start, end in target.required),
-                    {
-                        camera: tuple(
-                            BlindSpan(Stretch(start, end), Cause[label.upper()], by) for start, end, label, by in spans
-                        )
-                        for camera, spans in target.blind.items()
-                    },
-                )
-                for atom, target in self.targets.items()
-            },
-        )
-
-
-def _target_record(target: TargetCoverage) -> _TargetRecord:
-    return _TargetRecord.model_validate(
-        {
-            "needed": target.needed,
-            "required": [_ends(stretch) for stretch in target.required],
-            "blind": {
-                camera: [(*_ends(span.stretch), span.cause.label, span.by) for span in spans]
-                for camera, spans in target.blind.items()
-            },
-        }
-    )
-
-
-def _ends(stretch: Stretch) -> tuple[float, float]:
-    return _rounded(stretch.start), _rounded(stretch.end)
-
-
-def _rounded(t: float) -> float:
-    return round(t, 3)
+        return cls(replace(assessment, candidate=candidate), COVERAGE.validate_python(numbers))
 
 
 class Results:
-    """Outcomes by key; see `identity.candidate_key`.
+    """Outcomes as text by their keys.
 
     With a folder each is a file of its own there, named by its key and written whole or not at all: if a run is killed,
     the next one finds what is finished.
@@ -278,17 +228,16 @@ class Results:
         self._lock: IO[str] | None = None
         if folder is not None:
             make_folder(folder)
-            with naming(folder, _NOT_KEPT):
+            with naming(folder, "results cannot be kept in this folder"):
                 self._lock = _locked(folder)
             for leftover in folder.glob("*/.*.json.*"):  # of a run that was killed as it wrote
                 leftover.unlink()
 
     def get(self, key: str) -> str | None:
-        """What is kept under a key, if anything."""
+        """What is kept under a key, if anything; the reader checks for damage."""
         if key not in self._texts and self.folder is not None:
-            path = self._path(self.folder, key)
+            path = self.folder / key[:2] / f"{key}.json"
             if path.is_file():
-                # The reader checks for damage.
                 with suppress(InputError):
                     self._texts[key] = read_text(path, MAX_BYTES)
         return self._texts.get(key)
@@ -296,69 +245,30 @@ class Results:
     def keep(self, key: str, text: str) -> None:
         """Keep an outcome. Raises InputError where it cannot be written."""
         self._texts[key] = text
-        if self.folder is not None:
-            path = self._path(self.folder, key)
-            with naming(self.folder, _NOT_KEPT):
-                path.parent.mkdir(exist_ok=True)
-                _make_way(path)
-            try:
-                write_atomically(path, text)
-            except InputError as error:
-                mend = "make room; the same command then goes on from what is finished, which is kept"
-                raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
+        if self.folder is None:
+            return
+        path = self.folder / key[:2] / f"{key}.json"
+        with naming(self.folder, "results cannot be kept in this folder"):
+            path.parent.mkdir(exist_ok=True)
+            if path.is_dir():
+                path.rmdir()
+            elif os.path.lexists(path) and not path.is_file():  # a broken link, or a pipe
+                path.unlink()
+        try:
+            write_atomically(path, text)
+        except InputError as error:
+            mend = "make room; the same command then goes on from what is finished, which is kept"
+            raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
 
     def close(self) -> None:
         """Let other runs use the folder."""
         if self._lock is not None:
             self._lock.close()
 
-    @staticmethod
-    def _path(folder: Path, key: str) -> Path:
-        return folder / key[:2] / f"{key}.json"
-
-
-@dataclass(frozen=True, eq=False)
-class KeptSearches:
-    """Outcomes by kind; see `advise.Kept`."""
-
-    results: Results
-    about: tuple[object, ...]
-    """All that an answer depends on beside the kind and the program, in numbers and texts."""
-    skills: Mapping[str, Skill]
-    """Of the workspace, by name: they are not written."""
-
-    def get(self, kind: Kind) -> KindOutcome | None:
-        """The outcome that was kept; None if there is none, or its file is damaged or another's."""
-        text = self.results.get(self._key(kind))
-        if text is None:
-            return None
-        with suppress(ValueError):
-            outcome: KindOutcome = from_line(text, [*self.skills.values()])
-            return outcome
-        return None
-
-    def keep(self, outcome: KindOutcome) -> None:
-        """Keep an outcome. Raises InputError where it cannot be written."""
-        self.results.keep(self._key(outcome.kind), as_line(outcome))
-
-    def _key(self, kind: Kind) -> str:
-        return digest_of([program_digest(), "advise", kind, plain_of(self.about)])
-
-
-def _make_way(path: Path) -> None:
-    """Remove a non-file in the place of a result: a broken link, a pipe, an empty folder.
-
-    Raises OSError if that is not possible.
-    """
-    if path.is_dir():
-        path.rmdir()
-    elif os.path.lexists(path) and not path.is_file():
-        path.unlink()
-
 
 def _locked(folder: Path) -> IO[str]:
     """A file that stays open while this run uses the folder. Raises OSError, and InputError if it is in use."""
-    file = (folder / LOCK).open("w")
+    file = (folder / ".lock").open("w")
     try:
         import fcntl
 
@@ -373,3 +283,28 @@ def _locked(folder: Path) -> IO[str]:
         mend = "wait for it, or name another folder"
         raise bad_input("folder-in-use", message, Place(folder), mend=mend) from error
     return file
+
+
+@dataclass(frozen=True, eq=False)
+class KeptSearches:
+    """Outcomes by kind; see `advise.Kept`."""
+
+    results: Results
+    about: tuple[object, ...]
+    """All that an answer depends on beside the kind and the program, in numbers and texts."""
+    skills: Mapping[str, Skill]
+    """Of the workspace, by name: they are not written."""
+
+    def get(self, kind: Kind) -> advice.KindOutcome | None:
+        """The outcome that was kept; None if there is none, or its file is damaged or another's."""
+        with suppress(ValueError):
+            outcome: advice.KindOutcome = from_line(self.results.get(self._key(kind)) or "", [*self.skills.values()])
+            return outcome
+        return None
+
+    def keep(self, outcome: advice.KindOutcome) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self.results.keep(self._key(outcome.kind), as_line(outcome))
+
+    def _key(self, kind: Kind) -> str:
+        return key_of("advise", kind, plain_of(self.about))

@@ -1,0 +1,253 @@
+"""The baseline file: scores to compare later ones with, and the data that explains changes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+
+from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.figures import Seconds, Share
+from sqrp_cli.files.entries import Stored, refused
+from sqrp_cli.files.input_file import missing_file, read_text
+from sqrp_cli.files.json_file import json_document, parse_json
+from sqrp_cli.files.source import LeafValue, describe
+from sqrp_cli.files.validation import problems_of
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.changes import fields_of
+from sqrp_cli.score.compute import Computer
+from sqrp_cli.score.result import WORKSPACE, TaskScore
+from sqrp_cli.score.score import ScoredCell
+from sqrp_cli.shown import json_line
+from sqrp_cli.study.blind_spans import Coverage
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.task.grips import choice_in_words
+
+MAX_BYTES = 100_000_000
+"""Largest baseline that is read, and written."""
+
+MOST_PROBLEMS = 10
+"""Most problems of a baseline that are reported."""
+
+LEAST_ALIKE = 0.5
+"""Least share of equal values by which a workspace is taken for one of another name in a baseline."""
+
+
+def _sampling(value: object) -> Sampling:
+    """What `_sampling_text` wrote; a sampling stays as it is."""
+    if isinstance(value, Adaptive | FixedCount | FixedStep):
+        return value
+    kind, _, number = str(value).removesuffix(")").partition("=")
+    with suppress(ValueError):
+        match kind:
+            case "Adaptive(tolerance":
+                return Adaptive(float(number))
+            case "FixedCount(samples":
+                return FixedCount(int(number))
+            case "FixedStep(dt":
+                return FixedStep(float(number))
+    expected = f"expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
+    raise refused("wrong-value", f"found {describe(value)}, {expected}")
+
+
+def _sampling_text(sampling: Sampling) -> str:
+    ((name, number),) = vars(sampling).items()
+    return f"{type(sampling).__name__}({name}={json.dumps(number)})"
+
+
+def _scalar(value: object) -> LeafValue:
+    if isinstance(value, LeafValue):
+        return value
+    raise refused("wrong-type", f"found {describe(value)}, expected one value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WayRecord(Stored):
+    """The best candidate for a choice of objects."""
+
+    candidate: str
+    choice: str | None = None
+    """The way behind the figures, such as `left, flipped`; None if infeasible, or from an earlier version."""
+    feasible: bool
+    reasons: tuple[str, ...] = ()
+    time: Seconds | None = None
+    q_avg: Share | None = None
+    q_eoi: Share | None = None
+    delay: Seconds | None = None
+    """The longest time that a fault may remain unnoticed [s]; None without faults, and where one may never be."""
+    unseen: Share | None = None
+    """The largest share of times after which a fault may never be noticed; None without faults."""
+    coverage: Coverage | None = None
+    """Over time, if it is known."""
+
+    @staticmethod
+    def of(found: CandidateResult, coverage: Coverage | None) -> WayRecord:
+        """The record of a candidate."""
+        return WayRecord(
+            candidate=found.candidate.name,
+            choice=choice_in_words(found.candidate, found.way) if found.feasible else None,
+            feasible=found.feasible,
+            reasons=found.reasons,
+            time=found.time,
+            q_avg=found.q_avg,
+            q_eoi=found.q_eoi,
+            delay=found.delay_worst,
+            unseen=found.unseen,
+            coverage=coverage,
+        )
+
+
+@dataclass(frozen=True)
+class TaskRecord(Stored):
+    """A task with every way of doing it."""
+
+    best: str | None
+    """Name of the best candidate; None: none is feasible."""
+    ways: Mapping[str, WayRecord]
+
+
+@dataclass(frozen=True)
+class WorkspaceRecord(Stored):
+    """A workspace with its tasks by their text."""
+
+    digest: str
+    """Of what was understood of it, see `Workspace.digest`; in earlier versions of the bytes of its files."""
+    files: Mapping[str, str]
+    """The digest of each file by its role."""
+    tasks: Mapping[str, TaskRecord]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline(Stored):
+    """Scores of workspaces by name."""
+
+    format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
+    sampling: Annotated[Any, PlainValidator(_sampling), PlainSerializer(_sampling_text)]
+    """How motions were sampled, such as `Adaptive(tolerance=0.001)`."""
+    workspaces: Mapping[str, WorkspaceRecord]
+    fields: Mapping[str, Mapping[str, Annotated[Any, PlainValidator(_scalar)]]] = field(default_factory=dict)
+    """Fields of files, by their digest."""
+
+    @classmethod
+    def of(cls, cells: Sequence[ScoredCell], scores: Sequence[TaskScore], computer: Computer) -> Baseline:
+        """The baseline of these scores, without workspaces and tasks that have errors.
+
+        computer: has the coverage of their ways, see `comparison.look_up`.
+        """
+        workspaces: dict[str, WorkspaceRecord] = {}
+        known: dict[str, dict[str, LeafValue]] = {}
+        for cell in cells:
+            if cell.workspace is None:
+                continue
+            files = {role: file.digest for role, file in sorted(cell.workspace.files.items())}
+            for role, digest in files.items():
+                if digest not in known:
+                    known[digest] = fields_of(cell.workspace, role)
+            tasks = {
+                result.task: TaskRecord(
+                    best=None if result.best is None else result.best.candidate.name,
+                    ways={name: WayRecord.of(way, seen(computer, result, way)) for name, way in result.ways.items()},
+                )
+                for result in scores
+                if result.workspace == cell.name and result.task is not None and result.status != "error"
+            }
+            workspaces[cell.name] = WorkspaceRecord(cell.workspace.digest, files, tasks)
+        kept = {digest: found for digest, found in known.items() if found}
+        return cls(sampling=computer.sampling, workspaces=workspaces, fields=kept)
+
+    def save(self, path: Path) -> None:
+        """Write it, the same bytes for the same scores.
+
+        Raises InputError where it cannot be written, or would be too large to be read again.
+        """
+        text = json_line(TypeAdapter(Baseline).dump_python(self, mode="json"), indent=1) + "\n"
+        if len(text.encode()) > MAX_BYTES:
+            message = f"this baseline would have more than {MAX_BYTES:,} bytes, the limit"
+            raise bad_input("file-too-large", message, Place(path), mend="make several, of fewer workspaces each")
+        write_atomically(path, text)
+
+    @classmethod
+    def load(cls, path: Path, sampling: Sampling) -> Baseline:
+        """Read a baseline. Raises InputError for a file that `save` did not write, or from another sampling.
+
+        Errors name line and key, such as `workspaces.cell.tasks["pickup green"].ways.g1.q_avg`.
+        """
+        if not path.is_file():
+            mend = None if path.is_dir() else f"make it with: sqrp score ... --save-baseline {path}"
+            raise InputError(replace(missing_file(path), mend=mend))
+        try:
+            text = read_text(path, MAX_BYTES)
+            data = parse_json(path, text)
+            try:
+                baseline = TypeAdapter(Baseline).validate_python(data)
+            except ValidationError as error:
+                raise InputError(*problems_of(json_document(path, text, data), error)) from error
+        except InputError as error:
+            # It may be anything, so the mend must not overwrite it.
+            mend = f"make one with: sqrp score ... --save-baseline {path.with_name(f'{path.stem}-new.json')}"
+            raise InputError(*(_no_baseline(one, mend) for one in error.problems[:MOST_PROBLEMS])) from error
+        if baseline.sampling != sampling:
+            made, used = _option(baseline.sampling), _option(sampling)
+            message = f"the baseline was made with {made}, but this run samples with {used}"
+            mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
+            raise bad_input("other-sampling", message, Place(path), mend=mend)
+        return baseline
+
+    def identified(self, cells: Sequence[ScoredCell]) -> dict[str, str]:
+        """The name here of each workspace that the baseline knows, by its name now.
+
+        A workspace is the one that meant the same; else the one of its name; else, as its folder may be renamed and its
+        file edited at once, the one with most equal values, if at least `LEAST_ALIKE` of all are equal.
+        """
+        found: dict[str, str] = {}
+
+        def take(pairs: Iterable[tuple[ScoredCell, str]]) -> None:
+            for cell, name in pairs:
+                if cell.name not in found and name not in found.values():
+                    found[cell.name] = name
+
+        def likeness(cell: ScoredCell, name: str) -> float:
+            """The share of the values of either workspace file that are equal in both."""
+            before = self.fields.get(self.workspaces[name].files.get(WORKSPACE, ""), {})
+            now = {} if cell.workspace is None else cell.workspace.values
+            equal = sum(path in now and now[path] == value for path, value in before.items())
+            return float(equal / max(1, len(before.keys() | now.keys())))
+
+        known = self.workspaces
+        meant = {one: (one.workspace.digest, one.workspace.file_digest) for one in cells if one.workspace is not None}
+        same = [(cell, name) for cell in meant for name, record in known.items() if record.digest in meant[cell]]
+        take(sorted(same, key=lambda pair: pair[0].name != pair[1]))
+        take((cell, cell.name) for cell in cells if cell.name in known)
+        left, free = [one for one in cells if one.name not in found], known.keys() - found.values()
+        alike = {(cell, name): likeness(cell, name) for cell in left for name in known if name in free}
+        take(sorted((pair for pair in alike if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair]))
+        return found
+
+
+def seen(computer: Computer, score: TaskScore, way: CandidateResult) -> Coverage | None:
+    """The coverage over time of a way of doing a task; None where it is infeasible or was not computed."""
+    outcome = computer.outcome(replace(score.wanted, candidate=way.way, coverage=True))
+    return None if outcome is None else outcome.coverage
+
+
+def _no_baseline(problem: Problem, mend: str) -> Problem:
+    message = f"this is no baseline, or a damaged one: {problem.message}"
+    return replace(problem, code="bad-baseline", message=message, mend=mend)
+
+
+def _option(sampling: Sampling) -> str:
+    """The command-line option of a sampling."""
+    match sampling:
+        case Adaptive(tolerance):
+            return f"--tolerance {100 * tolerance:g}{' (the default)' if tolerance == DEFAULT_TOLERANCE else ''}"
+        case FixedCount(samples):
+            return f"--samples {samples}"
+        case FixedStep(dt):
+            return f"--dt {dt:g}"

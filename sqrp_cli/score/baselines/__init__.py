@@ -1,1 +1,0 @@
-"""What scores are compared with: thresholds, baselines and other cells."""

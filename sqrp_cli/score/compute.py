@@ -1,0 +1,239 @@
+"""Computing candidates, each once: what is kept is not computed again, the rest is by processes or by a cluster."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.interrupts import first_interrupt_noted
+from sqrp_cli.platform.processes import Pool, died, forked
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.kept import Outcome, Results, key_of
+from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.sampling import Sampling
+from sqrp_cli.study.whole_study import whole_study
+from sqrp_cli.task.task import Candidate
+
+CELLS_KEPT = 4
+"""Cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other."""
+
+COMPUTED_WITHIN = 3600.0
+"""A process that takes longer for a candidate [s] is taken for dead."""
+
+Answer = str | tuple[Problem, ...]
+"""The outcome of a job as text, or why there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class PackedWorkspace:
+    """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet."""
+
+    digest: str
+    """Of the workspace; a worker keeps its cell under it."""
+    files: Mapping[Path, str]
+    """The digest of each file that it is read from, by its path on the machine that packed it."""
+    data: bytes
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> PackedWorkspace:
+        """Pack a workspace."""
+        return cls(workspace.digest, workspace.meshes, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Job:
+    """A piece of work about a candidate, as it travels to a process or a machine."""
+
+    workspace: PackedWorkspace
+    seed: int
+    """Of what planning draws at random."""
+    candidate: Candidate
+
+    def done_in(self, cell: Cell) -> str:
+        """The outcome, as text."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScoreJob(Job):
+    """The figures of a candidate."""
+
+    sampling: Sampling
+    coverage: bool
+    """Whether its coverage is wanted besides; it is then a way, which leaves nothing free."""
+
+    def done_in(self, cell: Cell) -> str:
+        """An `Outcome`, as text."""
+        world, candidate = cell.initial_world, self.candidate
+        if not self.coverage:
+            return Outcome(Assignment(self.sampling, cell=cell, world=world).assess(candidate), None).to_text()
+        from sqrp_cli.study.blind_spans import coverage_of, coverage_of_steps
+
+        found = whole_study(cell, candidate, world, self.sampling, full=True)
+        if isinstance(found, Infeasible):
+            return Outcome(CandidateResult.infeasible(candidate, found.reasons), None).to_text()
+        coverage = [coverage_of(cell, step) for step in found.steps]
+        return Outcome(found.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0]).to_text()
+
+
+def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspace: workspace) -> Answer:
+    """The answer to a job. placed: maps the workspace's files to those on this machine."""
+    with _one_at_a_time:
+        try:
+            name = (job.workspace.digest, job.seed)
+            if name not in _cells:
+                workspace: Workspace = pickle.loads(job.workspace.data)  # noqa: S301 # what a job of our own packed
+                _cells[name] = Cell.load(placed(workspace), job.seed)
+            _cells.move_to_end(name)
+            if len(_cells) > CELLS_KEPT:
+                _cells.popitem(last=False)
+            return job.done_in(_cells[name])
+        except InputError as error:
+            return error.problems
+        except Exception as error:
+            return (Problem("internal-error", " ".join(f"{type(error).__name__}: {error}".split())),)
+
+
+_cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
+_one_at_a_time = threading.Lock()
+"""A cell has working memory of its own, and a cluster may run threads."""
+
+
+class Workers(Protocol):
+    """Those that do jobs elsewhere, as a `cluster.Cluster` does."""
+
+    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
+        """The answer to each job, by number, as they come; none of those that are not done once it is enough."""
+
+
+@dataclass(frozen=True)
+class Means:
+    """How to compute, with which workers, and where to keep results."""
+
+    sampling: Sampling
+    jobs: int = 1
+    """Processes of this machine."""
+    cluster: Workers | None = None
+    """Computes instead of them."""
+    out: Path | None = None
+    """Folder of the results; None: they are kept in memory only."""
+    seed: int = 0
+    """Of what planning draws at random."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A request for the figures of a candidate."""
+
+    workspace: Workspace
+    content: str
+    """Digest of all in the workspace that they depend on, see `score.content_digest`."""
+    candidate: Candidate
+    coverage: bool = False
+    """As in `ScoreJob`."""
+
+
+@contextmanager
+def open_computer(means: Means) -> Iterator[Computer]:
+    """A computer with these means. Raises InputError for a folder that cannot be used."""
+    with closing(Results(means.out)) as results, closing(Computer(means, results)) as computer:
+        yield computer
+
+
+class Computer:
+    """Gets outcomes of candidates: those that are kept, and others from processes, a cluster, or itself.
+
+    computed, failed: how many were computed, and how many could not be.
+    """
+
+    def __init__(self, means: Means, results: Results) -> None:
+        self.sampling = means.sampling
+        self.computed = self.failed = 0
+        self._means, self._results = means, results
+        self._pool: Pool[Job, Answer] | None = None
+        self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
+
+    def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None]) -> None:
+        """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
+
+        At Ctrl-C what other processes are at is finished and kept, then KeyboardInterrupt is raised. Raises InputError
+        if results cannot be kept.
+        """
+        missing = {self._key(one): one for one in wanted if self.outcome(one) is None and not self.why_not(one)}
+        packed: dict[str, PackedWorkspace] = {}
+        jobs = [
+            ScoreJob(
+                workspace=packed.get(one.workspace.digest)
+                or packed.setdefault(one.workspace.digest, PackedWorkspace.of(one.workspace)),
+                seed=self._means.seed,
+                candidate=one.candidate,
+                sampling=self.sampling,
+                coverage=one.coverage,
+            )
+            for one in missing.values()
+        ]
+        keys, cluster = list(missing), self._means.cluster
+        advance(len(wanted) - len(missing))
+        alone = cluster is None and self._means.jobs < 2
+        with nullcontext(lambda: False) if alone else first_interrupt_noted() as interrupted:
+            for index, answer in self._answers(jobs, interrupted):
+                if isinstance(answer, str) and cluster is not None:
+                    try:
+                        Outcome.from_text(answer, jobs[index].candidate)
+                    except ValueError:
+                        name = jobs[index].candidate.name
+                        why = f"a worker of the cluster answered for {name} with what is no result"
+                        answer = (Problem("worker-died", why),)
+                if isinstance(answer, str):
+                    self._results.keep(keys[index], answer)
+                    self.computed += 1
+                else:
+                    self._problems[keys[index]] = answer
+                    self.failed += 1
+                advance(1)
+
+    def _answers(self, jobs: Sequence[Job], interrupted: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
+        """The answers of jobs, by number, as they come; none of those that are not begun once it is interrupted."""
+        if self._means.cluster is not None:
+            yield from self._means.cluster.answers(jobs, interrupted)
+        elif self._means.jobs < 2:
+            yield from enumerate(map(run_job, jobs))
+        elif jobs:
+            if self._pool is None:  # a job carries its workspace: a second one would wait in the pipe
+                self._pool = Pool(self._means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
+            for index, answer in self._pool.answers(jobs, lambda job: job.workspace.digest, interrupted):
+                yield index, (died(jobs[index].candidate.name),) if isinstance(answer, Exception) else answer
+
+    def close(self) -> None:
+        """End the processes."""
+        if self._pool is not None:
+            self._pool.kill()
+
+    def outcome(self, wanted: Wanted) -> Outcome | None:
+        """The outcome of a candidate, if there is one; a damaged file is as good as none."""
+        text = self._results.get(self._key(wanted))
+        try:
+            return None if text is None else Outcome.from_text(text, wanted.candidate)
+        except ValueError:
+            return None
+
+    def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
+        """Why a candidate cannot be computed; empty if no reason is known."""
+        return self._problems.get(self._key(wanted), ())
+
+    def _key(self, wanted: Wanted) -> str:
+        candidate, sampling = wanted.candidate, self.sampling
+        vias = {name: via.tolist() for name, via in candidate.vias.items()}
+        how = [type(sampling).__name__, asdict(sampling), self._means.seed, wanted.coverage]
+        return key_of(wanted.content, candidate.skill.name, list(candidate.parameters.items()), vias, *how)

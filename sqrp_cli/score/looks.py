@@ -1,0 +1,101 @@
+"""What mounts see, computed by a cluster, and kept in a folder from which the same search can resume."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.errors import Infeasible, InputError, bad_input
+from sqrp_cli.geometry import Mask
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.platform.interrupts import first_interrupt_noted
+from sqrp_cli.records import dataclass
+from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
+from sqrp_cli.score.kept import Results, as_line, from_line, key_of
+from sqrp_cli.search.sites import Verdicts, View, ViewBatch, installations, judged
+from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.stage import Samples
+from sqrp_cli.task.feasibility import feasible_motion
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LookJob(Job):
+    """A batch of views, for a worker that plans the same motion again."""
+
+    task: str
+    samples: Samples
+    views: tuple[View, ...]
+
+    def done_in(self, cell: Cell) -> str:
+        """What the views show, as text."""
+        motion = feasible_motion(cell, self.candidate, cell.initial_world)
+        if isinstance(motion, Infeasible):
+            raise ValueError(f"{self.candidate.name} was feasible a moment ago")
+        scene = rehearsal(cell, self.candidate, cell.initial_world, motion)
+        way = replace(judged(cell, self.task, self.candidate, scene), samples=self.samples)
+        return as_line(ViewBatch(way, self.views).seen(cell))
+
+
+def seen_by_cluster(
+    cluster: Workers, workspace: Workspace, seed: int, parts: Sequence[ViewBatch]
+) -> Iterator[tuple[int, Mask]]:
+    """See `sites.Verdicts`. Raises InputError if a batch cannot be computed, or no worker is left."""
+    packed = PackedWorkspace.of(workspace)
+    jobs = [
+        LookJob(
+            workspace=packed,
+            seed=seed,
+            candidate=part.way.scene.candidate,
+            task=part.way.task,
+            samples=part.way.samples,
+            views=part.views,
+        )
+        for part in parts
+    ]
+    with first_interrupt_noted() as interrupted:
+        for index, answer in cluster.answers(jobs, interrupted):
+            if not isinstance(answer, str):
+                raise InputError(*answer)
+            try:
+                yield index, _mask_in(answer, parts[index])
+            except ValueError as error:
+                raise bad_input("worker-died", "a worker of the cluster answered with what is no result") from error
+
+
+def seen_before(
+    results: Results, workspace: Workspace, seed: int, others: Verdicts, parts: Sequence[ViewBatch]
+) -> Iterator[tuple[int, Mask]]:
+    """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
+    missing: list[tuple[int, str]] = []
+    for number, part in enumerate(parts):
+        way, places = part.way.scene.candidate, []
+        for one in installations(part.views):
+            lens, own = one.lens, one.lens.intrinsics
+            sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
+            size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
+            said = [lens.name, *size, own.matrix.tolist(), *distortion, sensing]
+            places.append([one.view.spot.frame, one.view.X_FC.tolist(), said])
+        vias = {name: via.tolist() for name, via in way.vias.items()}
+        motion = [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
+        samples = (part.way.samples.piece.tolist(), part.way.samples.t.tolist())
+        key = key_of("place", workspace.digest, seed, motion, *samples, places)
+        try:
+            yield number, _mask_in(results.get(key) or "", part)
+        except ValueError:  # nothing is kept, or its file is damaged
+            missing.append((number, key))
+    for index, sees in others([parts[number] for number, _ in missing]) if missing else ():
+        number, key = missing[index]
+        results.keep(key, as_line(sees))
+        yield number, sees
+
+
+def _mask_in(text: str, part: ViewBatch) -> Mask:
+    """What a batch shows, of a text. Raises ValueError for any other text."""
+    sees = from_line(text)
+    expected = (len(installations(part.views)), len(part.way.items.sample))
+    if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
+        raise ValueError("no verdicts of these views")
+    return sees

@@ -1,1 +1,0 @@
-"""Computing many candidates: jobs, processes, clusters and kept results."""
