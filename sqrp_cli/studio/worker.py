@@ -21,14 +21,15 @@ from sqrp_cli.ask.api.session import Session
 from sqrp_cli.ask.requests import TaskRequest
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
-from sqrp_cli.geometry import Array, matrix_to_quaternion
+from sqrp_cli.geometry import matrix_to_quaternion
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
-from sqrp_cli.show.documents.playback import Positions
+from sqrp_cli.run.record.log import Track
 from sqrp_cli.show.documents.scene import ShowDocument
-from sqrp_cli.show.pages.candidate_page import SceneModel, candidate_rows, played
+from sqrp_cli.show.pages.candidate_page import candidate_rows, played, scene_model
 from sqrp_cli.show.pages.page import row
+from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Choose, Hold, Question, Rank, findings, message
@@ -143,7 +144,7 @@ class _Worker:
         self._cell: Cell | None = None
         self._kin: object = None
         self._memory = SightMemory()
-        self._model: SceneModel | None = None
+        self._model: Mapping[str, object] | None = None
         self._task: tuple[str, Session] | None = None
         """The last task with plans, as it was asked for; None once anything but cameras has changed."""
         self._run: RankingRun | None = None
@@ -259,7 +260,7 @@ class _Worker:
                 self._model = None  # of another cell, which browsers have
         self._cell, self._kin = cell, kin
         if not asked.of_saved:
-            model = SceneModel.of(cell) if model is None else model
+            model = scene_model(cell) if model is None else model
             new = None if model == self._model else model  # browsers have it
             self._model = model
             self.say("cell", scene=ShowDocument.of(cell), model=new, number=asked.number)
@@ -367,22 +368,14 @@ def _figures(sketch: Steps) -> Mapping[str, float | None]:
     return {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}
 
 
-def _track(sketch: Sketch) -> Positions:
+def _track(sketch: Sketch) -> Mapping[str, object]:
     """Where everything is at the instants of a sketch."""
     stage, samples, model = sketch.scene.stage, sketch.samples, sketch.cell.model
-    q, X_WF = stage.positions(samples), sketch.states.X_WF
-    values = [model.joint_values(row) for row in q]
-    joints = list(values[0])
-    return Positions(
-        t=samples.t.tolist(),
-        joints=joints,
-        q=[[one[joint] for joint in joints] for one in values],
-        held=stage.held(samples),
-        objects={name: _changes(X_WF[name]) for name in sketch.cell.workspace.objects if name in X_WF},
-    )
-
-
-def _changes(X: Array) -> list[list[object]]:
-    """The poses of an object where they change, shape (m, 4, 4) or (1, 4, 4), each after its index."""
-    moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))])
-    return [[int(k), *X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3])] for k in moves]
+    values, X_WF = [model.joint_values(row) for row in stage.positions(samples)], sketch.states.X_WF
+    poses = {}
+    for name in (name for name in sketch.cell.workspace.objects if name in X_WF):
+        X = X_WF[name]  # shape (m, 4, 4) or (1, 4, 4)
+        moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))]).tolist()
+        poses[name] = tuple((k, (*X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3]))) for k in moves)
+    q = np.array([list(one.values()) for one in values])
+    return track_shown(Track(samples.t, tuple(values[0]), q, tuple(stage.held(samples)), poses))

@@ -504,7 +504,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.show.documents.playback import PlayedCandidate
     from sqrp_cli.show.documents.scene import ShowDocument
     from sqrp_cli.show.pages.assembly import tidy
-    from sqrp_cli.show.pages.candidate_page import SceneModel
+    from sqrp_cli.show.pages.candidate_page import scene_model
     from sqrp_cli.study.pipeline import assess_all, described
     from sqrp_cli.study.ranking import rank
     from sqrp_cli.study.sampling import Adaptive
@@ -520,4 +520,4 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
         for ranked, study in ((one.result, one.study) for one in explained)
         if study is not None
     ]
-    return ranked, tidy(ShowDocument.of(session.cell)), tidy(SceneModel.of(session.cell))
+    return ranked, tidy(ShowDocument.of(session.cell)), tidy(scene_model(session.cell))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from sqrp_cli.document import Pose, Record
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.shapes import Triangles
@@ -20,7 +19,7 @@ from sqrp_cli.show.documents.playback import PlayedCandidate
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import packed, simplified
 from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, write_page
-from sqrp_cli.show.pages.paint import Color, css, solid_colors
+from sqrp_cli.show.pages.paint import css, solid_colors
 from sqrp_cli.study.pipeline import Assignment, Explained
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.version import __version__
@@ -42,7 +41,9 @@ def write_ranking(
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
     cell, candidates = assignment.cell, found.candidates
-    details = computed(lambda one: _detail(assignment, one), candidates, min(jobs, len(candidates) // 2), progress)
+    details = computed(
+        lambda one: playback(assignment, assignment.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
+    )
     entries = candidate_rows(candidates, list(details))
     about = origin(arguments, cell.workspace)
     said = f"{sentences.summary(candidates, found.by)}."
@@ -90,7 +91,7 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
         return None, [_score(score, None, None) for score in scores]
     cell = Cell.load(scored.workspace, means.seed)
     assignment = Assignment(means.sampling, cell=cell, world=cell.initial_world)
-    details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
+    details = [None if score.best is None else playback(assignment, assignment.explain(score.best)) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
@@ -129,7 +130,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
 
 def cell_scene(cell: Cell) -> CellScene:
     """What a page needs to draw a cell; it may come from another process."""
-    return CellScene(replace(ShowDocument.of(cell), cell=None), packed(SceneModel.of(cell)))
+    return CellScene(replace(ShowDocument.of(cell), cell=None), packed(scene_model(cell)))
 
 
 def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:
@@ -160,86 +161,27 @@ def played(assignment: Assignment, explained: Explained, *, brief: bool = False)
     return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
 
 
-def _detail(assignment: Assignment, one: CandidateResult) -> str | None:
-    return playback(assignment, assignment.explain(one))
-
-
 STEP = 1e-4
 """Coordinates of meshes are given in multiples of this [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelJoint(Record):
-    """A joint of the robot."""
+def scene_model(cell: Cell) -> Mapping[str, object]:
+    """What moves with what, and the shape of every part, as pages draw it.
 
-    name: str
-    parent: int
-    """Index of the joint that carries it; -1: the world."""
-    slides: bool
-    axis: list[float]
-    pose: Pose
-    """In the parent, at position 0."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelLink(Record):
-    """A link of the robot."""
-
-    joint: int
-    """Index of the joint that carries it; -1: the world."""
-    pose: Pose
-    """In the joint."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelSolid(Record):
-    """Something solid."""
-
-    name: str
-    """What verdicts call it."""
-    parent: str
-    """The link or object that carries it."""
-    color: str
-    vertices: list[int]
-    """x, y, z, x, ... in the parent's frame, in multiples of `step`."""
-    triangles: list[int]
-    """Indices of three vertices each."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneModel(Record):
-    """What moves with what, and the shape of every part."""
-
-    step: float
-    joints: list[ModelJoint]
-    """Parents first."""
-    links: Mapping[str, ModelLink]
-    solids: list[ModelSolid]
-
-    @classmethod
-    def of(cls, cell: Cell) -> SceneModel:
-        """The model of a cell. Raises InputError where a library is missing."""
-        tree = cell.model.tree
-        return cls(
-            step=STEP,
-            joints=[
-                ModelJoint(name=joint.name, parent=parent, slides=not turns, axis=list(joint.axis), pose=X.tolist())
-                for joint, parent, turns, X in zip(
-                    tree.joints, tree.parents, tree.turns.tolist(), tree.still, strict=True
-                )
-            ],
-            links={name: ModelLink(joint=mount.joint, pose=mount.X_JL.tolist()) for name, mount in tree.mounts.items()},
-            solids=[_solid(cell, index, color) for index, color in enumerate(solid_colors(cell))],
-        )
-
-
-def _solid(cell: Cell, index: int, color: Color) -> ModelSolid:
-    solid = cell.observer.solids[index]
-    surface = simplified(Triangles(solid.vertices, solid.triangles))
-    return ModelSolid(
-        name=cell.solid_name(index),
-        parent=solid.part.parent,
-        color=css(color),
-        vertices=np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist(),
-        triangles=surface.faces.reshape(-1).tolist(),
-    )
+    `joints`, parents first: `parent` and `links[].joint` are indices of joints, -1 for the world; `pose` is in the
+    parent, at position 0, or in the joint. `solids`: `vertices` are x, y, z, x, ... in the parent's frame, in multiples
+    of `step`, `triangles` indices of three vertices each. Raises InputError where a library is missing.
+    """
+    tree = cell.model.tree
+    joints = [
+        {"name": joint.name, "parent": parent, "slides": not turns, "axis": list(joint.axis), "pose": X.tolist()}
+        for joint, parent, turns, X in zip(tree.joints, tree.parents, tree.turns.tolist(), tree.still, strict=True)
+    ]
+    links = {name: {"joint": mount.joint, "pose": mount.X_JL.tolist()} for name, mount in tree.mounts.items()}
+    solids = []
+    for index, (solid, color) in enumerate(zip(cell.observer.solids, solid_colors(cell), strict=True)):
+        surface = simplified(Triangles(solid.vertices, solid.triangles))
+        vertices = np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist()
+        where = {"name": cell.solid_name(index), "parent": solid.part.parent, "color": css(color)}
+        solids.append({**where, "vertices": vertices, "triangles": surface.faces.reshape(-1).tolist()})
+    return {"step": STEP, "joints": joints, "links": links, "solids": solids}

@@ -6,10 +6,9 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqrp_cli.document import Record, plain
+from sqrp_cli.document import plain
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.records import dataclass
-from sqrp_cli.search.placing_result import CameraPlaced
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import assembled, asset, packed
 from sqrp_cli.study.result import CandidateResult
@@ -49,40 +48,10 @@ class PageRow:
 
 @dataclass(frozen=True, eq=False)
 class CellScene:
-    """A cell. scene: the document of `show --json`. model: its `SceneModel`, `packed`."""
+    """A cell. scene: the document of `show --json`. model: its `scene_model`, `packed`."""
 
     scene: ShowDocument
     model: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class MountShown(Record):
-    """A place for a camera."""
-
-    name: str
-    """Such as `ceiling 17`."""
-    frame: str
-    """`world`, or the link that carries it."""
-    position: tuple[float, float, float]
-    """In `frame` [m]."""
-    seen: float | None
-    """The mean quality of all candidates with one camera here and no other, in 0..1; null where none can be."""
-    camera: str | None
-    """The camera that was put here."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlacementShown(Record):
-    """What a page shows of a placement besides the candidates."""
-
-    by: str
-    """Which quality counts first: `least` or `mean`."""
-    cameras: Sequence[CameraPlaced]
-    """Those on mounts."""
-    keep: Sequence[str]
-    """Cameras of the workspace that stay."""
-    mounts: Sequence[MountShown]
-    """All places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +60,8 @@ class PageContent:
 
     heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
     of_images: whether the details are what images showed, not what is predicted. placement: mounts and the cameras on
-    them, if it is about these. compared: whether the rows are answers to one question. opens_at: the time [s] that is
-    shown first.
+    them, if it is about these, see `write_placement`. compared: whether the rows are answers to one question. opens_at:
+    the time [s] that is shown first.
     """
 
     title: str
@@ -102,7 +71,7 @@ class PageContent:
     entries: Sequence[PageRow]
     scenes: Sequence[CellScene]
     of_images: bool = False
-    placement: PlacementShown | None = None
+    placement: Mapping[str, object] | None = None
     compared: bool = True
     opens_at: float = 0.0
 
@@ -113,18 +82,13 @@ def write_page(content: PageContent, path: Path) -> None:
 
 
 def page(content: PageContent) -> str:
-    """The text of the page."""
-    data = {"overview": packed(overview(content))}
+    """The text of the page: an overview, shown before any motion is decoded, then models and motions."""
+    entries, scenes = [row(entry) for entry in content.entries], [scene.scene for scene in content.scenes]
+    data = {"overview": packed({**plain(content), "entries": entries, "scenes": scenes})}
     data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
     details = enumerate(entry.detail for entry in content.entries)
     data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
     return assembled(content.title, asset("main.js"), data=data)
-
-
-def overview(content: PageContent) -> dict[str, Any]:
-    """What a page shows before any motion is decoded."""
-    entries, scenes = [row(entry) for entry in content.entries], [scene.scene for scene in content.scenes]
-    return {**plain(content), "entries": entries, "scenes": scenes}
 
 
 def row(entry: PageRow) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from sqrp_cli.run.record.events import (
 )
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
-from sqrp_cli.show.documents import playback
 from sqrp_cli.show.documents.explanation import Span
 from sqrp_cli.show.pages.assembly import packed
 from sqrp_cli.show.pages.candidate_page import cell_scene, origin
@@ -111,8 +110,8 @@ def story(report: RunReport) -> str:
 
 def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
-) -> playback.PlayedRun:
-    """The playback of a run: a motion with what images showed in place of predictions.
+) -> Mapping[str, object]:
+    """The playback of a run: the fields of a candidate's, with what images showed in place of predictions.
 
     Marked is when a fault had happened but was not seen, and when it was seen but not yet mended.
     """
@@ -122,40 +121,45 @@ def _detail(
         if fault.happened is not None:
             seen_at = end if fault.detected is None else fault.detected
             text = f"{label} has happened and is not seen"
-            spans.append(playback.Mark(kind="unnoticed", start=fault.happened, end=seen_at, text=text))
+            spans.append({"kind": "unnoticed", "start": fault.happened, "end": seen_at, "text": text})
         if fault.detected is not None:
             acted = end if fault.acted is None else fault.acted
             text = f"{label} is seen, the robot stops and looks"
-            spans.append(playback.Mark(kind="handled", start=fault.detected, end=acted, text=text))
-        marks += [playback.Marks(label=label, spans=spans)] if spans else []
+            spans.append({"kind": "handled", "start": fault.detected, "end": acted, "text": text})
+        marks += [{"label": label, "spans": spans}] if spans else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.
     seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
-    samples = [_sample(cell.cameras, seen[t]) for t in sorted(seen)]
-    times = [sample.t for sample in samples]
+    times = sorted(seen)
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
-    positions = None
-    if track is not None:
-        positions = playback.Positions(
-            t=track.t.tolist(),
-            joints=list(track.joints),
-            q=track.q.tolist(),
-            held=list(track.held),
-            objects={name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
-        )
-    return playback.PlayedRun(
-        time=end,
-        still={},
-        cameras={name: {} for name in cell.cameras},
-        primitives=_doings(events, end),
-        formulas=[],
-        targets={} if track is None else _targets(events, end),
-        marks=marks,
-        moments=_moments(report, events),
-        note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
-        samples=[*samples, playback.EndOfImages(t=over, literals={})],
-        track=positions,
-    )
+    return {
+        "of_images": True,  # tells a run from a candidate
+        "time": end,
+        "still": {},
+        "cameras": {name: {} for name in cell.cameras},
+        "primitives": _doings(events, end),
+        "formulas": [],
+        "targets": {} if track is None else _targets(events, end),
+        "marks": marks,
+        "moments": _moments(report, events),
+        "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
+        "samples": [
+            *(_sample(cell.cameras, seen[t]) for t in times),
+            {"t": over, "covered": None, "literals": {}},
+        ],
+        "track": None if track is None else track_shown(track),
+    }
+
+
+def track_shown(track: Track) -> Mapping[str, object]:
+    """Where everything is at some instants; of an object only the poses that change, each after its index."""
+    return {
+        "t": track.t.tolist(),
+        "joints": list(track.joints),
+        "q": track.q.tolist(),
+        "held": list(track.held),
+        "objects": {name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
+    }
 
 
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
@@ -194,7 +198,7 @@ def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Ma
     }
 
 
-def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownMoment]:
+def _moments(report: RunReport, events: Sequence[Event]) -> list[Mapping[str, object]]:
     """Times worth a look, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
@@ -217,29 +221,28 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[playback.ShownM
             happens.setdefault(event.t, []).append(words[type(event)])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
-    return [playback.ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
+    return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
 
 
-def _sample(cameras: Sequence[str], event: EvidenceSeen) -> playback.ShownInstant:
+def _sample(cameras: Sequence[str], event: EvidenceSeen) -> Mapping[str, object]:
+    """What the images of a time showed of the required literals; it counts until the next ones."""
+
+    def shown(value: Truth, blind: str) -> dict[str, object]:
+        """What images show of an atom; blind: the kind where they show nothing. They do not say why."""
+        covered = value is not Truth.UNKNOWN
+        kind = f"shown_{value.word}" if covered else blind
+        return {"covered": covered, "kind": kind, "cause": None, "by": None}
+
     required = {name: found for name, found in event.literals.items() if found.asked}
     known = all(found.value is not Truth.UNKNOWN for found in required.values())
-    return playback.ShownInstant(
-        t=event.exposed,
-        covered=known if required else None,
-        kind="known" if known else "unknown",
-        literals={
-            name: playback.ShownLiteral(
-                **vars(_shown(found.value, "unseen")),
-                boxes=[],
-                cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
-                really=found.true,
-            )
-            for name, found in required.items()
-        },
-    )
-
-
-def _shown(value: Truth, blind: str) -> playback.Shown:
-    """What images show of an atom; blind: the kind where they show nothing."""
-    covered = value is not Truth.UNKNOWN
-    return playback.Shown(covered=covered, kind=f"shown_{value.word}" if covered else blind)
+    literals = {
+        atom: {
+            **shown(found.value, "unseen"),
+            "boxes": [],  # images count for all boxes together
+            "cameras": {name: shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
+            "really": found.true,
+        }
+        for atom, found in required.items()
+    }
+    kind = "known" if known else "unknown"
+    return {"t": event.exposed, "covered": known if required else None, "kind": kind, "literals": literals}

@@ -14,7 +14,7 @@ from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
 from sqrp_cli.search.question import is_fastest
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
-from sqrp_cli.show.pages.page import CellScene, MountShown, PageContent, PageRow, PlacementShown, write_page
+from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
 from sqrp_cli.study.pipeline import Assignment, described, sampling_done
 from sqrp_cli.study.result import CandidateResult
@@ -134,18 +134,20 @@ def write_placement(
     if document.assumed:
         about.append(("delays", f"{document.assumed}."))
     taken = {one.mount: one.name for one in document.cameras}
+    # Of each place its position in `frame` [m], the mean quality of all candidates with one camera there and no other,
+    # null where none can be, and the camera that was put there.
     mounts = [
-        MountShown(
-            name=spot.name,
-            frame=spot.frame,
-            position=(float(spot.position[0]), float(spot.position[1]), float(spot.position[2])),
-            seen=None if shut else seen,
-            camera=taken.get(spot.name),
-        )
+        {
+            "name": spot.name,
+            "frame": spot.frame,
+            "position": list(map(float, spot.position)),
+            "seen": None if shut else seen,
+            "camera": taken.get(spot.name),
+        }
         for spot, seen, shut in zip(question.mounts.spots, document.seen.tolist(), document.shut.tolist(), strict=True)
     ]
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
     summary = " ".join(filter(None, (document.unmet, document.proof, document.moves)))
-    placement = PlacementShown(by=document.by, cameras=document.cameras, keep=document.keep, mounts=mounts)
+    placement = {"by": document.by, "cameras": document.cameras, "keep": document.keep, "mounts": mounts}
     scenes = [cell_scene(document.cell)]
     write_page(PageContent(title, summary, "Candidates", about, entries, scenes, placement=placement), path)

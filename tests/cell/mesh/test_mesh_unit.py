@@ -24,7 +24,7 @@ from sqrp_cli.run.cell.mujoco_model import build_model, mujoco
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.show.documents.scene import ShowDocument
-from sqrp_cli.show.pages.candidate_page import STEP, SceneModel
+from sqrp_cli.show.pages.candidate_page import STEP, scene_model
 from sqrp_cli.sight.solids import load_solid
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -97,8 +97,8 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
     cell = Cell.load(workspace)
     (shown,) = (part for part in ShowDocument.of(cell).opaque if part.parent == "g1")
     assert shown.scale == [0.0254] * 3
-    (drawn,) = (solid for solid in SceneModel.of(cell).solids if solid.parent == "g1")
-    np.testing.assert_allclose(spans(STEP * np.array(drawn.vertices).reshape(-1, 3)), spans(CORNERS), atol=STEP)
+    (drawn,) = (solid for solid in scene_model(cell)["solids"] if solid["parent"] == "g1")
+    np.testing.assert_allclose(spans(STEP * np.array(drawn["vertices"]).reshape(-1, 3)), spans(CORNERS), atol=STEP)
 
     model = build_model(workspace, {"g1": pose()})
     data = mujoco.MjData(model)
