@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,12 +24,8 @@ from sqrp_cli.robot import urdf
 from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.shapes import FIGURES, shape_of
 
-MAX_LINKS = 2000
-"""Most links of a robot."""
-MAX_JOINTS = 200
-"""Most movable joints of a robot."""
-MAX_SHAPES = 500
-"""Most shapes of a robot, collision and visual ones together."""
+MAX_LINKS, MAX_JOINTS, MAX_SHAPES = 2000, 200, 500
+"""Most links, movable joints and shapes of a robot, collision and visual ones together."""
 
 LONGEST_SLIDE = 100.0
 """Largest position limit of a prismatic joint [m]."""
@@ -70,12 +66,20 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     """
     xml = read_robot_xml(path, source)
     robot = xml.root
-    _check_size(robot)
-    links = _unique(_link(element) for element in robot.all("link"))
+    moving = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
+    if (count := len([*robot.all("link")])) > MAX_LINKS or moving > MAX_JOINTS:
+        message = f"the robot has {count:,} links and {moving:,} joints that move"
+        message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
+        raise robot.error("too-many-links", message)
+    if len(shapes := [piece for _, piece in _pieces(robot)]) > MAX_SHAPES:
+        message = f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision>"
+        message += " and <visual> of a robot together"
+        mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
+        raise shapes[MAX_SHAPES].error("too-many-shapes", message, mend)
+    links = _unique(map(_link, robot.all("link")))
     if not links:
         raise robot.error("no-links", "the robot has no <link>")
-    joints = _unique(_joint(element) for element in robot.all("joint"))
-    _check_references(links, joints)
+    joints = _unique(map(_joint, robot.all("joint")))
     root = _root(links, joints, robot.place)
     # Every joint after the one that carries it, otherwise in file order.
     ordered: dict[str, urdf.UrdfJoint] = {}
@@ -100,22 +104,6 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
             ordered[name] = replace(joint, parent=called[joint.parent], child=called[joint.child])
         model = replace(model, links=links, root=called[root])
     return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
-
-
-def _check_size(robot: Element) -> None:
-    """Raises InputError, before reading any, for too many links, movable joints or shapes."""
-    links = [*robot.all("link")]
-    joints = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
-    if len(links) > MAX_LINKS or joints > MAX_JOINTS:
-        message = f"the robot has {len(links):,} links and {joints:,} joints that move"
-        message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
-        raise robot.error("too-many-links", message)
-    shapes = [piece for _, piece in _pieces(robot)]
-    if len(shapes) > MAX_SHAPES:
-        message = f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision>"
-        message += " and <visual> of a robot together"
-        mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
-        raise shapes[MAX_SHAPES].error("too-many-shapes", message, mend)
 
 
 def _pieces(robot: Element) -> Iterator[tuple[Element, Element]]:
@@ -191,74 +179,51 @@ def _joint(element: Element) -> urdf.UrdfJoint:
     if kind not in _JOINT_TYPES:
         expected = expected_names(kind, _JOINT_TYPES)
         raise element.error("unknown-joint-type", f"joint `{name}` has the unknown type `{kind}`; {expected}")
-    joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
-    limits = _limits(element, name, joint_type)
+    fixed, bounded = kind == "fixed", kind in ("revolute", "prismatic")
+    lower, upper = (-math.inf, math.inf) if kind == "continuous" else (0.0, 0.0)
+    velocity, effort, limit = 0.0, 0.0, element.first("limit")  # 0 where URDF states none
+    if limit is None and bounded:
+        raise element.error("missing-limit", f"joint `{name}` is {kind} but has no <limit>")
+    if limit is not None:
+        figures = {key: limit.number(key, 0.0, NO_LIMIT) for key in ("velocity", "effort")[fixed:]}
+        for key, value in figures.items():
+            if value < 0.0:
+                raise limit.error("wrong-value", f"`{key}` is {value:g}, expected a positive number")
+        velocity, effort = figures.get("velocity", 0.0), figures["effort"]
+        if 0.0 < velocity < SMALLEST_LIMIT:
+            message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
+            raise limit.error("wrong-value", message)
+        if bounded:
+            most = NO_LIMIT if kind == "revolute" else LONGEST_SLIDE
+            lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
+        if lower > upper:
+            message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
+            raise limit.error("wrong-value", message)
     direction = np.array([1.0, 0.0, 0.0])
-    if (axis := element.first("axis")) is not None and joint_type != "fixed":
+    if (axis := element.first("axis")) is not None and not fixed:
         direction = np.array(axis.numbers("xyz", 3))
         if (length := np.linalg.norm(direction)) < 1e-9:
             message, mend = f"the axis of joint `{name}` has length zero", 'name it, such as xyz="0 0 1"'
             raise axis.error("zero-axis", message, mend)
         direction = direction / length
     mimic, follows = element.first("mimic"), None
-    if mimic is not None and joint_type != "fixed":
+    if mimic is not None and not fixed:
         multiplier, offset = mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)
         follows = urdf.Mimic(mimic.text("joint"), multiplier, offset)
     return urdf.UrdfJoint(
         name=name,
-        type=joint_type,
+        type=_JOINT_TYPES[_JOINT_TYPES.index(kind)],
         parent=element.need("parent").text("link"),
         child=element.need("child").text("link"),
         X_PJ=_origin(element),
         axis=read_only(direction),
-        lower=limits.lower,
-        upper=limits.upper,
-        velocity=limits.velocity or None,
-        effort=limits.effort or None,
+        lower=lower,
+        upper=upper,
+        velocity=velocity or None,
+        effort=effort or None,
         mimic=follows,
         place=element.place,
     )
-
-
-class _Limits(NamedTuple):
-    """The limits of a joint; 0 where URDF states none."""
-
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
-
-
-def _limits(element: Element, name: str, joint_type: urdf.JointType) -> _Limits:
-    limit = element.first("limit")
-    if limit is None:
-        if joint_type not in ("fixed", "continuous"):
-            raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
-        endless = math.inf if joint_type == "continuous" else 0.0
-        return _Limits(-endless, endless, 0.0, 0.0)
-    lower, upper, velocity = 0.0, 0.0, 0.0
-    if joint_type != "fixed":
-        velocity = _magnitude(limit, "velocity")
-        if 0.0 < velocity < SMALLEST_LIMIT:
-            message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
-            raise limit.error("wrong-value", message)
-        if joint_type == "continuous":
-            lower, upper = -math.inf, math.inf
-        else:
-            most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE
-            lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
-        if lower > upper:
-            message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
-            raise limit.error("wrong-value", message)
-    return _Limits(lower, upper, velocity, _magnitude(limit, "effort"))
-
-
-def _magnitude(limit: Element, attribute: str) -> float:
-    """A limit without sign; 0 if it is not stated."""
-    value = limit.number(attribute, 0.0, NO_LIMIT)
-    if value < 0.0:
-        raise limit.error("wrong-value", f"`{attribute}` is {value:g}, expected a positive number")
-    return value
 
 
 def _origin(element: Element) -> Array:
@@ -269,8 +234,11 @@ def _origin(element: Element) -> Array:
     return read_only(pose(rpy_to_matrix(origin.numbers("rpy", 3, (0.0, 0.0, 0.0))), xyz))
 
 
-def _check_references(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint]) -> None:
-    """Raises InputError for joints between unknown links, or that follow no joint that moves by itself."""
+def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
+    """The one link that no joint carries; checks that every link is reached from it exactly once.
+
+    Raises InputError also for joints between unknown links, or that follow no joint that moves by itself.
+    """
     for joint in joints.values():
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
@@ -279,18 +247,13 @@ def _check_references(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, u
         if joint.mimic is None:
             continue
         movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
-        leader = movable.get(joint.mimic.joint)
-        if leader is None:
+        if (leader := movable.get(joint.mimic.joint)) is None:
             expected = expected_names(joint.mimic.joint, movable)
             message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
             raise bad_input("unknown-joint", message, joint.place)
         if leader.mimic is not None:
             message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
             raise bad_input("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`")
-
-
-def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoint], place: Place) -> str:
-    """The one link that no joint carries; checks that every link is reached from it exactly once."""
     carriers: dict[str, urdf.UrdfJoint] = {}
     for joint in joints.values():
         if joint.child in carriers:

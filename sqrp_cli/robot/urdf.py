@@ -159,8 +159,8 @@ class UrdfModel:
 
         links, joints = {}, {}
         for link in self.links.values():
-            name, collision, visual = prefix + link.name, named(link.collision), named(link.visual)
-            links[name] = replace(link, name=name, collision=collision, visual=visual)
+            collision, visual = named(link.collision), named(link.visual)
+            links[prefix + link.name] = replace(link, name=prefix + link.name, collision=collision, visual=visual)
         for joint in self.joints.values():
             name, parent, child = prefix + joint.name, prefix + joint.parent, prefix + joint.child
             mimic = joint.mimic and replace(joint.mimic, joint=prefix + joint.mimic.joint)
