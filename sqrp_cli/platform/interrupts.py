@@ -35,31 +35,11 @@ def was_interrupted() -> bool:
 
 
 @contextmanager
-def interrupts_later() -> Iterator[None]:
-    """Delay a Ctrl-C until the end of the block.
+def interrupts_later(*, second_raises: bool = False) -> Iterator[Callable[[], bool]]:
+    """Delay a Ctrl-C until the end of the block; yields whether it came, so that work may be ended in order.
 
     For imports of libraries that catch every exception, KeyboardInterrupt too, as a missing module or raise another one
-    instead: the program would ignore the Ctrl-C or report a wrong error.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    if not callable(before) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
-@contextmanager
-def first_interrupt_noted() -> Iterator[Callable[[], bool]]:
-    """Note a Ctrl-C in the block, in which work is then ended in order; yields whether it came. A second one raises.
-
-    At the end of the block KeyboardInterrupt is raised if it came.
+    instead: the program would ignore the Ctrl-C or report a wrong error. second_raises: a second one is not delayed.
     """
     before, came = signal.getsignal(signal.SIGINT), list[int]()
     if not callable(before) or threading.current_thread() is not threading.main_thread():
@@ -67,7 +47,7 @@ def first_interrupt_noted() -> Iterator[Callable[[], bool]]:
         return
 
     def note(number: int, frame: FrameType | None) -> None:
-        if came:
+        if came and second_raises:
             before(number, frame)
         came.append(number)
 
@@ -76,5 +56,5 @@ def first_interrupt_noted() -> Iterator[Callable[[], bool]]:
         yield lambda: bool(came)
     finally:
         signal.signal(signal.SIGINT, before)
-    if came:
-        signal.raise_signal(signal.SIGINT)
+        if came:
+            signal.raise_signal(signal.SIGINT)

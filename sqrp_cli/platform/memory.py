@@ -20,8 +20,8 @@ def keep_freed_memory() -> None:
     """Keep the freed memory of arrays in this process, for the next arrays.
 
     By default the C library returns the memory of large arrays at once, and every new one costs a system call and a
-    page fault per page: a tenth of the time of a candidate. Dask makes its workers return all memory
-    (MALLOC_TRIM_THRESHOLD_), which doubles that cost. Without effect if the C library has no such setting.
+    page fault per page: a tenth of the time of a candidate, and twice that in workers of Dask (MALLOC_TRIM_THRESHOLD_).
+    Without effect if the C library has no such setting.
     """
     import ctypes
 
@@ -40,28 +40,24 @@ def give_back_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def collect_seldom() -> None:
-    """Run Python's garbage collection less often.
-
-    Files that are read and modules that are imported stay, and scanning them again and again takes a tenth of the time.
-    """
-    gc.set_threshold(_NEW_OBJECTS)
-
-
 def collect_later() -> None:
-    """Run no garbage collection while modules are imported and files are read, until `keep_all_so_far`."""
+    """Run no garbage collection while modules are imported and files are read, until `keep_all_so_far`.
+
+    Scanning what stays again and again takes a third of the time of a short command.
+    """
     gc.set_threshold(_FIRST_OBJECTS)
 
 
 def keep_all_so_far() -> None:
-    """Exclude all present objects from garbage collection, and collect new ones seldom.
-
-    For data that was read and stays: scanning it takes a tenth of the time of a short command. Only the first time in
-    a process, because later ones would also keep what is no longer used.
-    """
-    if gc.get_freeze_count() == 0:
+    """Exclude all present objects from garbage collection, the first time in a process, and collect new ones seldom."""
+    if gc.get_freeze_count() == 0:  # later, what is no longer used would be kept, too
         gc.freeze()
     collect_seldom()
+
+
+def collect_seldom() -> None:
+    """Run Python's garbage collection less often."""
+    gc.set_threshold(_NEW_OBJECTS)
 
 
 def collect_no_more() -> None:

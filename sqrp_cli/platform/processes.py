@@ -22,7 +22,7 @@ from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
 from types import ModuleType
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from sqrp_cli.errors import InputError, Problem, SqrpError, bad_input
@@ -96,22 +96,11 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
 
 
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """Start processes that do not run the caller's script again: they need nothing of it, and it may have no guard."""
-    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
-
-
 class WorkerDied(SqrpError):  # noqa: N818 - what happened, not what is wrong
     """A process ended before it answered, or took too long to answer."""
 
 
-@dataclass(frozen=True)
-class _Raised:
+class _Raised(NamedTuple):
     """The answer of a process that failed."""
 
     error: Exception
@@ -136,12 +125,16 @@ class Worker(Generic[Message, Answer]):
         """Ready to read when it has answered; to wait for it among other things."""
         _pipes.add(self.pipe)
         self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=not starts_others)
-        with _without_interrupts(), _without_main():
-            try:
+        # It does not run the caller's script again: it needs nothing of that, and the script may have no guard.
+        main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+        try:
+            with _without_interrupts():
                 self._process.start()
-            except (EOFError, ConnectionError) as error:
-                message = "the process that starts the others was killed; is there enough memory?"
-                raise bad_input("worker-died", message) from error
+        except (EOFError, ConnectionError) as error:
+            message = "the process that starts the others was killed; is there enough memory?"
+            raise bad_input("worker-died", message) from error
+        finally:
+            sys.modules["__main__"] = main
         theirs.close()
 
     def send(self, message: Message) -> None:
@@ -188,9 +181,17 @@ class Worker(Generic[Message, Answer]):
 
 def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:
     """The main function of a worker: prepare, then answer until the other end of the pipe is closed."""
+
+    def end_with_parent() -> None:  # otherwise it would run or wait for work for ever
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            with suppress(ChildProcessError):
+                parent.join()
+            os._exit(1)
+
     for inherited in list(_pipes):  # a reader sees the end of a pipe only when nobody has it open
         inherited.close()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     answer = _tried(prepare, *arguments)
     with suppress(EOFError, OSError):
         while True:
@@ -203,15 +204,6 @@ def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401
     except Exception as error:
         error.add_note(traceback.format_exc())
         return _Raised(error)
-
-
-def _end_with_parent() -> None:
-    """End this process with its parent; otherwise it would run or wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        with suppress(ChildProcessError):
-            parent.join()
-        os._exit(1)
 
 
 @dataclass(eq=False)
@@ -292,7 +284,12 @@ class Pool(Generic[Message, Answer]):
                 late = time.monotonic() - post.since > self._deadline
                 if post.worker.pipe not in ready and not late:
                     continue
-                index, answer = post.own.popleft(), self._received(post, late=late)
+                index = post.own.popleft()
+                answer: Answer | Exception
+                try:
+                    answer = post.worker.receive(0.0 if late else inf)
+                except Exception as error:
+                    answer = error
                 if isinstance(answer, WorkerDied):
                     for other in reversed(post.own):  # it had not begun with these
                         left.setdefault(post.kind, deque()).appendleft(other)
@@ -305,13 +302,6 @@ class Pool(Generic[Message, Answer]):
                         continue
                 post.since = time.monotonic()
                 yield index, answer
-
-    @staticmethod
-    def _received(post: _Post[Message, Answer], *, late: bool) -> Answer | Exception:
-        try:
-            return post.worker.receive(0.0 if late else inf)
-        except Exception as error:
-            return error
 
     def _hand_out(self, messages: Sequence[Message], left: dict[object, deque[int]]) -> None:
         """Give every worker a message, and some in advance while enough are left."""

@@ -15,7 +15,7 @@ from typing import Protocol
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.platform.interrupts import first_interrupt_noted
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.platform.processes import Pool, died, forked
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.kept import Outcome, Results, key_of
@@ -186,7 +186,7 @@ class Computer:
         keys, cluster = list(missing), self._means.cluster
         advance(len(wanted) - len(missing))
         alone = cluster is None and self._means.jobs < 2
-        with nullcontext(lambda: False) if alone else first_interrupt_noted() as interrupted:
+        with nullcontext(lambda: False) if alone else interrupts_later(second_raises=True) as interrupted:
             for index, answer in self._answers(jobs, interrupted):
                 if isinstance(answer, str) and cluster is not None:
                     try:

@@ -11,7 +11,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.platform.interrupts import first_interrupt_noted
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
@@ -55,7 +55,7 @@ def seen_by_cluster(
         )
         for part in parts
     ]
-    with first_interrupt_noted() as interrupted:
+    with interrupts_later(second_raises=True) as interrupted:
         for index, answer in cluster.answers(jobs, interrupted):
             if not isinstance(answer, str):
                 raise InputError(*answer)
