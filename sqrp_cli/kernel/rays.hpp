@@ -144,7 +144,8 @@ template <class Whole, class Part> void for_blocking(const Surface& s, const Hul
 // Adds the rays that a surface blocks. Of triangles wholly before the far side only the common outline is drawn: sides of
 // which only one triangle is among them, or which are between front and back. H, map: in the frame of the surface.
 inline void block(Rays& blocked, const Surface& s, const Hull& H, const Pose& map, Scratch& scratch) {
-    auto& [turned, drawn] = scratch;
+    List<int8_t>& turned = scratch.turned;
+    List<int32_t>& drawn = scratch.drawn;
     if (turned.size() < s.count()) turned.resize(s.count());  // zeros
     drawn.clear();
     for_blocking(
