@@ -33,51 +33,47 @@ void cover(const Request* request, int questions, const int64_t* state, const in
     List<Turn> turns;
     List<View> views;   // of the boxes of the present target, (cameras, its boxes)
     List<LitBox> lit;
+    List<uint8_t> saw;  // whether each camera saw all of them when it was asked last
     for (int q = 0; q < questions; q++) {
         int boxes = int(count[q]), first_box = int(first[q]);
         if (!q || first[q] != first[q - 1] || count[q] != count[q - 1]) {
             views.resize(most(views.size(), int(request->camera_count) * boxes));
             lit.resize(most(lit.size(), boxes));
             for (View& view : views) view.forget();
+            saw.clear(), saw.resize(int(request->camera_count));
         }
+        int64_t seen = 0, left = 0;  // how many cameras see it, and may
         auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
         auto view = [&](int c, int b) -> View& { return views[c * boxes + b]; };
-        auto is_within = [&](int c) {
+        auto count_near = [&](int c) {  // how many solids are near its boxes; -1 if it surely does not see them
             const Camera& camera = request->cameras[c];
-            for (int b = 0; b < boxes; b++) {
-                view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]);
-                if (view(c, b).limit.cause != NONE) return false;
-            }
-            return true;
+            int near = 0;
+            bool may = true;
+            for (int b = 0; may && b < boxes; b++) view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]), may = view(c, b).limit.cause == NONE;
+            for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = view(c, b).needed(scene, lit[b]) + view(c, b).cut <= 1;
+            return may ? near : -1;
         };
-        if (needed[q] > 1) {  // so many cameras must have it within their limits
-            int possible = 0;
-            for (int c = 0; c < request->camera_count; c++) {
-                if (sight(c) == UNKNOWN && !is_within(c)) sight(c) = UNSEEN;
-                possible += sight(c) != UNSEEN;
-            }
-            if (possible < needed[q]) continue;
-        }
-        int64_t seen = 0;
-        for (int t = 0, from = 0; t < tier_count && seen < needed[q]; from = int(tier_ends[t++])) {
+        auto find_out = [&](int c, int near) {
+            bool sees = near >= 0;
+            for (int b = 0; sees && near && b < boxes; b++) sees = view(c, b).sees(scene, view(c, b).needed(scene, lit[b]));
+            sight(c) = sees ? SEEN : UNSEEN, saw[c] = sees, seen += sees, left -= !sees;
+        };
+        auto is_open = [&] { return seen < needed[q] && left >= needed[q]; };
+        for (int c = 0; c < request->camera_count; c++) left += sight(c) != UNSEEN;
+        for (int t = 0, from = 0; t < tier_count && is_open(); from = int(tier_ends[t++])) {
             turns.clear();
             for (int i = from; i < tier_ends[t]; i++) seen += sight(int(tier_cameras[i])) == SEEN;
-            for (int i = from; i < tier_ends[t] && seen < needed[q]; i++) {
-                int c = int(tier_cameras[i]), near = 0;
-                if (sight(c) != UNKNOWN) continue;
-                bool may = is_within(c);
-                for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = view(c, b).needed(scene, lit[b]) + view(c, b).cut <= 1;
-                if (!may) sight(c) = UNSEEN;
-                else if (!near) sight(c) = SEEN, seen++;
-                else turns.add({c, near});
-            }
+            // Those first that saw it last, then those with the fewest solids near it.
+            for (int pass = 0; pass < 2; pass++)
+                for (int i = from; i < tier_ends[t] && is_open(); i++) {
+                    int c = int(tier_cameras[i]), near;
+                    if (sight(c) != UNKNOWN || (!pass && !saw[c])) continue;
+                    if ((near = count_near(c)) > 0 && pass) turns.add({c, near});
+                    else find_out(c, near);
+                }
             sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) { return a.near < b.near; });
-            for (Turn turn : turns) {
-                if (seen >= needed[q]) break;
-                bool sees = true;
-                for (int b = 0; sees && b < boxes; b++) sees = view(turn.camera, b).sees(scene, view(turn.camera, b).needed(scene, lit[b]));
-                sight(turn.camera) = sees ? SEEN : UNSEEN, seen += sees;
-            }
+            for (Turn turn : turns)
+                if (is_open()) find_out(turn.camera, turn.near);
         }
     }
 }

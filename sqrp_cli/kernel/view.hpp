@@ -53,6 +53,8 @@ public:
         if (!has_resting || !still) near.clear(), scene.find_near(scene.resting, H, box, state, near), resting = near.size();
         has_resting = true, near.resize(resting);
         scene.find_near(scene.moving, H, box, state, near);
+        for (int i = resting + 1; i < near.size(); i++)  // what was last in the way comes first
+            if (near[i].solid == in_the_way) swap(near[resting], near[i]);
         return near.size();
     }
 
@@ -125,7 +127,7 @@ public:
 
 private:
     bool known = false, still = false, has_hull = false, has_grid = false, has_resting = false, has_rays = false;
-    int still_met = -1, box = 0;
+    int still_met = -1, box = 0, in_the_way = -1;
     int64_t state = 0;
     const Camera* camera = nullptr;
     Pose X_WC, X_WB;
@@ -147,7 +149,8 @@ private:
             for (int i = 0; !still_met && i < resting; i++) still_met = meets(*scene.solids[near[i].solid], near[i].hull);
         }
         bool found = still_met;
-        for (int i = resting; !found && i < near.size(); i++) found = meets(*scene.solids[near[i].solid], near[i].hull);
+        for (int i = resting; !found && i < near.size(); i++)
+            if ((found = meets(*scene.solids[near[i].solid], near[i].hull))) in_the_way = near[i].solid;
         return found;
     }
 
@@ -191,7 +194,10 @@ private:
         }
         Rays blocked = still_blocked;
         double seen = g.seen(blocked);
-        for (int i = resting; i < near.size() && !(seen < enough); i++) scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
+        for (int i = resting; i < near.size() && !(seen < enough); i++) {
+            scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
+            if (seen < enough) in_the_way = near[i].solid;
+        }
         if (!within_image) return seen;
         int count = 0;
         for (int k = 0; k < ROWS; k++)
