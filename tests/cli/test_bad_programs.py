@@ -107,11 +107,6 @@ def test_every_command_refuses_a_damaged_program_alike_and_leaves_it_as_it_was(s
     path.unlink()
 
 
-def test_the_undamaged_program_is_sound(sqrp, sound):
-    outcome = sqrp("program", sound)
-    assert (outcome.code, outcome.err) == (0, "")
-
-
 def test_a_program_that_is_laid_out_anew_or_moved_is_the_same(sqrp, laying, sound):
     document = yaml.load(sound.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
     moved = laying / "elsewhere" / "moved.yaml"
@@ -198,11 +193,3 @@ def test_a_program_of_before_there_were_marks_is_read_as_before(laying, sound, w
     path.write_text(text, encoding="utf-8")
     check_program(load_program(path), path, workspace)
     path.unlink()
-
-
-def test_a_page_of_text_is_told_to_be_no_program(sqrp, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# A page\n\n[![picture](p.png)](...) of a cell: it is no program\n")
-    told = sqrp("program", page)
-    assert told.code == 2
-    assert "this is no program" in told.err

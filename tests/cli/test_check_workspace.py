@@ -14,14 +14,6 @@ SHIPPED = sorted(path.parent for path in (ROOT / "workspaces").glob("*/workspace
 CASES = [ROOT / "tests" / "cases" / name for name in ("cell", "gripper", "watch")]
 
 
-def _replaced(cell: Path, old: str, new: str) -> Path:
-    path = cell / "workspace.yaml"
-    text = path.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    return path
-
-
 def _codes(outcome: Outcome) -> set[str]:
     return {problem["code"] for problem in outcome.document["problems"]}
 
@@ -34,48 +26,6 @@ def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp: Calla
 def test_a_new_cell_works_as_it_is_meant(sqrp: Callable[..., Outcome], tmp_path: Path) -> None:
     assert sqrp("init", tmp_path / "new", "--no-run").code == 0
     assert _codes(sqrp("check", tmp_path / "new", "--json")) == set()
-
-
-def test_a_listed_task_that_cannot_be_read_is_an_error_where_it_stands(
-    sqrp: Callable[..., Outcome], own_watch: Path
-) -> None:
-    file = _replaced(own_watch, "task: watch green", "task: watch purple")
-    (line,) = (n for n, text in enumerate(file.read_text(encoding="utf-8").splitlines(), 1) if "watch purple" in text)
-    checked, ranked = sqrp("check", own_watch), sqrp("rank", own_watch, "watch purple")
-    assert (checked.code, checked.out) == (2, "")
-    assert ranked.err.startswith("error: no object that `watch` can use is called or described as `purple`")
-    assert checked.err == ranked.err.replace("error: ", f"error: {file}:{line}:6: ")
-
-
-def test_objects_of_any_shape_in_one_place_are_told_with_and_without_a_task(
-    sqrp: Callable[..., Outcome], own_watch: Path
-) -> None:
-    peg = (
-        "  peg: {type: peg, color: blue, size: [2 cm, 2 cm, 9 cm], pose: {position: [2, 0.3, 1.09]},"
-        " parts: [{cylinder: {radius: 1 cm, length: 9 cm}}]}\n"
-    )
-    file = _replaced(own_watch, "  wall: {", peg + "  wall: {")
-    for task in ((), ("watch green",), ("watch seen",)):
-        checked = sqrp("check", own_watch, *task)
-        assert checked.code == 0
-        assert f"warning: {file}:" in checked.err
-        assert (
-            "objects `seen` and `peg` are in one place: a box of the first and a cylinder of the second" in checked.err
-        )
-    _replaced(own_watch, "1.09]", "1.095]")
-    assert sqrp("check", own_watch).err == ""
-
-
-def test_what_the_robot_hits_at_home_is_a_warning_where_home_stands(
-    sqrp: Callable[..., Outcome], own_watch: Path
-) -> None:
-    crate = "  crate: {type: wall, size: [1, 1, 1], pose: {position: [0, -5, 0]}, fixed: true}\n"
-    file = _replaced(own_watch, "  wall: {", crate + "  wall: {")
-    checked = sqrp("check", own_watch)
-    assert checked.code == 0
-    assert f"warning: {file}:6:3: at home " in checked.err
-    assert " hits crate before anything moves, so no task can begin there\n" in checked.err
-    assert "1 warning" in checked.out
 
 
 def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:

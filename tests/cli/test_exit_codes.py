@@ -28,14 +28,6 @@ def assert_refused(outcome, *words: str) -> None:
         assert word in outcome.err
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_is_on_stdout_and_names_every_argument(sqrp, command):
-    outcome = sqrp(command, "--help")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert f"Usage: sqrp {command}" in outcome.out
-    assert ("WORKSPACE" in outcome.out) is (command != "schema")
-
-
 def test_help_lists_every_command(sqrp):
     outcome = sqrp("--help")
     assert (outcome.code, outcome.err) == (0, "")
@@ -63,63 +55,6 @@ def test_version_is_printed_alone(sqrp):
     assert len(outcome.out.splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        (["frobnicate"], "frobnicate"),
-        (["rnak"], "rnak"),
-        (["rank"], "WORKSPACE"),
-        (["rank", "{watch}"], "TASK"),
-        (["explain", "{watch}"], "a task is missing"),
-        (["show"], "WORKSPACE"),
-        (["check"], "WORKSPACE"),
-        (["show", "{watch}", "surplus"], "surplus"),
-        (["rank", "{watch}", "watch seen", "--bogus"], "--bogus"),
-        (["rank", "{watch}", "watch seen", "--by", "beauty"], "beauty"),
-        (["rank", "{watch}", "watch seen", "--by", "q_eio"], "q_eoi"),
-        (["rank", "{watch}", "watch seen", "--by"], "--by"),
-        (["rank", "{watch}", "watch seen", "--samples", "1"], "--samples"),
-        (["rank", "{watch}", "watch seen", "--samples", "0"], "--samples"),
-        (["rank", "{watch}", "watch seen", "--samples", "many"], "--samples"),
-        (["rank", "{watch}", "watch seen", "--samples", "2.5"], "--samples"),
-        (["explain", "{watch}", "watch seen", "--samples", "-3"], "--samples"),
-        (["rank", "{watch}", "watch seen", "--dt", "1ns"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "1e-9"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "0"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "-1"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "nan"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "inf"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--dt", "5 cm"], "--dt"),
-        (["rank", "{watch}", "watch seen", "--samples", "10", "--dt", "0.1"], "--dt"),
-        (["explain", "{watch}", "watch seen", "--samples", "10", "--tolerance", "1"], "--tolerance"),
-        (["rank", "{watch}", "watch seen", "--tolerance", "0"], "--tolerance"),
-        (["rank", "{watch}", "watch seen", "--tolerance", "nan"], "--tolerance"),
-        (["rank", "{watch}", "watch seen", "--jobs", "0"], "--jobs"),
-        (["rank", "{watch}", "watch seen", "--seed", "-1"], "--seed"),
-        (["rank", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
-        (["explain", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
-        (["explain", "{watch}", "watch cube", "--choose", "seem"], "seen"),
-        (["rank", "{watch}", ""], "TASK"),
-        (["rank", "{watch}", "wach seen"], "watch"),
-        (["rank", "{watch}", "watch purple"], "purple"),
-        (["rank", "{watch}", "watch sean"], "seen"),
-        (["check", "{watch}", "watch purple"], "purple"),
-        (["explain", "{watch}", "watch purple"], "purple"),
-        (["rank", "{watch}", "watch colour=green"], "colour"),
-        (["rank", "{watch}", "watch object=nobody"], "nobody"),
-        (["rank", "{tmp}/nowhere", "watch seen"], "nowhere"),
-        (["show", "{tmp}/nowhere"], "nowhere"),
-        (["check", "{tmp}/nowhere"], "nowhere"),
-        (["rank", "{watch}", "watch seen", "--after", "{tmp}/none.yaml"], "none.yaml"),
-        (["check", "{watch}", "watch seen", "--after", "{tmp}/none.yaml"], "none.yaml"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_misuse_is_refused_with_one_message(sqrp, watch, tmp_path, arguments, word):
-    filled = [argument.format(watch=watch, tmp=tmp_path) for argument in arguments]
-    assert_refused(sqrp(*filled), word)
-
-
 def test_what_a_damaged_file_holds_never_controls_the_terminal(sqrp, tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_bytes(b"<robot \x1b[31m\x00\xff\x07>")
@@ -136,12 +71,6 @@ def test_without_a_command_the_help_is_shown_on_stderr_and_it_is_misuse(sqrp):
     outcome = sqrp()
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err == sqrp("--help").out
-
-
-@pytest.mark.parametrize("command", ["rank", "explain", "show"])
-def test_bad_input_prints_no_document(sqrp, tmp_path, command):
-    task = () if command == "show" else ("pickup green",)
-    assert_refused(sqrp(command, tmp_path / "nowhere", *task, "--json"), "nowhere")
 
 
 def test_check_tells_about_bad_input_in_its_document(sqrp, own_watch):
@@ -180,98 +109,10 @@ def test_check_gives_every_candidate_its_verdict(sqrp, watch):
         assert bool(candidate["reasons"]) is not candidate["feasible"]
 
 
-@pytest.mark.parametrize("command", ["check", "rank", "explain"])
-def test_no_feasible_candidate_is_exit_1(sqrp, watch, command):
-    plain = sqrp(command, watch, "watch stray")
-    assert plain.code == 1
-    assert "in_place(stray)" in " ".join(plain.out.split())
-    outcome = sqrp(command, watch, "watch stray", "--json")
-    assert outcome.code == 1
-    assert outcome.document["task"] == "watch stray"
-
-
-@pytest.mark.parametrize("command", ["check", "rank", "explain"])
-def test_one_feasible_candidate_is_exit_0(sqrp, watch, command):
-    assert sqrp(command, watch, "watch cube").code == 0
-
-
 def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
     outcome = sqrp("explain", watch, "watch cube", "--choose", "stray", "--json")
     assert outcome.code == 1
     assert (outcome.document["feasible"], outcome.document["samples"]) == (False, [])
-
-
-def test_choosing_an_infeasible_candidate_writes_nothing(sqrp, watch, tmp_path):
-    program = tmp_path / "program.yaml"
-    outcome = sqrp("rank", watch, "watch cube", "--program", program, "--choose", "stray")
-    assert outcome.code == 1
-    assert "stray" in outcome.err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_where_nothing_can_be_done_no_program_is_written(sqrp, tabletop, tmp_path):
-    outcome = sqrp("rank", tabletop, "pickup g6", "--program", tmp_path / "new.yaml")
-    assert outcome.code == 1
-    assert "no candidate can be done, so" in outcome.err
-    assert not (tmp_path / "new.yaml").exists()
-
-
-def test_choosing_an_infeasible_candidate_is_exit_1_without_a_program_too(sqrp, watch):
-    assert sqrp("rank", watch, "watch cube", "--choose", "stray").code == 1
-
-
-def test_choosing_an_unknown_candidate_writes_nothing_and_names_the_nearest(sqrp, watch, tmp_path):
-    program = tmp_path / "program.yaml"
-    outcome = sqrp("rank", watch, "watch cube", "--program", program, "--choose", "seem")
-    assert outcome.code == 2
-    assert "seen" in outcome.err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_ranking_with_no_feasible_candidate_writes_no_program(sqrp, watch, tmp_path):
-    assert sqrp("rank", watch, "watch stray", "--program", tmp_path / "program.yaml").code == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("where", ["folder", "below-a-file"])
-def test_a_program_that_cannot_be_written_is_bad_input(sqrp, watch, tmp_path, where):
-    (tmp_path / "file").write_text("mine", encoding="utf-8")
-    path = tmp_path if where == "folder" else tmp_path / "file" / "program.yaml"
-    outcome = sqrp("rank", watch, "watch seen", "--program", path)
-    assert outcome.code == 2
-    assert outcome.err.count("error:") == 1
-    assert str(path) in outcome.err
-    assert [file.name for file in tmp_path.iterdir()] == ["file"]
-    assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
-
-
-@pytest.mark.parametrize("option", ["--after", "--program"])
-def test_a_stale_program_is_refused_with_the_command_that_mends_it(sqrp, own_watch, tmp_path, option):
-    program = tmp_path / "program.yaml"
-    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
-    before = program.read_bytes()
-    file = own_watch / "workspace.yaml"
-    file.write_text(file.read_text(encoding="utf-8").replace("near: 50 cm", "near: 51 cm"), encoding="utf-8")
-    outcome = sqrp("rank", own_watch, "watch seen", option, program)
-    assert_refused(outcome, "changed", "sqrp rank", str(program))
-    assert program.read_bytes() == before
-
-
-@pytest.mark.parametrize("option", ["--after", "--program"])
-def test_a_program_of_another_workspace_is_refused(sqrp, watch, own_watch, tmp_path, option):
-    program = tmp_path / "program.yaml"
-    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
-    assert_refused(sqrp("rank", watch, "watch seen", option, program), str(own_watch), str(watch))
-
-
-@pytest.mark.parametrize("text", ["", "a: [1", "just words", "steps: []\n", "sqrp_program: 1\nworkspace: 3\n"])
-def test_a_file_that_is_no_program_is_refused(sqrp, watch, tmp_path, text):
-    program = tmp_path / "program.yaml"
-    program.write_text(text, encoding="utf-8")
-    outcome = sqrp("rank", watch, "watch seen", "--after", program)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert str(program) in outcome.err
-    assert "Traceback" not in outcome.err
 
 
 def test_json_is_one_document_and_nothing_else(sqrp_process, watch):
@@ -289,12 +130,6 @@ def test_schema_is_json_schema_of_a_kind_of_file(sqrp, which, keys):
     outcome = sqrp("schema", *which)
     assert (outcome.code, outcome.err) == (0, "")
     assert keys <= set(outcome.document["properties"])
-
-
-def test_schema_of_what_is_no_file_names_the_nearest(sqrp):
-    outcome = sqrp("schema", "skil")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.err == "error: there is no schema of `skil`; did you mean `skill`?\n"
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")

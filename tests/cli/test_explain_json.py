@@ -471,26 +471,6 @@ def test_every_cause_is_named_where_it_was_staged(scenes):
     assert found == {name: {verdict} for name, verdict in staged.items()}
 
 
-def test_a_part_behind_the_lens_is_told_from_one_that_is_too_near(sqrp, own_watch):
-    cell = own_watch / "workspace.yaml"
-    text = cell.read_text(encoding="utf-8")
-    cell.write_text(text.replace("look_at: [1, 0, 1]", "look_at: [-1, 0, 1]"), encoding="utf-8")
-    document = sqrp("explain", own_watch, "watch seen", "--json").document
-    found = {(v["cause"], v["by"]) for s in document["samples"] for v in views_of(s["literals"])}
-    assert found == {("behind", None)}
-    assert document["verdict"].startswith("eye looks away from in_place(seen)")
-    assert "turn eye round, or say `convention: body`" in document["verdict"]
-    shown = sqrp("explain", own_watch, "watch seen").out
-    assert "behind the camera" in shown
-    assert "l looks away" in shown
-    assert "near" not in shown.replace("n too near", "")
-
-
-def views_of(literals: dict[str, Document]) -> Iterator[Document]:
-    """What the camera of the cell says of every literal of a sample."""
-    return (literal["cameras"]["eye"] for literal in literals.values())
-
-
 def test_fixed_sampling_takes_its_instants_where_the_contract_says(sqrp, watch):
     counted = sqrp("explain", watch, "watch seen", "--json", "--samples", 3).document
     stepped = sqrp("explain", watch, "watch seen", "--json", "--dt", 0.3).document

@@ -154,14 +154,3 @@ def test_the_picture_of_a_large_camera_is_drawn_smaller_with_the_same_view(sqrp,
         assert picture.shape[1] == 1090, "an eleventh"
         column = round((320 - 400 * 0.3 / 1.95 + 0.5) * 1090 / 641)
         assert picture[409, column, 1] > picture[409, column, 0] + 20, "the green face is where it was"
-
-
-def test_an_image_larger_than_any_cameras_is_refused_where_it_stands(sqrp, own_watch):
-    path = own_watch / "workspace.yaml"
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("width: 641, height: 481", "width: 30000, height: 30000"), encoding="utf-8")
-    outcome = sqrp("check", own_watch)
-    assert outcome.code == 2
-    assert "30,000 x 30,000 = 900,000,000 pixels, expected at most 200,000,000" in outcome.err
-    line = next(number for number, words in enumerate(path.read_text().splitlines(), 1) if "30000" in words)
-    assert f"workspace.yaml:{line}:" in outcome.err

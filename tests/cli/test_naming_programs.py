@@ -22,20 +22,6 @@ def test_a_program_in_place_of_a_workspace_starts_where_it_ends(sqrp, own_watch,
     assert told.document["task"] == "watch turned"
 
 
-def test_it_goes_on_with_itself(sqrp, program):
-    assert sqrp("rank", program, "watch turned", "--program", program).code == 0
-    assert [step["task"] for step in sqrp("program", program, "--json").document["steps"]] == [
-        "watch seen",
-        "watch turned",
-    ]
-
-
-def test_two_places_to_start_are_refused(sqrp, program):
-    refused = sqrp("rank", program, "watch seen", "--after", program)
-    assert (refused.code, refused.out) == (2, "")
-    assert "leave out --after" in refused.err
-
-
 def test_a_shell_proposes_tasks_after_a_program(program):
     from types import SimpleNamespace
 

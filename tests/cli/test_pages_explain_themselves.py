@@ -203,12 +203,3 @@ def test_a_run_begins_with_what_happened_and_opens_there(browser, tmp_path):
 def test_a_run_is_told_in_one_sentence(tmp_path, fault, told):
     report, _ = run_page(tmp_path, fault)
     assert story(report).startswith(told)
-
-
-def test_skills_say_what_their_actions_do(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
-    text = skill.read_text(encoding="utf-8")
-    skill.write_text(text.replace("{name: w2, wait", "{name: w2, does: look on, wait"), encoding="utf-8")
-    (found,) = [sqrp("explain", own_watch, "watch seen", "--json").document]
-    assert [one["does"] for one in found["primitives"]] == ["to home", "wait", "look on", "wait"]
-    assert "w0 to home, w1 wait, w2 look on, w3 wait" in sqrp("explain", own_watch, "watch seen").out

@@ -71,13 +71,6 @@ def test_the_answer_does_not_depend_on_processes_and_is_kept(sqrp, cell, tmp_pat
     assert files == {file: file.stat().st_mtime_ns for file in tmp_path.glob("*/*.json")}
 
 
-def test_the_table_of_a_saved_result_is_that_of_the_command(sqrp, cell, tmp_path):
-    command = ("place", cell, "pickup g2", "--cameras", "2", "--survive", "1", "--ways", "fastest")
-    saved = tmp_path / "place.json"
-    saved.write_text(sqrp(*command, "--json").out)
-    assert sqrp("show", saved).out == sqrp(*command).out
-
-
 def test_a_camera_that_stays_is_not_moved(sqrp, cell):
     found = sqrp("place", cell, "--cameras", "1", "--keep", "cam2", "--json").document
     assert found["keep"] == ["cam2"]
@@ -133,15 +126,6 @@ def test_where_the_least_stays_0_the_mean_is_said_to_have_decided(sqrp, occupied
     assert "(gap 0), so that the mean decided." in " ".join(found.out.split())
 
 
-@pytest.mark.parametrize("wish", [["--want", "q_eoi 100 %"], ["--cameras", "2"]])
-def test_a_budget_below_the_cheapest_cameras_is_refused_before_anything_is_planned(sqrp, cell, monkeypatch, wish):
-    monkeypatch.setattr("sqrp_cli.search.visibility_table.VisibilityTable.plan", None)
-    poor = sqrp("place", cell, *wish, "--budget", "190", "--json")
-    assert (poor.code, poor.out) == (2, "")
-    assert "the cheapest two cameras cost 200, --budget is 190" in poor.err
-    assert "--budget 200" in poor.err
-
-
 def test_where_the_cameras_that_stay_may_be_enough_a_small_budget_has_a_result(sqrp, cell):
     keep = ["--keep", "cam1", "--keep", "cam2"]
     kept = sqrp(
@@ -168,86 +152,6 @@ def test_a_camera_that_only_makes_up_the_number_is_the_one_that_sees_most(sqrp, 
     assert found["fewer"] is None
     (way,) = found["ways"].values()
     assert "any" not in way.values()
-
-
-def test_what_cannot_be_chosen_is_said_with_its_figure(sqrp, cell, tmp_path):
-    file = tmp_path / "large.yaml"
-    file.write_text(MOUNTS.replace("price: 40}", "body: 5 m}").replace("step: 1 m}}", "step: 1 m}, body: 5 m}"))
-    large = sqrp("place", cell, "pickup g2", "--cameras", "2", "--mounts", file, "--ways", "fastest")
-    assert large.code == 1
-    assert "all 10 mounts are in the way" in large.out
-    assert "does better" not in large.out
-
-
-def test_a_camera_may_fail_where_each_sees_everything(sqrp, cell):
-    two = sqrp("place", cell, "pickup g2", "--survive", "1", "--cameras", "2", "--ways", "fastest", "--json").document
-    assert two["objective"] == pytest.approx(1.0)
-    assert [camera["alone"] for camera in two["cameras"]] == pytest.approx([1.0, 1.0])
-    assert [camera["loss"] for camera in two["cameras"]] == pytest.approx([0.0, 0.0])
-    assert two["without_spare"]["cameras"] == 2  # `inspect` needs two
-
-
-def test_what_no_cameras_change_is_said(sqrp, cell):
-    slow = sqrp("place", cell, "pickup g2", "--want", "time 2 s", "--ways", "fastest")
-    assert slow.code == 1
-    assert "No camera can be chosen: no candidate can be done in that time." in slow.out
-    late = sqrp("place", cell, "pickup g2", "--want", "delay 0.01 s", "--ways", "fastest")
-    assert late.code == 1
-    assert (
-        "a frame period and the latency of the fastest of these cameras are 0.03333 s at worst, and the time that tool "
-        "and part take to part comes on top. The nearest is below."
-    ) in " ".join(late.out.split())  # the quicker lens has 30 Hz
-
-
-def test_a_written_patch_is_not_asked_for_again(sqrp, cell, tmp_path):
-    command = ("place", cell, "pickup g2", "--cameras", "2", "--ways", "fastest")
-    assert "To have it, add --patch FILE" in sqrp(*command).out
-    assert "--patch" not in sqrp(*command, "--patch", tmp_path / "z.diff").out
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--keep", "nocam"), "`cam1`, `cam2`"),
-        (("--keep", "cam1,cam2"), "--keep cam1 --keep cam2"),
-        (("--mounts", "nofile"), "--mounts"),
-        (("--patch", "a.diff", "--patch", "b.diff"), "--patch is given 2 times: a.diff, b.diff"),
-        (("--survive", "1", "--cameras", "1"), "needs two"),
-    ],
-)
-def test_a_message_says_what_mends_it(sqrp, cell, options, message):
-    found = sqrp("place", cell, *options)
-    assert (found.code, found.out) == (2, "")
-    assert message in found.err
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("mounts: {a: {points: [[0, 0, 1]], rail: {from: [0, 0, 1], to: [1, 0, 1], step: 0.1}}}", "exactly one of"),
-        ("mounts: {a: {points: [[0, 0, 1]], frame: wirst}}", "a mount on a link needs `aims`"),
-        ("mounts: {a: {points: [[0, 0, 1]], lenses: [wdie]}}", "wide"),
-        ("mounts: {a: {grid: {from: [0, 0, 1], to: [9, 9, 9], step: 2 cm}}}", "expected at most 20,000"),
-        ("mounts: {a: {points: [[0, 0, 1]], size: 3}}", "is no known key"),
-        ("mounts: {a: {points: []}}", "at least 1 item"),
-        ("mounts: {a: {points: [[0, 0, 1]], lenses: []}}", "at least 1 item"),
-        ("mounts: {a: {points: [[1, 1, 1]], aims: {at: [[1, 1, 1]]}}}", "look at its own place"),
-        ("mounts: {a: {points: [[1, 1, 1]], aims: {at: [[0, 0, 0]], up: [0, 0, 0]}}}", "`up` has length 0"),
-    ],
-)
-def test_a_file_that_says_nothing_sensible_is_refused(sqrp, cell, tmp_path, text, message):
-    file = tmp_path / "mounts.yaml"
-    file.write_text(f"{text}\nlenses: {{wide: {{catalogue: realsense-d435-color}}}}\n")
-    found = sqrp("place", cell, "--mounts", file)
-    assert found.code == 2
-    assert f"{file}:1" in found.err
-    assert message in found.err
-
-
-def test_without_mounts_the_message_says_what_to_write(sqrp):
-    found = sqrp("place", ROOT / "tests" / "cases" / "cell")
-    assert found.code == 2
-    assert "place.yaml" in found.err
 
 
 def test_a_wished_delay_is_met_by_the_delays_that_rank_says_not_by_those_of_the_search(sqrp, cell):

@@ -24,12 +24,3 @@ def test_the_output_is_the_same_with_a_report_and_the_page_with_every_number_of_
     details = [line for line in page.read_text().splitlines() if 'id="overview"' not in line]  # has the command in it
     sqrp(*command, "--report", page, "--jobs", 2)
     assert details == [line for line in page.read_text().splitlines() if 'id="overview"' not in line]
-
-
-@pytest.mark.parametrize("option", ["--mounts", "--patch"])
-def test_a_report_may_not_be_a_file_that_is_read_or_written_otherwise(sqrp, command, tmp_path, option):
-    file = tmp_path / "place.yaml"
-    outcome = sqrp(*command, option, file, "--report", file)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert str(file) in outcome.err
-    assert file.read_text() == MOUNTS

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import stat
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +19,6 @@ from sqrp_cli.program.file import check_unedited, load_program, save_program
 Document = dict[str, Any]
 
 TASK = "pickup green"
-SAME = ("program.yaml", "link.yaml")
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
 
@@ -46,13 +44,6 @@ def test_a_program_can_be_executed_as_it_stands(program):
     mode = program.stat().st_mode
     assert mode & stat.S_IXUSR
     assert mode & stat.S_IRUSR
-
-
-def test_writing_a_program_leaves_stdout_to_the_results(sqrp, watch, tmp_path):
-    plain = sqrp("rank", watch, "watch seen", "--json")
-    written = sqrp("rank", watch, "watch seen", "--json", "--program", tmp_path / "program.yaml")
-    assert written.out == plain.out
-    assert str(tmp_path / "program.yaml") in written.err
 
 
 def test_a_program_holds_nothing_but_plain_yaml(program, tabletop):
@@ -225,32 +216,6 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_pa
     assert "No space left" in outcome.err
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    ("written", "after", "says"),
-    [
-        ("new/program.yaml", None, ["mkdir -p {tmp}/new"]),
-        ("program.yaml", "other.yaml", ["starts where it ends"]),
-        *(("program.yaml", one, ["--after and --program both name this file", "leave out --after"]) for one in SAME),
-        ("cell/workspace.yaml", None, ["name a file that does not exist yet", "--program NEW.yaml"]),
-    ],
-)
-def test_a_program_that_cannot_be_written_is_refused_and_nothing_is_changed(
-    sqrp, watch, tmp_path, written, after, says
-):
-    """Before anything is computed, and with another command than was given."""
-    shutil.copytree(watch, tmp_path / "cell")
-    for name in ("program.yaml", "other.yaml"):
-        assert sqrp("rank", watch, "watch seen", "--program", tmp_path / name).code == 0
-    (tmp_path / "link.yaml").symlink_to(tmp_path / "program.yaml")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.yaml")}
-    start = [] if after is None else ["--after", tmp_path / after]
-    outcome = sqrp("rank", tmp_path / "cell", "watch seen", "--program", tmp_path / written, *start)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert all(said.format(tmp=tmp_path) in outcome.err for said in says)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.yaml")} == before
-    assert not (tmp_path / "new").exists()
 
 
 def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):

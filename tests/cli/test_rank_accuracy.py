@@ -10,23 +10,6 @@ import pytest
 from tests.cli.conftest import Outcome
 
 
-@pytest.mark.parametrize(
-    ("options", "how"),
-    [
-        (("--dt", "1e9"), "Sampled only where a primitive or formula begins or ends, and nothing moves"),
-        (("--dt", "0.5"), "Sampled every 0.5 s and where a primitive or formula begins or ends, and nothing moves"),
-        (("--samples", "3"), "Sampled 3 times per primitive, and nothing moves between"),
-    ],
-    ids=["step longer than the motion", "step", "count"],
-)
-def test_a_fixed_sampling_states_under_which_condition_its_bound_holds(
-    sqrp: Callable[..., Outcome], watch: Path, options: tuple[str, ...], how: str
-) -> None:
-    said = " ".join(sqrp("rank", watch, "watch turned", *options).out.split())
-    assert how in said
-    assert said.endswith("points if coverage changes at most once between two samples.")
-
-
 @pytest.mark.parametrize("step", ["1e9", "1", "0.3"])
 def test_the_bound_holds_where_coverage_changes_at_most_once_between_samples(
     sqrp: Callable[..., Outcome], watch: Path, step: str

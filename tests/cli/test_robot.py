@@ -24,25 +24,6 @@ from tests.trials.wire import small_cell
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["cell", TABLETOP], "--serve is missing; expected ros2"),
-        (["cell", TABLETOP, "--serve", "ros3"], "--serve is `ros3`; did you mean `ros2`?"),
-        (["cell", TABLETOP, "--serve", "ros2", "--fault", "slip@a4"], "--fault needs --program"),
-        (["run", "pick.yaml", "--sim", "--speed", "10%"], "--speed is about --robot, which is missing"),
-        (["run", "pick.yaml", "--yes"], "--yes is about --robot, which is missing"),
-        (["run", "pick.yaml", "--robot", "r.yaml", "--json"], "--json leaves no room for a question; add --yes"),
-        (["run", "pick.yaml", "--robot", "r.yaml", "--sim"], "--robot and --sim exclude each other"),
-        (["run", "pick.yaml", "--robot", "r.yaml", "--fault", "slip@a4"], "--robot and --fault exclude each other"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(sqrp: Callable[..., Any], words: list[object], said: str) -> None:
-    found = sqrp(*words)
-    assert (found.code, found.out) == (2, "")
-    assert said in found.err
-
-
 def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
     checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))

@@ -18,13 +18,6 @@ def test_every_finding_has_a_row_under_its_subject(sqrp):
         assert any(line.startswith(rule.subject) for line in lines)
 
 
-def test_one_finding_is_shown_in_full(sqrp):
-    shown = sqrp("rules", "wrong-unit").out
-    rule = rules()["wrong-unit"]
-    for text in (rule.code, rule.severities, rule.meaning, rule.why, rule.passes, rule.fails, str(rule.file)):
-        assert text in shown
-
-
 @pytest.mark.parametrize("code", rules())
 def test_every_line_of_an_example_is_shown(sqrp, code):
     shown = sqrp("rules", code).out
@@ -38,10 +31,3 @@ def test_the_document_has_what_the_registry_has(sqrp):
     assert [entry["code"] for entry in document["rules"]] == list(rules())
     (both,) = sqrp("rules", "overlapping-objects", "--json").document["rules"]
     assert both["severity"] == ["error", "warning"]
-
-
-def test_an_unknown_code_is_refused_with_the_nearest_one(sqrp):
-    outcome = sqrp("rules", "wrong-units")
-    assert outcome.code == 2
-    assert outcome.out == ""
-    assert "did you mean `wrong-unit`?" in outcome.err
