@@ -89,8 +89,7 @@ LARGEST_LINK = 20.0
 The larger a link, the more finely its motion has to be divided.
 """
 
-MOST_SHAPES = 4000
-"""Most solid shapes of robot, tool and objects together."""
+MOST_SHAPES = 4000  # most solid shapes of robot, tool and objects together
 
 
 def _check_size(workspace: Workspace, model: RobotModel) -> None:

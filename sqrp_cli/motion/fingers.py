@@ -11,11 +11,8 @@ from sqrp_cli.robot.kinematics import FingerModel, RobotModel
 from sqrp_cli.sight.solids import distance
 from sqrp_cli.trajectory import Trajectory
 
-CLOSING_STEP = 0.25e-3
-"""Motion of the fingers [m] between checks whether they touch the object."""
-
-TOUCH = 1e-6
-"""Tolerance of the contact position, as motion of the fingers [m]."""
+CLOSING_STEP = 0.25e-3  # motion of the fingers [m] between checks whether they touch the object
+TOUCH = 1e-6  # tolerance of the contact position, as motion of the fingers [m]
 
 
 def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Array | str:

@@ -290,8 +290,7 @@ def _with_allowed_contacts(
     return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
 
 
-TOUCH = 1e-5
-"""Distance that counts as contact [m]."""
+TOUCH = 1e-5  # distance that counts as contact [m]
 
 ARM_OF_TURN = 0.5
 """No part of tool and held object is further from the tool frame [m]: bounds their motion while the tool turns."""

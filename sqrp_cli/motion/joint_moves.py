@@ -20,14 +20,9 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import Trajectory
 
-TIE_DECIMALS = 6
-"""Total times equal to this many decimals of a second are ties; joint values are rounded alike."""
-
-TRIES_PER_WAY = 250
-"""Most straight pieces that the search for one way around may check."""
-
-MOST_TRIES = 1500
-"""Most straight pieces that all searches for one motion may check together."""
+TIE_DECIMALS = 6  # total times equal to this many decimals of a second are ties; joint values are rounded alike
+TRIES_PER_WAY = 250  # most straight pieces that the search for one way around may check
+MOST_TRIES = 1500  # most straight pieces that all searches for one motion may check together
 
 
 @dataclass(frozen=True, order=True)

@@ -11,11 +11,8 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import PastLimit
 from sqrp_cli.trajectory import JointPath, JointSpan
 
-LIMIT_SLACK = 1e-9
-"""Tolerated excess of joint positions over a limit [rad or m], for rounding."""
-
-WIDE = 4 * np.pi + 1e-6
-"""A joint with a wider range than this is treated as one without limits [rad]."""
+LIMIT_SLACK = 1e-9  # tolerated excess of joint positions over a limit [rad or m], for rounding
+WIDE = 4 * np.pi + 1e-6  # a joint with a wider range than this is treated as one without limits [rad]
 
 
 def past_limits(model: RobotModel, path: JointPath, may_turn: Mask | None = None) -> Array:

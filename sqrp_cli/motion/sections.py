@@ -26,11 +26,8 @@ from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
-SHORTEST_LINE = 1e-9
-"""Curves that are no longer have no speed [m]."""
-
-MOST_TURNS = 4096
-"""Combinations of whole turns of the joints that are tried for each branch."""
+SHORTEST_LINE = 1e-9  # curves that are no longer have no speed [m]
+MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried for each branch
 
 Names = Mapping[str, MotionValue]
 """The name of a branch at the end of one joint move: some of those of `BranchMotion.branch`."""

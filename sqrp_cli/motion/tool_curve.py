@@ -9,8 +9,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, displacement, pose
 from sqrp_cli.records import dataclass
 
-FLAT = 1e-9
-"""Three points whose circle has a radius above 1 / this of their distance are on a line."""
+FLAT = 1e-9  # three points whose circle has a radius above 1 / this of their distance are on a line
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

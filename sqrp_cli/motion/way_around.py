@@ -21,23 +21,12 @@ from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 _CORNER = np.array([[-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128], [45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128]])
 """Chebyshev coefficients of the curve around a corner: its shares of the directions before and after it."""
 
-SPARE = 2e-3
-"""Extra distance beyond the clearance, roughly kept by straight pieces and curves [m]; saves time."""
-
-SHORTCUTS = 60
-"""Number of random shortcuts tried on a polyline."""
-
-REACHES = (1.0, 0.5, 0.25, 0.125)
-"""Shares of the longest possible reach of a corner's curve, tried until one is free."""
-
-LEAST_SCALE = 0.1
-"""Least distance from a joint's axis that counts for the size of its motions [m]."""
-
-MARGIN = np.pi
-"""Largest motion of joints beyond both ends of a way, within their limits [rad or m]."""
-
-LONGEST_EDGE = 0.6
-"""Longest straight piece that the planner adds at once, in the units of the scaled joints [m]."""
+SPARE = 2e-3  # extra distance beyond the clearance, roughly kept by straight pieces and curves [m]; saves time
+SHORTCUTS = 60  # number of random shortcuts tried on a polyline
+REACHES = (1.0, 0.5, 0.25, 0.125)  # shares of the longest possible reach of a corner's curve, tried until one is free
+LEAST_SCALE = 0.1  # least distance from a joint's axis that counts for the size of its motions [m]
+MARGIN = np.pi  # largest motion of joints beyond both ends of a way, within their limits [rad or m]
+LONGEST_EDGE = 0.6  # longest straight piece that the planner adds at once, in the units of the scaled joints [m]
 
 
 def motion_through(q0: Array, vias: Array, q1: Array, limits: MotionLimits) -> Trajectory:

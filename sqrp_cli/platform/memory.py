@@ -6,8 +6,7 @@ import contextlib
 import gc
 import sys
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-"""Numbers of mallopt(3)."""
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # numbers of mallopt(3)
 
 _NEW_OBJECTS, _FIRST_OBJECTS = 20_000, 200_000
 """Number of new lists, dicts and records that triggers a garbage collection; the second while a command starts."""

@@ -37,13 +37,11 @@ Result = TypeVar("Result")
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """Shows how far work is: takes a title and the number of parts; what it yields counts those that are done."""
 
-PATIENCE = 1.0
-"""A process that takes longer than this to end [s] is killed."""
+PATIENCE = 1.0  # a process that takes longer than this to end [s] is killed
 
 _CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
 
-_pipes: WeakSet[Connection] = WeakSet()
-"""Our ends of the pipes to all workers."""
+_pipes: WeakSet[Connection] = WeakSet()  # our ends of the pipes to all workers
 
 
 def in_processes(

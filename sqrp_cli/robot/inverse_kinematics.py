@@ -25,8 +25,7 @@ SOLVED, POLISHED, NEARLY_SOLVED = 1e-11, 1e-13, 1e-6
 """Largest pose error of a solution, in m and rad (most are a thousand times better); that at which Newton's method
 stops before its last step; and the largest from which it starts."""
 
-SAME = 1e-4
-"""Solutions that differ by no more than this in each joint, whole turns ignored, count as one [rad or m]."""
+SAME = 1e-4  # solutions that differ by no more than this in each joint, whole turns ignored, count as one [rad or m]
 
 NEAR_SINGULAR, SINGULAR = 1e-3, 1e-6
 """Smallest singular values of the Jacobian below which neighbouring branches may merge or be curves, and below which a
@@ -40,17 +39,10 @@ STARTS_PER_SAMPLE, FIRST_STARTS = 64, (16, 64, STARTS)
 """Starting points for each redundancy sample of an arm with more joints, and no closed form; and those of the search
 with all joints of such an arm, until there is a solution."""
 
-GENERIC = (0.7, 0.4, 0.6, 0.5)
-"""Positions of held joints at which an arm is asked for its closed form: no special ones."""
-
-SPREAD_STARTS = 16
-"""Positions of three joints that are tried around a branch that is close to singular."""
-
-LONGEST_SLIDE, SLIDES = 0.2, 60
-"""Longest step along a curve of solutions [rad or m], and most steps."""
-
-MOST_BRANCHES = 64
-"""Solutions after which the search stops: no arm of six joints has more than 16 isolated ones."""
+GENERIC = (0.7, 0.4, 0.6, 0.5)  # positions of held joints at which an arm is asked for its closed form: no special ones
+SPREAD_STARTS = 16  # positions of three joints that are tried around a branch that is close to singular
+LONGEST_SLIDE, SLIDES = 0.2, 60  # longest step along a curve of solutions [rad or m], and most steps
+MOST_BRANCHES = 64  # solutions after which the search stops: no arm of six joints has more than 16 isolated ones
 
 SEED_STEPS, SEED_STARTS, SEED_SPREAD = 20, 8, 0.5
 """Steps in which an approximate solution must lead to a solution; starting points around an inexact one, and their
@@ -69,17 +61,13 @@ The third swings the elbow of common seven-axis arms; where the wrist has an off
 closed form. The fourth is none of them: an elbow is bent by how far away the pose is.
 """
 
-MOST_KEPT = 64
-"""Most cached results of each robot."""
-
-NOMINAL_ANGLE = 2e-2
-"""Axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]."""
+MOST_KEPT = 64  # most cached results of each robot
+NOMINAL_ANGLE = 2e-2  # axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]
 
 NEAR_SEED = 2e-2
 """Largest pose error of a closed form's solution that is polished, in m and rad; calibrated arms need some."""
 
-NOMINAL_OFFSET = 2e-3
-"""Offsets between the axes of a calibrated arm below this count as zero [m]."""
+NOMINAL_OFFSET = 2e-3  # offsets between the axes of a calibrated arm below this count as zero [m]
 
 
 @dataclass(frozen=True, eq=False)

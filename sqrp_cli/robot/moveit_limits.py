@@ -17,8 +17,7 @@ from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.urdf import UrdfModel
 
-TOP = "joint_limits"
-"""The key of the joints; what is around it, such as a namespace of parameters, does not matter."""
+TOP = "joint_limits"  # the key of the joints; what is around it, such as a namespace of parameters, does not matter
 
 SCALED = ("velocity", "acceleration")
 """Limits that MoveIt multiplies with a factor, if the file states one; it leaves jerk as it is."""

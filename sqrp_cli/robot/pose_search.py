@@ -18,17 +18,10 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
-FOLLOWED = 1e-20
-"""Square of the weighted pose error at which a start is good enough."""
-
-STALLED = 1e6
-"""A step that reduces the square of the error by no more than one part in this is the last one."""
-
-LEAST_TURN = 1e-6
-"""Least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]."""
-
-NEWTON_STEPS = 8
-"""Most steps of Newton's method; each squares the error of an isolated solution."""
+FOLLOWED = 1e-20  # square of the weighted pose error at which a start is good enough
+STALLED = 1e6  # a step that reduces the square of the error by no more than one part in this is the last one
+LEAST_TURN = 1e-6  # least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]
+NEWTON_STEPS = 8  # most steps of Newton's method; each squares the error of an isolated solution
 
 
 class Approach(NamedTuple):

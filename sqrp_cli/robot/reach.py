@@ -14,8 +14,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.pose_search import descend, spread_starts
 
-STARTS = 64
-"""Starting points of the search for the closest pose that can be reached."""
+STARTS = 64  # starting points of the search for the closest pose that can be reached
 
 STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))
 """Successive weights of an error of 1 rad against one of 1 m; for each the steps, and how many of the best continue.
@@ -24,20 +23,14 @@ The last weight holds an orientation to 1e-6 rad. Most starts converge to the sa
 they are reached.
 """
 
-STEPS = 60
-"""Steps of the search for places behind one out of reach."""
+STEPS = 60  # steps of the search for places behind one out of reach
 
 PLACES_BEYOND, STARTS_BEYOND = 16, 16
 """Places behind one out of reach that are tried, and starting points of the search for each."""
 
-ROUNDS = 100
-"""Rounds of moving the points on the axes to shorten their chain."""
-
-LEAST_DISTANCE = 1e-9
-"""Added to distances from axes, so that their shares are defined when all are zero [m]."""
-
-HELD_ORIENTATION = 1e-3
-"""Largest error of an orientation that counts as held [rad]."""
+ROUNDS = 100  # rounds of moving the points on the axes to shorten their chain
+LEAST_DISTANCE = 1e-9  # added to distances from axes, so that their shares are defined when all are zero [m]
+HELD_ORIENTATION = 1e-3  # largest error of an orientation that counts as held [rad]
 
 
 @dataclass(frozen=True)

@@ -16,17 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.camera.markers import Marker as Marker
 from sqrp_cli.files import units
-from sqrp_cli.files.entries import (
-    AnyQuantity,
-    DescriptionEntry,
-    Entry,
-    Extents,
-    In,
-    MappingOr,
-    Pose,
-    Size,
-    Text,
-)
+from sqrp_cli.files.entries import AnyQuantity, DescriptionEntry, Entry, Extents, In, MappingOr, Pose, Size, Text
 from sqrp_cli.files.units import Dimension
 from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.records import dataclass
@@ -170,11 +160,8 @@ class ToolEntry(Entry):
 ANGLE_TOLERANCE = math.radians(0.5)
 """Of an arm with fewer than six axes, unless the workspace states another: URDFs round right angles to 1.57 or 3.14."""
 
-MOST_TOLERANCE = math.radians(10)
-"""Largest tolerance that may be stated."""
-
-AXES_OF_A_POSE = 6
-"""An arm with this many axes takes any pose within its reach, exactly."""
+MOST_TOLERANCE = math.radians(10)  # largest tolerance that may be stated
+AXES_OF_A_POSE = 6  # an arm with this many axes takes any pose within its reach, exactly
 
 PositionsEntry = MappingOr[dict[str, AnyQuantity], Text]
 """Positions of joints by name, or the name of a state of the SRDF that has them."""
@@ -212,8 +199,7 @@ _Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assume
 _Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
 
 
-PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]
-"""A limit of joints by name, or of all of them."""
+PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]  # a limit of joints by name, or of all of them
 
 Factor = Annotated[float, In(None, 1e-3, 1.0)]
 

@@ -19,17 +19,10 @@ from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, MAX_DEPTH, Element, parse_xml
 from sqrp_cli.records import dataclass
 
-MAX_SECONDS = 20
-"""Most computing time of an expansion [s]."""
-
-MAX_MEMORY = 1_500_000_000
-"""Most memory of an expansion [bytes]."""
-
-MAX_WAIT = 90.0
-"""Longest wait for an expansion, on however busy a machine [s]."""
-
-ROOT = "robot"
-"""The root element of URDF and SRDF."""
+MAX_SECONDS = 20  # most computing time of an expansion [s]
+MAX_MEMORY = 1_500_000_000  # most memory of an expansion [bytes]
+MAX_WAIT = 90.0  # longest wait for an expansion, on however busy a machine [s]
+ROOT = "robot"  # the root element of URDF and SRDF
 
 
 @dataclass(frozen=True)

@@ -237,8 +237,7 @@ class UrdfModel:
         return tuple(parts)
 
 
-TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"
-"""The links of such a tool: its root with the boxes, and the grasp frame."""
+TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"  # the links of such a tool: its root with the boxes, and the grasp frame
 
 
 def tool_of_boxes(

@@ -28,14 +28,9 @@ from sqrp_cli.files.input_file import decoded, missing_file, read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, parse_xml
 from sqrp_cli.robot.xacro_expression import UNOFFERED, RefusedExpressionError, evaluate
 
-MAX_EXPANDED = 50_000
-"""Most elements that are looked at while a file is expanded."""
-
-MAX_RESULT = 20_000_000
-"""Most characters of what a file stands for."""
-
-_PLACE = "place"
-"""Key under which a node of the document knows where it was written."""
+MAX_EXPANDED = 50_000  # most elements that are looked at while a file is expanded
+MAX_RESULT = 20_000_000  # most characters of what a file stands for
+_PLACE = "place"  # key under which a node of the document knows where it was written
 
 _HARMLESS = ("compile", "exec", "import", "glob.", "os.listdir", "os.scandir", "object.", "sys._getframe",
              "builtins.id", "code.", "marshal.", "sys.excepthook")  # fmt: skip

@@ -14,8 +14,7 @@ from typing import Any
 
 from sqrp_cli.errors import expected_names
 
-MAX_TEXT = 1_000_000
-"""Most characters of a value."""
+MAX_TEXT = 1_000_000  # most characters of a value
 
 _NODES = (
     ast.Expression, ast.Constant, ast.Name, ast.expr_context, ast.BinOp, ast.operator, ast.UnaryOp, ast.unaryop,
@@ -35,11 +34,8 @@ _METHODS: dict[type, frozenset[str]] = {
 }  # fmt: skip
 """Methods that change nothing; of subclasses, too."""
 
-_REACHING = re.compile(r"__|\{[^{}:!]*[.\[]")
-"""In a format: an attribute or entry of a value."""
-
-_GUARD = "attribute of"
-"""What reads attributes in a compiled expression; no expression can be written with this name."""
+_REACHING = re.compile(r"__|\{[^{}:!]*[.\[]")  # in a format: an attribute or entry of a value
+_GUARD = "attribute of"  # what reads attributes in a compiled expression; no expression can be written with this name
 
 UNOFFERED = ("complex", "hash", "issubclass", "slice", "type", "vars")
 """Functions of xacro by which Python itself could be reached, or that no description needs."""

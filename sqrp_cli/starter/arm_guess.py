@@ -23,11 +23,8 @@ _TOOL_WORDS = ({"tcp"}, {"tool0", "tool"}, {"ee", "eef", "effector"}, {"flange"}
 MOST_SHARED = 4
 """Joints that an arm has to itself, in addition to those that it shares with another one, such as a torso."""
 
-LEAST_SWING = 0.02
-"""Least distance of a tool from an axis that swings it [m]."""
-
-LONGEST_FINGER = 2
-"""Most joints of a finger in a row; a branch with more is an arm."""
+LEAST_SWING = 0.02  # least distance of a tool from an axis that swings it [m]
+LONGEST_FINGER = 2  # most joints of a finger in a row; a branch with more is an arm
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,11 +39,8 @@ from sqrp_cli.robot.urdf import MeshReference, UrdfModel
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
 
-ASSISTANT = ".setup_assistant"
-"""The file in which MoveIt's setup assistant notes what it made the configuration of."""
-
-_FOLDERS = ("config", "srdf", "config/srdf", ".")
-"""Where the files of a configuration are, in its folder."""
+ASSISTANT = ".setup_assistant"  # the file in which MoveIt's setup assistant notes what it made the configuration of
+_FOLDERS = ("config", "srdf", "config/srdf", ".")  # where the files of a configuration are, in its folder
 
 _WHAT_TO_NAME = "name the package that MoveIt's setup assistant wrote, such as my_arm_moveit_config"
 

@@ -10,8 +10,7 @@ from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.starter.description import NamedFile
 
-TASK = "pickup green"
-"""The task of a starter workspace."""
+TASK = "pickup green"  # the task of a starter workspace
 
 
 @dataclass(frozen=True)

@@ -28,24 +28,19 @@ from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.task import read_task
 
-SHIPPED = Path(__file__).parent
-"""Folder of the shipped skills and robots."""
+SHIPPED = Path(__file__).parent  # folder of the shipped skills and robots
 
 OWN_ARM = "robots/six_axis_arm.urdf"
 SUCTION_CUP = "robots/suction_cup.urdf"
 SKILL = "skills/pickup"
 
-LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02
-"""Side of a cube [m]; between these a twentieth of the arm's reach."""
-
-LARGEST_TABLE = 100.0
-"""Side of the largest table, for arms on long rails [m]."""
+LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02  # side of a cube [m]; between these a twentieth of the arm's reach
+LARGEST_TABLE = 100.0  # side of the largest table, for arms on long rails [m]
 
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
 
-LIFT = 0.1
-"""How far the skill lifts a cube [m]."""
+LIFT = 0.1  # how far the skill lifts a cube [m]
 
 ASSUMED = {"acceleration": 2, "jerk": 20}
 """Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""

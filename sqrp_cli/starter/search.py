@@ -32,29 +32,17 @@ SHOULDERS = (0.3, 0.15, 0.45, 0.6)
 DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
 """Directions from the base in which the work may lie [rad], the preferred one first."""
 
-GAP = 0.05
-"""Between what stands and a table before it [m]."""
-
-MOST_BEFORE = 3
-"""Tables before the arm that are tried, those first that most of the tool's places are above."""
-
-MOST_STANDS = len(LIFTS) + MOST_BEFORE
-"""Heights and places of the table that are tried at most."""
+GAP = 0.05  # between what stands and a table before it [m]
+MOST_BEFORE = 3  # tables before the arm that are tried, those first that most of the tool's places are above
+MOST_STANDS = len(LIFTS) + MOST_BEFORE  # heights and places of the table that are tried at most
 
 PLACES, STEPS = 1024, 25
 """Positions of the joints from which places are searched where the tool points down, and steps of that search."""
 
-MET = 1e-4
-"""Largest pose error of such a place, in m and rad, besides the arm's tolerance of angle."""
-
-WORK_HEIGHT = 0.3
-"""How far above a table the tool works, as a share of the reach."""
-
-TOOL_GAP = 0.002
-"""Gap between what the arm carries and the suction cup [m]."""
-
-NEAR_AXIS = 0.95
-"""Cosine of the angle within which a tool points along an axis of the link that carries it."""
+MET = 1e-4  # largest pose error of such a place, in m and rad, besides the arm's tolerance of angle
+WORK_HEIGHT = 0.3  # how far above a table the tool works, as a share of the reach
+TOOL_GAP = 0.002  # gap between what the arm carries and the suction cup [m]
+NEAR_AXIS = 0.95  # cosine of the angle within which a tool points along an axis of the link that carries it
 
 HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35), (0.7, 0.2))
 """Tool positions at home: distance from the base and height above the table, as shares of the reach."""
@@ -62,29 +50,17 @@ HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35),
 MORE_HOMES, ASKEW = 24, 0.8
 """Other places of the tool that are tried at last, and how far off the direction of the work they may be [rad]."""
 
-LOW = 0.25
-"""Height below which places of the tool count as ones above the table, as a share of the reach."""
-
-MORE_CUBES = 12
-"""Cubes that are tried where few usual places are within reach."""
-
-FREE_TURN = 5
-"""An arm with this many axes can turn a tool that points down about its axis; others may not."""
-
-TURN_STARTS, TURN_STEPS = 64, 30
-"""Starting points and steps of the search for how an arm turns the tool at a place."""
-
-CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)
-"""Distances of cubes from the base, as shares of the reach."""
+LOW = 0.25  # height below which places of the tool count as ones above the table, as a share of the reach
+MORE_CUBES = 12  # cubes that are tried where few usual places are within reach
+FREE_TURN = 5  # an arm with this many axes can turn a tool that points down about its axis; others may not
+TURN_STARTS, TURN_STEPS = 64, 30  # starting points and steps of the search for how an arm turns the tool at a place
+CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)  # distances of cubes from the base, as shares of the reach
 
 CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
 """Directions of cubes relative to that of the work [rad]."""
 
-COLORS = ("green", "green", "green", "red")
-"""Colours of the cubes, in the order in which they are placed."""
-
-VIEW_HEIGHT = 35 * pi / 180
-"""Elevation of the cameras above what they look at [rad]."""
+COLORS = ("green", "green", "green", "red")  # colours of the cubes, in the order in which they are placed
+VIEW_HEIGHT = 35 * pi / 180  # elevation of the cameras above what they look at [rad]
 
 BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
 """Directions of the first camera, over the arm's shoulder, and of the second, relative to that of the work [rad]."""
@@ -95,8 +71,7 @@ HALF_VIEW = 20 * pi / 180
 SHIFTS = (0.0, 30 * pi / 180, -30 * pi / 180, 60 * pi / 180, -60 * pi / 180)
 """By how much a camera goes aside where the robot is in its place [rad]."""
 
-CLEARANCE = 0.1
-"""Between a camera and a link of the robot at home, at least [m]."""
+CLEARANCE = 0.1  # between a camera and a link of the robot at home, at least [m]
 
 CLOSE_UP = 0.35
 """Distance of the second camera as a share of the first's: it sees some of the cubes, and what is lifted there."""
@@ -378,10 +353,7 @@ def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tupl
     radius = float(np.linalg.norm(places - middle, axis=1).max()) + lift / 2
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
     some_cube = np.append(places[len(places) // 3][:2], lift / 2)
-    return (
-        clear("cam1", middle, distance, BEHIND),
-        clear("cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE),
-    )
+    return (clear("cam1", middle, distance, BEHIND), clear("cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE))
 
 
 def _extent(points: Array) -> tuple[Array, Array]:

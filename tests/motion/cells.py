@@ -41,12 +41,7 @@ class Cell:
     """A robot among things, with the skills to try."""
 
     def __init__(
-        self,
-        robot: Robot,
-        model: RobotModel,
-        skill: Skill,
-        things: tuple[SceneObject, ...],
-        padding: float = 0.0,
+        self, robot: Robot, model: RobotModel, skill: Skill, things: tuple[SceneObject, ...], padding: float = 0.0
     ) -> None:
         self.robot, self.model, self.skill = robot, model, skill
         self.objects = {t.name: t for t in things}
