@@ -30,16 +30,7 @@ from sqrp_cli.logic.domain import Variable, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.read_skill import read_skill, skill_folder, skill_name
 from sqrp_cli.skill.settings import Reference, number_of, side_of
-from sqrp_cli.skill.skill import (
-    FORMER_ENDING,
-    Grasp,
-    GraspWaypoint,
-    Names,
-    OffsetWaypoint,
-    Release,
-    Skill,
-    marked,
-)
+from sqrp_cli.skill.skill import FORMER_ENDING, Grasp, GraspWaypoint, Names, OffsetWaypoint, Release, Skill, marked
 
 
 def check_tasks(

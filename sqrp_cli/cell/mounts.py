@@ -17,19 +17,7 @@ from sqrp_cli.camera.calibration import check_image
 from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
-from sqrp_cli.files.entries import (
-    Direction,
-    Entry,
-    In,
-    Name,
-    Pose,
-    Position,
-    Size,
-    Stored,
-    Text,
-    completed,
-    one_of,
-)
+from sqrp_cli.files.entries import Direction, Entry, In, Name, Pose, Position, Size, Stored, Text, completed, one_of
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.input_file import missing_file
 from sqrp_cli.files.source import SourceDocument

@@ -10,18 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import (
-    Direction,
-    Entry,
-    Extents,
-    Finite,
-    Length,
-    Name,
-    Pose,
-    PoseMatrix,
-    Stored,
-    Text,
-)
+from sqrp_cli.files.entries import Direction, Entry, Extents, Finite, Length, Name, Pose, PoseMatrix, Stored, Text
 from sqrp_cli.files.frames import TOOL, FrameName, StoredFrame
 from sqrp_cli.files.units import SHORTEST_DIRECTION
 from sqrp_cli.geometry import Array, read_only
