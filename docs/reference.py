@@ -14,6 +14,7 @@ import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from sqrp_cli.camera.calibration_formats import FORMATS
 from sqrp_cli.checks.registry import RuleEntry, rules
 from sqrp_cli.cli.app import app
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
@@ -36,6 +37,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/mounts.md": keys_page("mounts", "Keys of `place.yaml`"),
         "reference/robot.md": keys_page("robot", "Keys of `robot.yaml`"),
         "reference/usual-values.md": usual_values_page(),
+        "reference/calibration-formats.md": formats_page(),
     }
     for path, text in pages.items():
         files.append(File.generated(config, path, content=text))
@@ -130,6 +132,13 @@ def usual_values_page() -> str:
         parts += [f"## {file}", "", "| field | usual | because otherwise |", "|---|---|---|"]
         parts += [f"| `{row.at}` | {row} | {_cell(row.why)} |" for row in rows] + [""]
     return "\n".join(parts) + "\n"
+
+
+def formats_page() -> str:
+    """The formats of calibration files, as their readers describe them."""
+    parts = ["# Formats of calibration files", "", "See [calibration files](calibrations.md).", ""]
+    parts += ["| format | written by | what gives it away | not read |", "|---|---|---|---|"]
+    return "\n".join([*parts, *(f"| {row} |" for one in FORMATS for row in one.rows())]) + "\n"
 
 
 def _table(title: str, schema: Schema) -> Iterator[str]:

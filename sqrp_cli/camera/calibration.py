@@ -88,7 +88,7 @@ def read_calibration(
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
         raise part.error("wrong-value", stated.K_at, message)
-    title = known.title
+    title = known.rows()[0].partition(" | ")[0]
     if known is formats.CameraInfo:  # which is said in several syntaxes, by OpenCV too
         matrix = next(part.data[key] for key in formats.K_KEYS if key in part.data)
         of_opencv = text.syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)

@@ -80,9 +80,9 @@ def read_calibration_text(path: Path) -> CalibrationText:
 
 def no_calibration(path: Path) -> Problem:
     """The problem of a file that is none of those read here."""
-    known = ", ".join(title for one in FORMATS for title in (one.title, *one.also))
+    known = ", ".join(row.partition(" | ")[0] for one in FORMATS for row in one.rows())
     mend = "export it as one of these, or state `image: {width, height, fx, fy, cx, cy, distortion}` in the workspace"
-    return Problem("unknown-calibration", f"found no camera; expected one in {known}", Place(path), mend=mend)
+    return Problem("unknown-calibration", f"found no camera; expected one of {known}", Place(path), mend=mend)
 
 
 def _put(owner: Data, at: KeyPath, value: object, place: Place, places: dict[KeyPath, Place]) -> None:
@@ -198,10 +198,8 @@ class StatedLens(NamedTuple):
 class StatedCamera(ForeignEntry):
     """A camera in a file of some format."""
 
-    title: ClassVar[str]
-    """The name of the format as people know it."""
-    also: ClassVar[tuple[str, ...]] = ()
-    """Further names of files in it."""
+    files: ClassVar[str]
+    """Rows of the reference: a name of its files, who writes them, what gives them away, and what is not read."""
     keys: ClassVar[tuple[str, ...]]
     """Of these two, or all that there are, give a camera away."""
     image_width: PixelCount | None = Field(default=None, validation_alias=AliasChoices(*WIDTHS))
@@ -215,6 +213,11 @@ class StatedCamera(ForeignEntry):
         if self.size is not None:
             check_pixels(*self.size)
         return self
+
+    @classmethod
+    def rows(cls) -> list[str]:
+        """The rows of the reference; the first begins with the name of the format."""
+        return [" ".join(row.split()) for row in cls.files.split("    - ")[1:]]
 
     @property
     def size(self) -> PixelSize | None:
@@ -244,8 +247,14 @@ class CameraInfo(StatedCamera):
     `image_geometry` has it.
     """
 
-    title = "ROS camera_info"
-    also = ("ost.txt", "OpenCV FileStorage")
+    files = """
+    - ROS camera_info | `camera_calibration`, drivers, `ros2 topic echo`, camera_info managers | two of `camera_matrix`
+      (`K`, `k`), `distortion_coefficients` (`D`, `d`), `image_width` (`width`), `image_height` (`height`) | the
+      projection matrix
+    - ost.txt | `camera_calibration` | sections in brackets, with `camera matrix` and `distortion` | externals
+    - OpenCV FileStorage | `cv2.FileStorage` in YAML, XML or JSON | the same keys, also `Camera_Matrix`, `cameraMatrix`,
+      `mtx`, `Distortion_Coefficients`, `distCoeffs`, `dist_coeffs`, `dist`; `fisheye_model` of OpenCV's sample | thin
+      prisms and tilted sensors, unless they are zero"""
     keys = (*K_KEYS, *_D_KEYS, *WIDTHS, *HEIGHTS)
     camera_matrix: MappingOr[_Matrix, _Numbers] = Field(validation_alias=AliasChoices(*K_KEYS))
     distortion_model: str | None = None
@@ -296,8 +305,10 @@ class CameraInfo(StatedCamera):
 class _Kalibr(StatedCamera):
     """A camera of a Kalibr camchain."""
 
-    title = "Kalibr camchain"
     keys = ("intrinsics", "distortion_coeffs", "camera_model")
+    files = """
+    - Kalibr camchain | `kalibr_calibrate_cameras` | `intrinsics`, `distortion_coeffs`, `camera_model: pinhole`
+      | omni, ds, eucm; poses between cameras"""
     camera_model: str = "pinhole"
     intrinsics: _Numbers
     distortion_model: str
@@ -320,8 +331,10 @@ class _Kalibr(StatedCamera):
 class _Vins(StatedCamera):
     """A camera of camodocal, as VINS-Mono and VINS-Fusion have it."""
 
-    title = "VINS"
     keys = ("projection_parameters",)
+    files = """
+    - VINS | camodocal, VINS-Mono, VINS-Fusion | `projection_parameters`; PINHOLE, PINHOLE_FULL, KANNALA_BRANDT
+      | MEI, SCARAMUZZA"""
     model_type: str = "PINHOLE"
     distortion_parameters: dict[str, Number] = Field(default={})
     projection_parameters: dict[str, Number]
@@ -350,8 +363,9 @@ class _Vins(StatedCamera):
 class _Colmap(StatedCamera):
     """A line of COLMAP's `cameras.txt`, which counts pixels from the corner of the first one, not from its centre."""
 
-    title = "COLMAP cameras.txt"
     keys = ("params",)
+    files = """
+    - COLMAP cameras.txt | COLMAP | lines of number, model, width, height and parameters | FOV, THIN_PRISM_FISHEYE"""
     model: str
     params: _Numbers
     names: ClassVar[Mapping[str, str]] = {

@@ -17,7 +17,15 @@ RUN = [page for page in PAGES if any(block.kind in ("console", "sh") for block i
 
 LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)?(?:#([^)\s]+))?\)")
 
-MADE = {"commands.md", "robot.md", "workspace.md", "skill.md", "findings.md", "usual-values.md"}
+MADE = {
+    "commands.md",
+    "robot.md",
+    "workspace.md",
+    "skill.md",
+    "findings.md",
+    "usual-values.md",
+    "calibration-formats.md",
+}
 """Pages that are made from the code."""
 
 
