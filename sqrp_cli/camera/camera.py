@@ -265,7 +265,7 @@ class CameraEntry(Sensing):
     image: ImageEntry | None = None
     """Size and field of view or focal lengths of the image."""
     calibration: Annotated[CalibrationFile | None, _or_path(CalibrationFile)] = None
-    """A calibration file, instead of `image`: of ROS, OpenCV, Kalibr, VINS or COLMAP; as `{file, camera, width,
+    """A calibration file, instead of `image`, such as of ROS, OpenCV or Kalibr; as `{file, camera, width,
     height}` where it has several cameras or no image size."""
 
     def __post_init__(self) -> None:

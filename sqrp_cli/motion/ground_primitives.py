@@ -30,9 +30,9 @@ from sqrp_cli.skill.skill import (
     PrimitiveAction,
     Release,
     Skill,
+    StillAction,
     StraightMove,
     ToolMove,
-    Wait,
 )
 from sqrp_cli.trajectory import Trajectory
 
@@ -223,7 +223,7 @@ def _with_settings(
                 turn_speed=None if primitive.turn_speed is None else number(primitive.turn_speed),
                 touching=frozenset(waypoints.binding[name] for name in touched if name is not None),
             )
-        case Grasp() | Release() | Wait() | FingerMove():
+        case StillAction():
             return replace(ground, hold=number(primitive.duration))
 
 

@@ -256,7 +256,13 @@ class HelixMove(ToolMove):
     """Whether the tool does not turn while it goes round."""
 
 
-class FingerMove(Primitive):
+class StillAction(Primitive):
+    """What actions have in common during which the tool stands still."""
+
+    duration: settings.Duration = Field(description="How long that takes.")
+
+
+class FingerMove(StillAction):
     """The fingers move to a width between them, and the tool stands still; not while it holds something."""
 
     _kind = "fingers"
@@ -264,15 +270,14 @@ class FingerMove(Primitive):
     duration: settings.Duration = Field(default=0.5, description="How long that takes at least.")
 
 
-class Grasp(Primitive):
+class Grasp(StillAction):
     """The tool takes hold of an object, at the end of `duration`."""
 
     _kind = "grasp"
     object: ParameterName = Field(alias="grasp", description="The skill parameter that names the object.")
-    duration: settings.Duration = Field(description="How long that takes.")
 
 
-class Release(Primitive):
+class Release(StillAction):
     """The tool lets go of what it holds, at the end of the duration."""
 
     _kind = "let go"
@@ -281,7 +286,7 @@ class Release(Primitive):
     """Clear width to which fingers open; by default as far as they do."""
 
 
-class Wait(Primitive):
+class Wait(StillAction):
     """The robot stands still."""
 
     _kind = "wait"
