@@ -30,14 +30,9 @@ from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.task.grips import choice_in_words
 
-MAX_BYTES = 100_000_000
-"""Largest baseline that is read, and written."""
-
-MOST_PROBLEMS = 10
-"""Most problems of a baseline that are reported."""
-
-LEAST_ALIKE = 0.5
-"""Least share of equal values by which a workspace is taken for one of another name in a baseline."""
+MAX_BYTES = 100_000_000  # largest baseline that is read, and written
+MOST_PROBLEMS = 10  # most problems of a baseline that are reported
+LEAST_ALIKE = 0.5  # least share of equal values by which a workspace is taken for one of another name in a baseline
 
 
 def _sampling(value: object) -> Sampling:

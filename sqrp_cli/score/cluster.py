@@ -38,14 +38,9 @@ if TYPE_CHECKING:
 
     from sqrp_cli.score.compute import Answer, Job
 
-CONNECT_TIMEOUT = 5.0
-"""How long to wait for the scheduler, first for its greeting, then for the connection [s]."""
-
-LOOKS = 5.0
-"""Period of checking for workers [s]."""
-
-MOST_BYTES = 1_000_000
-"""Largest scheduler file that is read."""
+CONNECT_TIMEOUT = 5.0  # how long to wait for the scheduler, first for its greeting, then for the connection [s]
+LOOKS = 5.0  # period of checking for workers [s]
+MOST_BYTES = 1_000_000  # largest scheduler file that is read
 
 _MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
 
@@ -58,10 +53,8 @@ Tls = tuple[Path, Path, Path]
 class Cluster:
     """A connected Dask cluster."""
 
-    client: Any
-    """Of Dask's, connected to it."""
-    workers: tuple[str, ...]
-    """Their addresses."""
+    client: Any  # of Dask's, connected to it
+    workers: tuple[str, ...]  # their addresses
 
     def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
         """The answer to each job, by number, as they come; none of those that are not done once it is enough.
@@ -177,8 +170,7 @@ def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> st
     return _answers().dump_json(answer).decode()
 
 
-_checked: set[Path] = set()
-"""Files whose content this process has verified."""
+_checked: set[Path] = set()  # files whose content this process has verified
 
 
 def _as_sent(originals: Mapping[Path, Path], problem: Problem) -> Problem:

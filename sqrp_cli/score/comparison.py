@@ -32,8 +32,7 @@ from sqrp_cli.score.score import ScoredCell, read_cell, score_cells
 from sqrp_cli.study.blind_spans import Coverage, difference, intersection
 from sqrp_cli.study.result import CandidateResult
 
-SHORTEST_LOSS = 0.01
-"""Shorter losses are not reported [s]."""
+SHORTEST_LOSS = 0.01  # shorter losses are not reported [s]
 
 
 def look_up(ways: Iterable[tuple[TaskScore, CandidateResult]], computer: Computer, progress: Progress) -> None:

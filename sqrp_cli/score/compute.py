@@ -25,24 +25,17 @@ from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_study import whole_study
 from sqrp_cli.task.task import Candidate
 
-CELLS_KEPT = 4
-"""Cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other."""
-
-COMPUTED_WITHIN = 3600.0
-"""A process that takes longer for a candidate [s] is taken for dead."""
-
-Answer = str | tuple[Problem, ...]
-"""The outcome of a job as text, or why there is none."""
+CELLS_KEPT = 4  # cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other
+COMPUTED_WITHIN = 3600.0  # a process that takes longer for a candidate [s] is taken for dead
+Answer = str | tuple[Problem, ...]  # the outcome of a job as text, or why there is none
 
 
 @dataclass(frozen=True, eq=False)
 class PackedWorkspace:
     """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet."""
 
-    digest: str
-    """Of the workspace; a worker keeps its cell under it."""
-    files: Mapping[Path, str]
-    """The digest of each file that it is read from, by its path on the machine that packed it."""
+    digest: str  # of the workspace; a worker keeps its cell under it
+    files: Mapping[Path, str]  # the digest of each file that it is read from, by its path on the machine that packed it
     data: bytes
 
     @classmethod
@@ -56,8 +49,7 @@ class Job:
     """A piece of work about a candidate, as it travels to a process or a machine."""
 
     workspace: PackedWorkspace
-    seed: int
-    """Of what planning draws at random."""
+    seed: int  # of what planning draws at random
     candidate: Candidate
 
     def done_in(self, cell: Cell) -> str:
@@ -70,8 +62,7 @@ class ScoreJob(Job):
     """The figures of a candidate."""
 
     sampling: Sampling
-    coverage: bool
-    """Whether its coverage is wanted besides; it is then a way, which leaves nothing free."""
+    coverage: bool  # whether its coverage is wanted besides; it is then a way, which leaves nothing free
 
     def done_in(self, cell: Cell) -> str:
         """An `Outcome`, as text."""
@@ -106,8 +97,7 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspac
 
 
 _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
-_one_at_a_time = threading.Lock()
-"""A cell has working memory of its own, and a cluster may run threads."""
+_one_at_a_time = threading.Lock()  # a cell has working memory of its own, and a cluster may run threads
 
 
 class Workers(Protocol):
@@ -122,14 +112,10 @@ class Means:
     """How to compute, with which workers, and where to keep results."""
 
     sampling: Sampling
-    jobs: int = 1
-    """Processes of this machine."""
-    cluster: Workers | None = None
-    """Computes instead of them."""
-    out: Path | None = None
-    """Folder of the results; None: they are kept in memory only."""
-    seed: int = 0
-    """Of what planning draws at random."""
+    jobs: int = 1  # processes of this machine
+    cluster: Workers | None = None  # computes instead of them
+    out: Path | None = None  # folder of the results; None: they are kept in memory only
+    seed: int = 0  # of what planning draws at random
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +123,9 @@ class Wanted:
     """A request for the figures of a candidate."""
 
     workspace: Workspace
-    content: str
-    """Digest of all in the workspace that they depend on, see `score.content_digest`."""
+    content: str  # digest of all in the workspace that they depend on, see `score.content_digest`
     candidate: Candidate
-    coverage: bool = False
-    """As in `ScoreJob`."""
+    coverage: bool = False  # as in `ScoreJob`
 
 
 @contextmanager

@@ -44,11 +44,8 @@ from sqrp_cli.task.candidate import THEN, whole_skill
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.version import __version__
 
-MAX_BYTES = 10_000_000
-"""Largest outcome that is read; an hour's motion takes less than a megabyte."""
-
-_LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")
-"""Libraries that figures depend on."""
+MAX_BYTES = 10_000_000  # largest outcome that is read; an hour's motion takes less than a megabyte
+_LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")  # libraries that figures depend on
 
 _RECORDS = {
     record.__name__: record
@@ -60,8 +57,7 @@ _RECORDS = {
 }
 """What lines are made of; one that names anything else is none of ours."""
 
-_TAG = "@"
-"""Key of what a JSON object stands for, where it is no mapping."""
+_TAG = "@"  # key of what a JSON object stands for, where it is no mapping
 
 
 @cache
@@ -200,8 +196,7 @@ class Outcome(NamedTuple):
     """A computed candidate."""
 
     assessment: CandidateResult
-    coverage: Coverage | None
-    """None if it was not requested, or the candidate is infeasible."""
+    coverage: Coverage | None  # none if it was not requested, or the candidate is infeasible
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
@@ -290,10 +285,8 @@ class KeptSearches:
     """Outcomes by kind; see `advise.Kept`."""
 
     results: Results
-    about: tuple[object, ...]
-    """All that an answer depends on beside the kind and the program, in numbers and texts."""
-    skills: Mapping[str, Skill]
-    """Of the workspace, by name: they are not written."""
+    about: tuple[object, ...]  # all that an answer depends on beside the kind and the program, in numbers and texts
+    skills: Mapping[str, Skill]  # of the workspace, by name: they are not written
 
     def get(self, kind: Kind) -> advice.KindOutcome | None:
         """The outcome that was kept; None if there is none, or its file is damaged or another's."""

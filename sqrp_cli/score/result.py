@@ -14,11 +14,8 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.skill.settings import NOTHING_SPECIAL
 from sqrp_cli.study.result import CandidateResult
 
-WORKSPACE = "workspace"
-"""The role of the workspace file itself."""
-
-CHANGES_SHOWN = 4
-"""Most changes of a workspace in a sentence."""
+WORKSPACE = "workspace"  # the role of the workspace file itself
+CHANGES_SHOWN = 4  # most changes of a workspace in a sentence
 
 
 @dataclass(frozen=True)

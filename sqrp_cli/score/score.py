@@ -33,20 +33,16 @@ class ScoredTask:
     """A task that a workspace lists."""
 
     expected: ExpectedTask
-    wanted: tuple[Wanted, ...] = ()
-    """Its candidates, to be computed; none if the text cannot be read."""
-    problems: tuple[Problem, ...] = ()
-    """Why the text cannot be read."""
+    wanted: tuple[Wanted, ...] = ()  # its candidates, to be computed; none if the text cannot be read
+    problems: tuple[Problem, ...] = ()  # why the text cannot be read
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredCell:
     """A workspace to be scored."""
 
-    name: str
-    """Its name in the output."""
-    workspace: Workspace | None
-    """None if `problems` has an error."""
+    name: str  # its name in the output
+    workspace: Workspace | None  # none if `problems` has an error
     tasks: tuple[ScoredTask, ...] = ()
     problems: tuple[Problem, ...] = ()
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import count
 from time import monotonic
 from typing import Any, TypeVar
@@ -14,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
-from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import Progress
@@ -41,32 +41,24 @@ from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_br
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import CandidateResult
 
-ROUNDS, ROUNDS_ASIDE = 200, 12
-"""Most times that cameras are chosen: for the question, and to say what others would do."""
-
-_SAME_TIME = 1e-3
-"""Times that differ by less may count as the same in a ranking [s]."""
+ROUNDS, ROUNDS_ASIDE = 200, 12  # most times that cameras are chosen: for the question, and to say what others would do
+_SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
+_COMPARED = ("q_eoi", "q_avg", "time")  # the figures that tell whether `rank` takes a way with others
 
 Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Checked:
-    """What came of a search: a selection with its exact figures."""
+    """The result of a search: a selection with its exact figures."""
 
-    problem: Problem
-    """At the last samples."""
+    problem: Problem  # at the last samples
     requirements: Requirements
-    selection: Selection | None = None
-    """None where none is possible, or none was found in time."""
-    value: float = 0.0
-    """The quality that counts first, exactly, if as many cameras fail as may; in 0..1."""
-    bound: float = 0.0
-    """No selection has a greater one."""
-    proven: bool = False
-    """Whether no other one is better, in every aim; or that there is none."""
-    fewest: int = 0
-    """With a wish: no fewer cameras than this meet it."""
+    selection: Selection | None = None  # none where none is possible, or none was found in time
+    value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
+    bound: float = 0.0  # no selection has a greater one
+    proven: bool = False  # whether no other one is better, in every aim; or that there is none
+    fewest: int = 0  # with a goal: no fewer cameras than this meet it
 
 
 class CameraPlacer:
@@ -89,8 +81,7 @@ class CameraPlacer:
         self.question, self._watch = question, watch or (lambda _title, _best, _bound: None)
         self.table = VisibilityTable(question, progress)
         self._seconds, self._gap, self._until = seconds, gap, np.inf
-        self._stopped = False
-        """Whether Ctrl-C came."""
+        self._stopped = False  # whether Ctrl-C came
 
     def place(self) -> PlaceDocument:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
@@ -107,11 +98,11 @@ class CameraPlacer:
             return self._document(None, met=False, reason=why)
         table.judge()
         self._until = monotonic() + self._seconds
-        wish = wanted.wish
-        if wish is not None and wish.delay is not None and any(way.scene.faults for way in table.ways):
-            quickest = min((lens.response for lens in self.question.mounts.lenses), default=0.0)
+        goal = wanted.goal
+        if goal is not None and goal.delay is not None and any(way.scene.faults for way in table.ways):
             kept = [table.options[option].lens.response for option in table.kept]
-            if wish.delay < min([quickest, *kept]) - 1e-9:  # a frame and the latency alone take longer
+            quickest = min([lens.response for lens in self.question.mounts.lenses] + kept, default=0.0)
+            if goal.delay < quickest - 1e-9:  # a frame and the latency alone take longer
                 return self._closest()
         found = self._search(wanted)
         best_in_all = (
@@ -123,7 +114,7 @@ class CameraPlacer:
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
             table.add_ways()
             found = self._search(wanted, known=found.selection)
-        if found.selection is None and wish is not None and not self._stopped:
+        if found.selection is None and goal is not None and not self._stopped:
             if found.proven and wanted.most is not None:
                 enough = self._search(replace(wanted, most=None))
                 if enough.selection is not None:
@@ -132,8 +123,8 @@ class CameraPlacer:
         return self._at_least_some(found)
 
     def _closest(self, *, proven: bool = True) -> PlaceDocument:
-        """What comes nearest to a wish that no choice meets. proven: whether it is certain that none does."""
-        nearest = self._at_least_some(self._search(replace(self.question.requirements, wish=None)))
+        """What comes nearest to a goal that no choice meets. proven: whether it is certain that none does."""
+        nearest = self._at_least_some(self._search(replace(self.question.requirements, goal=None)))
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
         return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
 
@@ -142,7 +133,7 @@ class CameraPlacer:
         if found.selection is None or found.value > 0.0 or self._stopped:
             return self._solution(found)
         if found.requirements.objective == "least":
-            mean = self._search(replace(found.requirements, wish=None, objective="mean"))
+            mean = self._search(replace(found.requirements, goal=None, objective="mean"))
             if mean.value > 0.0:
                 return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
         return self._solution(replace(found, selection=None), blind=True)
@@ -160,7 +151,7 @@ class CameraPlacer:
         So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
         added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first aim counts.
         """
-        wish, table, best, bound = wanted.wish, self.table, None, 1.0
+        goal, table, best, bound = wanted.goal, self.table, None, 1.0
         limits = Limits(until=self._until, gap=self._gap)
         for number in count(1):
             problem = table.problem(wanted.failure_tolerance)
@@ -171,7 +162,7 @@ class CameraPlacer:
             for further in (False,) if first_only else (False, True):
                 result = program.further() if further else program.first()
                 self._stopped |= result.interrupted
-                bound = result.bound if wish is not None else min(bound, result.bound)
+                bound = result.bound if goal is not None else min(bound, result.bound)
                 if result.selection is None:
                     if best is not None:
                         return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
@@ -183,8 +174,9 @@ class CameraPlacer:
                     break
                 value, found, late = self._exact(wanted, result.selection)
                 table.late |= late
-                figures = [one.without_delays for one in found]
-                good = not late and (wish is None or all(replace(wish, delay=None).met(one) for one in figures))
+                good = not late and (
+                    goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in found)
+                )
                 settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
                 if settled or (good and (best is None or value > best.value)):
                     best = Checked(
@@ -199,7 +191,7 @@ class CameraPlacer:
                     grown = bool(late) or any(added)
                     break
             over = self._stopped or monotonic() >= self._until or number == rounds or not grown
-            enough = best is not None and wish is None and 0.0 < self._gap >= bound - best.value
+            enough = best is not None and goal is None and 0.0 < self._gap >= bound - best.value
             if settled or enough or over:
                 if best is None:
                     return Checked(problem=problem, requirements=wanted, bound=bound)
@@ -209,14 +201,12 @@ class CameraPlacer:
 
     def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Watched], set[Late]]:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
-        table, wish = self.table, wanted.wish
+        table, goal, late = self.table, wanted.goal, set[Late]()
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
         found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
-        late: set[Late] = set()
-        if wish is not None and wish.delay is not None:
-            studies = table.with_delays(cameras, found)
-            only = replace(wish, q_eoi=None, q_avg=None, time=None)
-            pairs = zip(selection.ways, studies, strict=True)
+        if goal is not None and goal.delay is not None:
+            only = Goal(delay=goal.delay)
+            pairs = zip(selection.ways, table.with_delays(cameras, found), strict=True)
             late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
         return self._value(wanted, [one.without_delays for one in found]), found, late
 
@@ -242,16 +232,13 @@ class CameraPlacer:
             "proven": checked.proven,
             "objective": checked.value,
             "bound": checked.bound,
-            "fewest": checked.fewest if checked.requirements.wish is not None else None,
+            "fewest": checked.fewest if checked.requirements.goal is not None else None,
             "met": selection is not None and not table.too_slow,
         }
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
-            alone = table.with_delays(stay, table.watched(stay, firsts))
-            unseen = [
-                self._candidate(table.ways[number], one.assessment(""))
-                for number, one in zip(firsts, alone, strict=True)
-            ]
+            pairs = zip(firsts, table.with_delays(stay, table.watched(stay, firsts)), strict=True)
+            unseen = [_candidate(table.ways[number], one.assessment("")) for number, one in pairs]
             why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
             return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
         cameras = self._cameras(selection)
@@ -261,30 +248,22 @@ class CameraPlacer:
                 lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
-        candidates = self._judged(cell, problem, selection, studies)
+        found |= {"cameras": cameras, "candidates": self._judged(cell, problem, selection, studies), "cell": cell}
         fewer = len(selection.options) - 1
-        with_fewer = without_spare = None
         if fewer >= max(1, wanted.at_least(len(table.kept))):
-            aside = replace(checked.requirements, wish=None, most=fewer)
+            aside = replace(checked.requirements, goal=None, most=fewer)
             less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
             if less is not None and not self._stopped:
-                with_fewer = WithFewer(cameras=fewer, objective=less.value, bound=max(less.value, less.bound))
+                bound = max(less.value, less.bound)
+                found["fewer"] = WithFewer(cameras=fewer, objective=less.value, bound=bound)
         if wanted.failure_tolerance:
             plain = replace(wanted, failure_tolerance=0)
             spare = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
             if spare is not None and spare.selection is not None:
                 options = spare.selection.options
                 price = float(spare.problem.price[list(options)].sum())
-                without_spare = SpareCost(cameras=len(options), price=price, objective=spare.value)
-        return self._document(
-            problem,
-            **found,
-            cameras=cameras,
-            cell=cell,
-            candidates=candidates,
-            fewer=with_fewer,
-            without_spare=without_spare,
-        )
+                found["without_spare"] = SpareCost(cameras=len(options), price=price, objective=spare.value)
+        return self._document(problem, **found)
 
     def _document(
         self,
@@ -303,13 +282,12 @@ class CameraPlacer:
             np.maximum.at(seen, problem.site[problem.free], problem.alone[problem.free])
             shut[sorted(problem.shut)] = True
         delays = [one.found.latest for one in candidates if one.found.latest is not None]
-        shares = [one.unseen for one in candidates if one.unseen is not None]
         cell = table.cell_with(()) if cell is None else cell
         return PlaceDocument(
             workspace=question.cell.workspace.name,
             tasks=tuple(task.text for task in question.tasks),
             mounts=sites,
-            want=wanted.wish or Goal(),
+            want=wanted.goal or Goal(),
             cameras=tuple(cameras),
             keep=question.keep,
             survive=wanted.failure_tolerance,
@@ -317,7 +295,7 @@ class CameraPlacer:
             too_slow=table.too_slow,
             quickest=0.0 if problem is None else problem.quickest,
             delay_worst=None if np.inf in delays else max(delays, default=None),
-            unseen_faults=max(shares, default=None),
+            unseen_faults=max((one.unseen for one in candidates if one.unseen is not None), default=None),
             price=sum(camera.price for camera in cameras),
             floor=wanted.floor,
             candidates=tuple(candidates),
@@ -344,15 +322,6 @@ class CameraPlacer:
             **found,
         )
 
-    def _candidate(
-        self, way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None
-    ) -> PlacedCandidate:
-        """A candidate by its figures. ranked: the way that `rank` takes, if that has others."""
-        other = None if ranked is None else AdvisedFigures.of(ranked)
-        figures = AdvisedFigures.of(found)
-        name = way.candidate.name
-        return PlacedCandidate(**vars(figures), task=way.task, candidate=name, ranked=other, found=found)
-
     def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
         return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
 
@@ -360,17 +329,17 @@ class CameraPlacer:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
 
-        def quality(options: Sequence[int]) -> float:
+        @cache
+        def quality(*options: int) -> float:
             watched = table.watched(map(table.camera_at, options), selection.ways)
             return self._value(wanted, [one.without_delays for one in watched])
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
-        everyone = (*selection.options, *table.kept)
-        whole, placed = quality(everyone), []
+        everyone, placed = (*selection.options, *table.kept), []
         for option, name in zip(selection.options, names, strict=False):
-            rest, alone = [one for one in everyone if one != option], quality([option])
-            loss = max(0.0, whole - quality(rest))
-            placed.append(CameraPlaced.at(table.options[option], name, alone=alone, loss=loss))
+            rest = (one for one in everyone if one != option)
+            loss = max(0.0, quality(*everyone) - quality(*rest))
+            placed.append(CameraPlaced.at(table.options[option], name, alone=quality(option), loss=loss))
         return tuple(placed)
 
     def _refined(
@@ -383,55 +352,46 @@ class CameraPlacer:
     ) -> tuple[tuple[CameraPlaced, ...], Sequence[Study]]:
         """The cameras moved and turned between their sites, with the exact studies, if they are better then.
 
-        They are where the quality that counts first is greater, and each candidate that met the wish meets it still.
+        They are where the quality that counts first is greater, and each candidate that met the goal meets it still.
         """
-        table = self.table
-        wanted, wish = self.question.requirements, checked.requirements.wish
+        table, wanted, goal = self.table, self.question.requirements, checked.requirements.goal
         average = replace(wanted, objective="mean")
 
         def value(pairs: Sequence[Pair]) -> tuple[float, float]:
             return wanted.value(pairs, table.weights), average.value(pairs, table.weights)
 
+        moved = []
         found = refined(table, [placed.place for placed in cameras], selection.ways, value)
-        moved = tuple(
-            CameraPlaced.at(
-                there,
-                placed.name,
-                mount=placed.mount,
-                alone=placed.alone,
-                loss=placed.loss,
-                moved=float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position)),
-            )
-            for placed, there in zip(cameras, found, strict=True)
-        )
+        for placed, there in zip(cameras, found, strict=True):
+            distance = float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position))
+            about: dict[str, Any] = {"mount": placed.mount, "alone": placed.alone, "loss": placed.loss}
+            moved.append(CameraPlaced.at(there, placed.name, **about, moved=distance))
         better = self._studies([*(placed.camera for placed in moved), *stay], selection)
         before, after = ([study.assessment("") for study in some] for some in (studies, better))
-        kept = wish is None or all(wish.met(new) or not wish.met(old) for old, new in zip(before, after, strict=True))
+        kept = goal is None or all(goal.met(new) or not goal.met(old) for old, new in zip(before, after, strict=True))
         gained = self._value(wanted, after) > self._value(wanted, before) + 2 * ROUNDED
-        return (moved, better) if kept and gained else (cameras, studies)
+        return (tuple(moved), better) if kept and gained else (cameras, studies)
 
     def _judged(
         self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
     ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
         question, table, all_judged = self.question, self.table, list[PlacedCandidate]()
-        ways = [table.ways[number] for number in selection.ways]
-        for way, found in zip(ways, studies, strict=True):
-            taken: BestWay | Infeasible | None = None
+        places = [table.spots[problem.site[option]] for option in selection.options]
+        for number, found in zip(selection.ways, studies, strict=True):
+            way, old, taken = table.ways[number], found.assessment(""), None
             if not question.fastest:
-                seen, limit = found.assessment(""), None
-                all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (seen.q_eoi, seen.q_avg))
-                if all_seen and not way.candidate.open_paths:  # no way that takes longer is better
-                    limit = TimeLimit(found.motion.time + _SAME_TIME)
+                all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (old.q_eoi, old.q_avg))
+                # Where all is seen no way that takes longer is better.
+                limit = TimeLimit(found.motion.time + _SAME_TIME) if all_seen and not way.candidate.open_paths else None
                 wanted = WantedWay(limit=limit)
                 taken = find_way(cell, way.candidate, question.world, question.sampling, wanted, table.plans)
             ranked = taken.assessment if isinstance(taken, BestWay) else None
             if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
-                new, old = taken.assessment, found.assessment("")
+                new = taken.assessment
                 pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
                 worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
                 late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
-                places = [table.spots[problem.site[option]] for option in selection.options]
                 swept = False
                 if places and taken.study.motion is not way.scene.motion:
                     other = judged(question.cell, way.task, way.candidate, taken.study)
@@ -439,9 +399,15 @@ class CameraPlacer:
                 found = found if worse or late or swept else taken.study
             named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
             figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
-            differs = ranked is not None and any(
-                (a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6
-                for a, b in ((ranked.q_eoi, figures.q_eoi), (ranked.q_avg, figures.q_avg), (ranked.time, figures.time))
-            )
-            all_judged.append(self._candidate(way, figures, ranked if differs else None))
+            pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
+            if not any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs):
+                ranked = None
+            all_judged.append(_candidate(way, figures, ranked))
         return tuple(all_judged)
+
+
+def _candidate(way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None) -> PlacedCandidate:
+    """A candidate by its figures. ranked: the way that `rank` takes, if that has others."""
+    other = None if ranked is None else AdvisedFigures.of(ranked)
+    name, figures = way.candidate.name, vars(AdvisedFigures.of(found))
+    return PlacedCandidate(**figures, task=way.task, candidate=name, ranked=other, found=found)

@@ -19,26 +19,19 @@ from sqrp_cli.search.goal import FewestPossible, Goal, Objective
 from sqrp_cli.search.sites import JudgedWay
 from sqrp_cli.study.fault_sights import is_lost_by_fingers, watched_faults
 
-NEVER = -1
-"""The number of a row that no choice covers."""
+NEVER = -1  # the number of a row that no choice covers
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Requirements:
     """What is wanted of the cameras."""
 
-    wish: Goal | None = None
-    """What every candidate has to reach; then as few cameras as possible."""
-    most: int | None = None
-    """Most cameras on mounts; None: no limit."""
-    floor: FewestPossible | None = None
-    """Fewest cameras; `most` is not below it. None: any number will do."""
-    objective: Objective = "least"
-    """Whether the least quality counts first, or the mean."""
-    failure_tolerance: int = 0
-    """So many cameras may fail: only what is seen then still counts as seen."""
-    budget: float | None = None
-    """Most that the cameras may cost; None: no limit."""
+    goal: Goal | None = None  # what every candidate has to reach; then as few cameras as possible
+    most: int | None = None  # most cameras on mounts; None: no limit
+    floor: FewestPossible | None = None  # fewest cameras; `most` is not below it. None: any number will do
+    objective: Objective = "least"  # whether the least quality counts first, or the mean
+    failure_tolerance: int = 0  # so many cameras may fail: only what is seen then still counts as seen
+    budget: float | None = None  # most that the cameras may cost; None: no limit
 
     def at_least(self, kept: int) -> int:
         """The fewest cameras on mounts with which anything is seen, and not fewer than are required.
@@ -65,21 +58,16 @@ class Group(NamedTuple):
     """Time of a way that counts as covered if all of its rows are."""
 
     rows: tuple[int, ...]
-    seconds: float
-    """All of it that formulas monitor [s]."""
-    of_interest: float
-    """What of it lies in events of interest [s]."""
+    seconds: float  # all of it that formulas monitor [s]
+    of_interest: float  # what of it lies in events of interest [s]
 
 
 class FaultIntervals(NamedTuple):
     """The intervals of a way in which images may show a fault that happens in one interval of its formula."""
 
-    first: Array
-    """When a fault may happen that is the last to be seen: where intervals begin, shape (f,) [s]."""
-    begin: Array
-    """Of the intervals that may show it, in order, shape (i,) [s]."""
-    end: Array
-    """Shape (i,) [s]."""
+    first: Array  # when a fault may happen that is the last to be seen: where intervals begin, shape (f,) [s]
+    begin: Array  # of the intervals that may show it, in order, shape (i,) [s]
+    end: Array  # shape (i,) [s]
     rows: tuple[tuple[tuple[int, ...] | None, ...], ...]
     """For each response, fastest first: of each interval the rows that cameras so fast must cover; None if they cannot.
     Empty where nothing is known of what shows it."""
@@ -96,10 +84,8 @@ class FaultIntervals(NamedTuple):
 class CoveredWay(NamedTuple):
     """A way as the integer program sees it."""
 
-    T: float
-    """Duration of the union of all formulas' intervals [s]."""
-    T_eoi: float
-    """Duration of the union of the events of interest [s]."""
+    T: float  # duration of the union of all formulas' intervals [s]
+    T_eoi: float  # duration of the union of the events of interest [s]
     groups: tuple[Group, ...]
     faults: tuple[FaultIntervals, ...]
 
@@ -107,12 +93,9 @@ class CoveredWay(NamedTuple):
 class Hiding(NamedTuple):
     """A site where a camera stands in the sight of others."""
 
-    site: int
-    """By index."""
-    options: tuple[int, ...]
-    """At one other site: those from which it hides something that they see."""
-    way: int
-    """In which motion."""
+    site: int  # by index
+    options: tuple[int, ...]  # at one other site: those from which it hides something that they see
+    way: int  # in which motion
 
 
 class Late(NamedTuple):
@@ -126,8 +109,7 @@ class Late(NamedTuple):
 class Selection:
     """Cameras, and a way for each candidate, by index."""
 
-    options: tuple[int, ...]
-    """Those on mounts; cameras that stay are not named."""
+    options: tuple[int, ...]  # those on mounts; cameras that stay are not named
     ways: tuple[int, ...]
 
 
@@ -136,12 +118,9 @@ class Rows:
     """The different rows; equal ones have one number."""
 
     numbers: dict[tuple[int, bytes], int] = field(default_factory=dict)
-    sees: list[Mask] = field(default_factory=list)
-    """Which options see each, shape (options,) each."""
-    needed: list[int] = field(default_factory=list)
-    """How many of them must."""
-    _bits: list[int] = field(default_factory=list)
-    """The same as `sees`, as whole numbers, as far as that was needed."""
+    sees: list[Mask] = field(default_factory=list)  # which options see each, shape (options,) each
+    needed: list[int] = field(default_factory=list)  # how many of them must
+    _bits: list[int] = field(default_factory=list)  # the same as `sees`, as whole numbers, as far as that was needed
 
     def number(self, sees: Mask, needed: int) -> int:
         """The number of a row; `NEVER` if there are too few options."""
@@ -176,28 +155,20 @@ class Problem:
     rows: Rows
     tiers: tuple[float, ...]
     """The different responses of options, a frame period and the latency each, fastest first [s]."""
-    candidates: tuple[tuple[int, ...], ...]
-    """The ways of each candidate, one of which is taken."""
-    weights: Array
-    """How much each candidate counts in the mean, shape (candidates,)."""
-    site: Indices
-    """Where each option is; there is room for one, shape (options,)."""
-    price: Array
-    """Shape (options,)."""
-    alone: Array
-    """The mean quality that each option alone may have, in 0..1, shape (options,)."""
-    kept: frozenset[int] = frozenset()
-    """Options that are there already: always chosen, and not counted."""
-    apart: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of sites that cannot both have a camera."""
+    candidates: tuple[tuple[int, ...], ...]  # the ways of each candidate, one of which is taken
+    weights: Array  # how much each candidate counts in the mean, shape (candidates,)
+    site: Indices  # where each option is; there is room for one, shape (options,)
+    price: Array  # shape (options,)
+    alone: Array  # the mean quality that each option alone may have, in 0..1, shape (options,)
+    kept: frozenset[int] = frozenset()  # options that are there already: always chosen, and not counted
+    apart: frozenset[tuple[int, int]] = frozenset()  # pairs of sites that cannot both have a camera
     blocked: frozenset[tuple[int, int]] = frozenset()
     """Sites with the ways in which the robot would touch a camera there."""
     least_delays: Array
     """How long the longest delay of a fault of each way is at least with each option, shape (ways, options) [s]."""
     hiding: frozenset[Hiding] = frozenset()
     """Choices in which one camera hides something from another one; none of them counts."""
-    late: frozenset[Late] = frozenset()
-    """Choices that are known to miss the wished delay."""
+    late: frozenset[Late] = frozenset()  # choices that are known to miss the wished delay
     beside: Mapping[int, str] = field(default_factory=dict)
     """Sites where a camera would touch one that stays, with its name."""
 

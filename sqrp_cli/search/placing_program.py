@@ -19,49 +19,38 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.placing_problem import Problem, Requirements, Selection
 
-Terms = Mapping[int, float]
-"""A linear expression: the factor of each variable, by its number."""
+Terms = Mapping[int, float]  # a linear expression: the factor of each variable, by its number
 
 Watch = Callable[[str, float | None, float], None]
 """Told what is sought, the best value so far if there is one, and the bound."""
 
-SLACK = 1e-7
-"""By how much a later aim may worsen an earlier one: figures of the solver are rounded."""
-
-DELAY_STEP = 0.01
-"""Delays are compared in whole steps [s]."""
+SLACK = 1e-7  # by how much a later aim may worsen an earlier one: figures of the solver are rounded
+DELAY_STEP = 0.01  # delays are compared in whole steps [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """What came of a program."""
 
-    values: Array | None
-    """Of the variables; None if none was found."""
-    bound: float
-    """No values are better than this; minus infinity where nothing is possible at all."""
-    proven: bool
-    """Whether the values are the best, or it is proven that there are none."""
-    interrupted: bool = False
-    """Whether Ctrl-C came."""
+    values: Array | None  # of the variables; None if none was found
+    bound: float  # no values are better than this; minus infinity where nothing is possible at all
+    proven: bool  # whether the values are the best, or it is proven that there are none
+    interrupted: bool = False  # whether Ctrl-C came
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
     """When a search may end before its proof."""
 
-    until: float = inf
-    """By `time.monotonic` [s]."""
-    gap: float = 0.0
-    """Of the quality that counts first, in 0..1."""
+    until: float = inf  # by `time.monotonic` [s]
+    gap: float = 0.0  # of the quality that counts first, in 0..1
 
 
 @dataclass(eq=False)
 class LinearProgram:
     """Variables in 0..1 and linear rows between limits, built step by step."""
 
-    whole: list[bool] = field(default_factory=list)
-    """Whether each variable takes whole numbers only."""
+    whole: list[bool] = field(default_factory=list)  # whether each variable takes whole numbers only
     rows: list[tuple[float, Terms, float]] = field(default_factory=list)
 
     def variable(self, *, whole: bool = False) -> int:
@@ -98,7 +87,7 @@ class LinearProgram:
         values so far. presolve: whether HiGHS looks for rows and variables that do not matter first. One thread solves
         it: more would not always give the same values.
         """
-        library, limits = _library(), limits or Limits()
+        library, limits, size = _library(), limits or Limits(), len(self.whole)
         highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
         options = {
             "output_flag": False,
@@ -112,10 +101,23 @@ class LinearProgram:
         }
         for name, value in options.items():
             highs.setOptionValue(name, value)
-        highs.passModel(self._model(objective))
+        model, cost, kinds = library.HighsLp(), np.zeros(size), library.HighsVarType
+        cost[list(objective)] = list(objective.values())
+        model.num_col_, model.num_row_ = size, len(self.rows)
+        model.sense_ = library.ObjSense.kMaximize
+        model.col_cost_, model.col_lower_, model.col_upper_ = cost, np.zeros(size), np.ones(size)
+        model.row_lower_ = np.array([least for least, _, _ in self.rows])
+        model.row_upper_ = np.array([most for _, _, most in self.rows])
+        matrix = model.a_matrix_
+        matrix.format_ = library.MatrixFormat.kRowwise
+        matrix.start_ = np.cumsum([0, *(len(terms) for _, terms, _ in self.rows)]).astype(np.int32)
+        matrix.index_ = np.array([n for _, terms, _ in self.rows for n in terms], dtype=np.int32)
+        matrix.value_ = np.array([factor for _, terms, _ in self.rows for factor in terms.values()], dtype=float)
+        model.integrality_ = [kinds.kInteger if whole else kinds.kContinuous for whole in self.whole]
+        highs.passModel(model)
         if start is not None:
             found = library.HighsSolution()
-            found.col_value = [*start.tolist(), *[0.0] * (len(self.whole) - len(start))]
+            found.col_value = [*start.tolist(), *[0.0] * (size - len(start))]
             highs.setSolution(found)
         with _until_interrupted(highs, watch) as interrupted:
             highs.run()
@@ -123,8 +125,7 @@ class LinearProgram:
         if status == library.HighsModelStatus.kInfeasible:
             return Optimum(None, -inf, proven=True)
         info, values = highs.getInfo(), np.array(highs.getSolution().col_value)
-        whole = np.array(self.whole, dtype=bool)
-        feasible = info.primal_solution_status == 2
+        whole, feasible = np.array(self.whole, dtype=bool), info.primal_solution_status == 2
         values[whole] = np.round(values[whole])
         reached = sum(factor * values[number] for number, factor in objective.items())
         if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
@@ -134,25 +135,6 @@ class LinearProgram:
         optimal = status == library.HighsModelStatus.kOptimal
         proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
         return Optimum(values if feasible else None, bound, proven=proven, interrupted=bool(interrupted))
-
-    def _model(self, objective: Terms) -> Any:  # noqa: ANN401 # of a library without types
-        library = _library()
-        model, count = library.HighsLp(), len(self.whole)
-        cost = np.zeros(count)
-        cost[list(objective)] = list(objective.values())
-        model.num_col_, model.num_row_ = count, len(self.rows)
-        model.sense_ = library.ObjSense.kMaximize
-        model.col_cost_, model.col_lower_, model.col_upper_ = cost, np.zeros(count), np.ones(count)
-        model.row_lower_ = np.array([least for least, _, _ in self.rows])
-        model.row_upper_ = np.array([most for _, _, most in self.rows])
-        matrix = model.a_matrix_
-        matrix.format_ = library.MatrixFormat.kRowwise
-        matrix.start_ = np.cumsum([0, *(len(terms) for _, terms, _ in self.rows)]).astype(np.int32)
-        matrix.index_ = np.array([n for _, terms, _ in self.rows for n in terms], dtype=np.int32)
-        matrix.value_ = np.array([factor for _, terms, _ in self.rows for factor in terms.values()], dtype=float)
-        kinds = library.HighsVarType
-        model.integrality_ = [kinds.kInteger if whole else kinds.kContinuous for whole in self.whole]
-        return model
 
 
 def check_solver() -> None:
@@ -197,22 +179,17 @@ def _until_interrupted(
 class SolveResult:
     """The best selection of a problem."""
 
-    selection: Selection | None
-    """None if there is none, or none was found in time."""
-    bound: float
-    """No selection has a greater quality, least or mean, in 0..1."""
-    proven: bool
-    """Whether nothing is better, in every aim; or that there is no selection at all."""
-    fewest: int = 0
-    """With a wish: no fewer cameras than this meet it."""
-    interrupted: bool = False
-    """Whether Ctrl-C came."""
+    selection: Selection | None  # none if there is none, or none was found in time
+    bound: float  # no selection has a greater quality, least or mean, in 0..1
+    proven: bool  # whether nothing is better, in every aim; or that there is no selection at all
+    fewest: int = 0  # with a goal: no fewer cameras than this meet it
+    interrupted: bool = False  # whether Ctrl-C came
 
 
 class PlacementProgram:
     """Builds and solves the integer program of a problem.
 
-    Aims, one after the other: with a wish the number of cameras; the quality that counts first; the longest delay, in
+    Aims, one after the other: with a goal the number of cameras; the quality that counts first; the longest delay, in
     hundredths of a second; the price; the number of cameras; the mean quality; what each camera sees alone, added up;
     the order of the options.
 
@@ -226,14 +203,12 @@ class PlacementProgram:
         self._program = program = LinearProgram()
         self._x = {option: program.variable(whole=True) for option in problem.free}
         """Of each option on mounts: whether it is chosen."""
-        self._taken: dict[int, int] = {}
-        """Of each way of a candidate that has several: whether it is taken."""
+        self._taken: dict[int, int] = {}  # of each way of a candidate that has several: whether it is taken
         for of_one in problem.candidates:
             if len(of_one) > 1:
                 self._taken |= {way: program.variable(whole=True) for way in of_one}
                 program.row({self._taken[way]: 1.0 for way in of_one}, least=1.0, most=1.0)
-        self._covered: dict[int, int] = {}
-        """Of each row of the problem that is asked for: whether it is covered."""
+        self._covered: dict[int, int] = {}  # of each row of the problem that is asked for: whether it is covered
         self._known: tuple[Terms, Terms] | None = None
         """The quality that counts first, and the mean, once they are expressions."""
         self._qualities: list[tuple[Terms | None, Terms | None]] = []
@@ -242,10 +217,8 @@ class PlacementProgram:
         self._limit_sites()
         self._values: Array | None = None
         self._start: Array | None = None
-        self._fewest, self._bound = 0, 1.0
-        self._interrupted, self._proven = False, True
-        self.complete = False
-        """Whether the selection sees all that counts."""
+        self._fewest, self._bound, self._interrupted, self._proven = 0, 1.0, False, True
+        self.complete = False  # whether the selection sees all that counts
 
     def begin_with(self, selection: Selection) -> None:
         """Let the search begin with a selection that is known: one that does not keep the limits is no harm."""
@@ -254,10 +227,10 @@ class PlacementProgram:
         self._start[[self._taken[way] for way in selection.ways if way in self._taken]] = 1.0
 
     def first(self) -> SolveResult:
-        """The best selection as far as the first aims are concerned: the number with a wish, and the quality."""
+        """The best selection as far as the first aims are concerned: the number with a goal, and the quality."""
         requirements = self._requirements
-        if requirements.wish is not None:
-            self._demand_wish()
+        if requirements.goal is not None:
+            self._demand_goal()
             count = self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
             if self._values is None:
                 return self._result()
@@ -373,36 +346,31 @@ class PlacementProgram:
             return self._known
         problem, program, mean = self._problem, self._program, dict[int, float]()
         total = max(float(problem.weights.sum()), 1e-12)
-        self._qualities = [self._quality(of_one) for of_one in problem.candidates]
-        for weight, pair in zip(problem.weights.tolist(), self._qualities, strict=True):
+        for weight, of_one in zip(problem.weights.tolist(), problem.candidates, strict=True):
+            counted = [
+                (program.all_of([*map(self._row, group.rows), *self._of_way(way)]), problem.ways[way], group)
+                for way in of_one
+                for group in problem.ways[way].groups
+            ]
+            pair: list[Terms | None] = []
+            for part, whole in (("of_interest", "T_eoi"), ("seconds", "T")):
+                terms: dict[int, float] = {}
+                for variable, way, group in counted:
+                    if getattr(group, part):
+                        terms[variable] = terms.get(variable, 0.0) + getattr(group, part) / getattr(way, whole)
+                defined = getattr(problem.ways[of_one[0]], whole) > 0  # all ways have the same formulas
+                pair.append(terms if defined else None)
+            self._qualities.append((pair[0], pair[1]))
             known = [terms for terms in pair if terms is not None]
             for variable, factor in (item for terms in known for item in terms.items()):
                 mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
         first: Terms = mean
         if self._requirements.objective == "least":
             first = {(least := program.variable()): 1.0}
-            for terms in (one for pair in self._qualities for one in pair if one is not None):
-                program.row({least: -1.0, **terms}, least=0.0)
+            for quality in (one for pair in self._qualities for one in pair if one is not None):
+                program.row({least: -1.0, **quality}, least=0.0)
         self._known = first, mean
         return self._known
-
-    def _quality(self, of_one: Sequence[int]) -> tuple[Terms | None, Terms | None]:
-        """Q_eoi and Q_avg of a candidate that takes one of its ways, as expressions."""
-        found: list[Terms | None] = []
-        counted = [
-            (self._program.all_of([*map(self._row, group.rows), *self._of_way(way)]), way, group)
-            for way in of_one
-            for group in self._problem.ways[way].groups
-        ]
-        for share, total in (("of_interest", "T_eoi"), ("seconds", "T")):
-            terms: dict[int, float] = {}
-            for variable, way, group in counted:
-                if getattr(group, share):
-                    part = getattr(group, share) / getattr(self._problem.ways[way], total)
-                    terms[variable] = terms.get(variable, 0.0) + part
-            defined = getattr(self._problem.ways[of_one[0]], total) > 0  # all ways have the same formulas
-            found.append(terms if defined else None)
-        return found[0], found[1]
 
     def _limit_sites(self) -> None:
         """One camera at a site, none that are in each other's or the robot's way, number and budget."""
@@ -433,11 +401,11 @@ class PlacementProgram:
             prices = {x: float(problem.price[option]) for option, x in self._x.items()}
             program.row(prices, most=requirements.budget + 1e-9)
 
-    def _demand_wish(self) -> None:
-        """Let every candidate reach what is wished for."""
-        wish, problem = self._requirements.wish, self._problem
-        assert wish is not None  # noqa: S101 - the caller has looked
-        parts = ((wish.q_eoi, "of_interest"), (wish.q_avg, "seconds"))
+    def _demand_goal(self) -> None:
+        """Let every candidate reach the goal."""
+        goal, problem = self._requirements.goal, self._problem
+        assert goal is not None  # noqa: S101 - the caller has looked
+        parts = ((goal.q_eoi, "of_interest"), (goal.q_avg, "seconds"))
         whole = [quality for least, quality in parts if least is not None and least >= 1.0]
         if not self._demand_all((one, quality) for one in problem.candidates for quality in whole):
             self._program.row({}, least=1.0)
@@ -446,9 +414,9 @@ class PlacementProgram:
                 self._expressions()
                 for terms in filter(None, (pair[which] for pair in self._qualities)):
                     self._program.row(terms, least=least - SLACK)
-        if wish.delay is not None:
-            self._no_later_than(wish.delay)
-            late = problem.least_delays > wish.delay + SLACK
+        if goal.delay is not None:
+            self._no_later_than(goal.delay)
+            late = problem.least_delays > goal.delay + SLACK
             for way, option in np.argwhere(late).tolist():
                 chosen = {self._x[option]: 1.0} if option in self._x else {}
                 most = (way in self._taken) - (option in problem.kept)

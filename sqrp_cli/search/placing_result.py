@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 else:  # no file has them
     Array = Camera = CandidateResult = Cell = Installation = Mask = Any
 
-ROUNDED = 5e-4
-"""Qualities that differ by less are the same: outputs and rankings round them to 0.1 points."""
+ROUNDED = 5e-4  # qualities that differ by less are the same: outputs and rankings round them to 0.1 points
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 

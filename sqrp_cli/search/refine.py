@@ -10,17 +10,13 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.search.aiming import looking_at
-from sqrp_cli.search.sites import Installation, JudgedWay, View, blocked, hidden_by, pairs_apart, seen_by
+from sqrp_cli.search.sites import Installation, View, blocked, hidden_by, pairs_apart, seen_by
 from sqrp_cli.search.visibility_table import VisibilityTable
 
-Pair = tuple[float | None, float | None]
-"""Q_eoi and Q_avg of a way, in 0..1; None where undefined."""
+Pair = tuple[float | None, float | None]  # q_eoi and Q_avg of a way, in 0..1; None where undefined
+_FINEST = 0.005  # moves are not tried in smaller steps than this [m]; aims not in less than a degree
 
-_FINEST = 0.005
-"""Moves are not tried in smaller steps than this [m]; aims not in less than a degree."""
-
-_HALVINGS = 4
-"""How often the step is halved, at most."""
+_HALVINGS = 4  # how often the step is halved, at most
 
 
 def refined(
@@ -40,8 +36,17 @@ def refined(
     seen += [[table.sees[number][option] for number in numbers] for option in table.kept]
 
     def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, float]:
-        counts = (sum(of_camera[number].astype(np.int64) for of_camera in each) for number in range(len(ways)))
-        first, rest = value([_qualities(way, count >= way.needed) for way, count in zip(ways, counts, strict=True)])
+        pairs: list[Pair] = []
+        for number, way in enumerate(ways):
+            scene, sample, state = way.scene, way.items.sample, np.any(way.required, axis=1)
+            covered = sum(of_camera[number].astype(np.int64) for of_camera in each) >= way.needed
+            state[sample[~covered]] = False
+            steps = np.where(state[1:] & state[:-1], way.samples.steps, 0.0)
+            interesting = steps[scene.stage.of_interest(way.samples)[:-1]]
+            parts = ((interesting, scene.T_eoi), (steps, scene.T))
+            q_eoi, q_avg = (float(part.sum() / total) if total > 0 else None for part, total in parts)
+            pairs.append((q_eoi, q_avg))
+        first, rest = value(pairs)
         return round(first, 6), round(rest, 6)
 
     def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
@@ -67,17 +72,6 @@ def refined(
             if moved and (hidden_by(way, best[one].view.spot, best[other].view.spot) & sees).any():
                 return tuple(places)
     return tuple(best[: len(places)])
-
-
-def _qualities(way: JudgedWay, covered: Mask) -> Pair:
-    """Q_eoi and Q_avg of a way at its samples, None where undefined, if these items are covered, shape (items,)."""
-    sample, samples, scene = way.items.sample, way.samples, way.scene
-    state: Mask = np.any(way.required, axis=1)
-    state[sample[~covered]] = False
-    steps = np.where(state[1:] & state[:-1], samples.steps, 0.0)
-    interesting = scene.stage.of_interest(samples)[:-1]
-    q_eoi = float(steps[interesting].sum() / scene.T_eoi) if scene.T_eoi > 0 else None
-    return q_eoi, float(steps.sum() / scene.T) if scene.T > 0 else None
 
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:

@@ -28,38 +28,26 @@ from sqrp_cli.study.sampling import Adaptive, first_samples
 from sqrp_cli.study.timeline import Rehearsal, SampledScene
 from sqrp_cli.task.task import Candidate
 
-EVERY = 3
-"""Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""
-
-MOST_WAYS = 6
-"""Most ways of a candidate to choose from."""
-
-_VIEWS_TOGETHER = 24
-"""Poses judged as one piece of work."""
-
-_PLACES_TOGETHER = 400_000
-"""Places to compare with a solid at once, counted in every state, to bound the memory."""
+EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
+MOST_WAYS = 6  # most ways of a candidate to choose from
+_VIEWS_TOGETHER = 24  # poses judged as one piece of work
+_PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
 
 
 class Items(NamedTuple):
     """What has to be seen of a way: n pairs of a sample and a target, by index."""
 
-    sample: Indices
-    """Shape (n,)."""
-    target: Indices
-    """Shape (n,)."""
+    sample: Indices  # shape (n,)
+    target: Indices  # shape (n,)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JudgedWay(SampledScene):
     """A way of a candidate with the samples in which mounts are judged."""
 
-    task: str
-    """As it was asked for."""
-    candidate: Candidate
-    """As a person chooses it."""
-    swept: SceneStates
-    """Where everything is in all of the first samples, which do not depend on cameras."""
+    task: str  # as it was asked for
+    candidate: Candidate  # as a person chooses it
+    swept: SceneStates  # where everything is in all of the first samples, which do not depend on cameras
 
     @cached_property
     def items(self) -> Items:
@@ -123,12 +111,9 @@ class View:
     """A pose of a camera at a place of a mount."""
 
     spot: Spot
-    X_FC: Array
-    """Pose of the optical frame in the frame that carries it, shape (4, 4)."""
-    at: Array | None
-    """The point that it looks at, in that frame, if its aim says one, shape (3,)."""
-    up: Array
-    """What is up in the image then, shape (3,)."""
+    X_FC: Array  # pose of the optical frame in the frame that carries it, shape (4, 4)
+    at: Array | None  # the point that it looks at, in that frame, if its aim says one, shape (3,)
+    up: Array  # what is up in the image then, shape (3,)
 
 
 @dataclass(frozen=True, eq=False)

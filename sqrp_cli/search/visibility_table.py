@@ -46,11 +46,8 @@ from sqrp_cli.study.timeline import Rehearsal
 from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
 
-MOST_ADDED = 24
-"""Most samples that are added to a way at once where nothing is covered, besides those at changes."""
-
-_TOGETHER = 200
-"""Options whose delays are looked at together, to bound the memory."""
+MOST_ADDED = 24  # most samples that are added to a way at once where nothing is covered, besides those at changes
+_TOGETHER = 200  # options whose delays are looked at together, to bound the memory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,12 +60,9 @@ class PlaceQuestion:
     mounts: Mounts
     requirements: Requirements
     sampling: Sampling
-    keep: tuple[str, ...] = ()
-    """Cameras of the workspace that stay."""
-    fastest: bool = False
-    """Whether candidates keep the fastest branch with the first grip, as with `--ways fastest`."""
-    verdicts: Verdicts | None = None
-    """Where verdicts come from; None: this process."""
+    keep: tuple[str, ...] = ()  # cameras of the workspace that stay
+    fastest: bool = False  # whether candidates keep the fastest branch with the first grip, as with `--ways fastest`
+    verdicts: Verdicts | None = None  # where verdicts come from; None: this process
 
 
 class VisibilityTable:
@@ -77,40 +71,30 @@ class VisibilityTable:
     def __init__(self, question: PlaceQuestion, progress: Progress) -> None:
         """Nothing is planned or seen yet. progress: shows how far it is."""
         self.question, self._progress = question, progress
-        self.spots = list(question.mounts.spots)
-        """The sites: places on mounts, then those of the cameras that stay."""
+        self.spots = list(question.mounts.spots)  # the sites: places on mounts, then those of the cameras that stay
         self.views, self.options, self.kept = list[View](), list[Installation](), list[int]()
         """Every pose at every site; with every lens that fits; of these, by index, the cameras that stay."""
-        self.site: Indices = np.zeros(0, dtype=np.int64)
-        """Of each option, by index, shape (options,)."""
+        self.site: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
         self.ways: list[JudgedWay] = []
-        self.plans = Plans()
-        """All ways of the candidates."""
-        self.candidates: list[tuple[int, ...]] = []
-        """Of each candidate, which of the ways are its own."""
+        self.plans = Plans()  # all ways of the candidates
+        self.candidates: list[tuple[int, ...]] = []  # of each candidate, which of the ways are its own
         self.infeasible: list[tuple[str, CandidateResult]] = []
         self.others: list[list[Rehearsal]] = []
         """Of each candidate, ways that are looked at only where they may be better."""
-        self.too_slow = False
-        """Whether no camera helps, because a candidate takes longer than is wished for."""
-        self.sees: list[Mask] = []
-        """Of each way, which options see which items, shape (options, items)."""
-        self.beside: dict[int, str] = {}
-        """Sites where a camera would touch one that stays, with its name."""
-        self.late = set[Late]()
-        """Choices that are known to miss the wished delay."""
-        self._shut: list[Mask] = []
-        """Of each way, at which sites a camera would touch something."""
+        self.too_slow = False  # whether no camera helps, because a candidate takes longer than is wished for
+        self.sees: list[Mask] = []  # of each way, which options see which items, shape (options, items)
+        self.beside: dict[int, str] = {}  # sites where a camera would touch one that stays, with its name
+        self.late = set[Late]()  # choices that are known to miss the wished delay
+        self._shut: list[Mask] = []  # of each way, at which sites a camera would touch something
         self._least_delays: list[Array] = []
         """Of each way, how long the longest delay of a fault is at least with each option [s]."""
-        self._hiding = set[Hiding]()
-        """Which cameras of choices that were found hide something that another one sees."""
+        self._hiding = set[Hiding]()  # which cameras of choices that were found hide something that another one sees
 
     def plan(self) -> None:
         """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
         question, cell, world = self.question, self.question.cell, self.question.world
         found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
-        wish, aimed_at = question.requirements.wish, list[JudgedWay]()
+        goal, aimed_at = question.requirements.goal, list[JudgedWay]()
         with self._progress("Planning", len(found)) as advance:
             for task, candidate in found:
                 scenes = (
@@ -118,8 +102,8 @@ class VisibilityTable:
                     or self.plans.of(cell, candidate, world, fastest=question.fastest).scenes
                 )
                 advance(1)
-                if wish is not None and wish.time is not None and not isinstance(scenes, Infeasible):
-                    scenes = TimeLimit(wish.time).within(scenes)
+                if goal is not None and goal.time is not None and not isinstance(scenes, Infeasible):
+                    scenes = TimeLimit(goal.time).within(scenes)
                     self.too_slow |= isinstance(scenes, Infeasible)
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, CandidateResult.infeasible(candidate, scenes.reasons)))
@@ -152,13 +136,13 @@ class VisibilityTable:
         """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
         ways = self.ways[len(self.sees) :]
         self.sees += self._verdicts(ways)
-        wish = self.question.requirements.wish
+        goal = self.question.requirements.goal
         for way in ways:
             shut = blocked(self.question.cell, way.swept, self.question.mounts.spots)
             shut[list(self.beside)] = True
             self._shut.append(shut)
             delays = np.zeros(len(self.options))  # 0 if none is wished
-            if wish is not None and wish.delay is not None:
+            if goal is not None and goal.delay is not None:
                 cameras, observer = [*map(self.camera_at, range(len(self.options)))], self.question.cell.observer
                 response = min((camera.response for camera in cameras), default=0.0)
                 for start in range(0, len(cameras), _TOGETHER):

@@ -121,7 +121,7 @@ def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts
 
 def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_path):
     narrow = FORTY.replace("6 deg", "4.5 deg").replace("step: 10 cm", "step: 20 cm")
-    asked = placer(cell, tmp_path, narrow, Requirements(wish=Goal(q_eoi=1.0, q_avg=1.0), most=2))
+    asked = placer(cell, tmp_path, narrow, Requirements(goal=Goal(q_eoi=1.0, q_avg=1.0), most=2))
     found = asked.place()
     brute = BruteForce(asked)
     everything = brute.qualities(range(30))
@@ -137,7 +137,7 @@ def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_
 
 def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path):
     wide = FORTY.replace("6 deg", "60 deg")
-    asked = placer(cell, tmp_path, wide, Requirements(wish=Goal(q_eoi=1.0), failure_tolerance=1))
+    asked = placer(cell, tmp_path, wide, Requirements(goal=Goal(q_eoi=1.0), failure_tolerance=1))
     found = asked.place()
     assert found.met
     brute = BruteForce(asked)
@@ -197,10 +197,10 @@ mounts:
 lenses:
   wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz}
 """
-    asked = placer(cell, tmp_path, text, Requirements(wish=Goal(q_eoi=0.1), failure_tolerance=1))
+    asked = placer(cell, tmp_path, text, Requirements(goal=Goal(q_eoi=0.1), failure_tolerance=1))
     assert not asked.place().met
     alone = placer(
-        cell, tmp_path, text.replace("30 cm", "2 mm"), Requirements(wish=Goal(q_eoi=0.1), failure_tolerance=1)
+        cell, tmp_path, text.replace("30 cm", "2 mm"), Requirements(goal=Goal(q_eoi=0.1), failure_tolerance=1)
     )
     assert alone.place().met
 
@@ -231,15 +231,15 @@ def test_a_budget_for_mounts_in_the_way_only_is_said_to_be_too_small(cell, tmp_p
 
 def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
     _, best, brute = pair
-    wish = Goal(q_eoi=best.objective - 0.01, q_avg=best.objective - 0.01)  # samples are not those of that search
+    goal = Goal(q_eoi=best.objective - 0.01, q_avg=best.objective - 0.01)  # samples are not those of that search
     assert brute.least(1) < best.objective - 0.02
-    found = placer(cell, tmp_path, FORTY, Requirements(wish=wish, most=1)).place()
+    found = placer(cell, tmp_path, FORTY, Requirements(goal=goal, most=1)).place()
     assert not found.met
     assert found.fewest == len(found.cameras) == 2
 
 
 def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
-    found = placer(cell, tmp_path, FORTY, Requirements(wish=Goal(time=5.0))).place()
+    found = placer(cell, tmp_path, FORTY, Requirements(goal=Goal(time=5.0))).place()
     assert not found.met
     (slow,) = found.infeasible
     assert "more than allowed" in slow.reason
@@ -257,7 +257,7 @@ lenses:
 @pytest.fixture(scope="module")
 def delays(cell, tmp_path_factory) -> tuple[CameraPlacer, dict[tuple[int, ...], float]]:
     """The exact longest delay of every pair of a dozen mounts, one after the other."""
-    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Requirements(most=2, wish=Goal(delay=1.0)))
+    asked = placer(cell, tmp_path_factory.mktemp("twelve"), TWELVE, Requirements(most=2, goal=Goal(delay=1.0)))
     asked.table.plan()
     asked.table.judge()
     pairs = list(combinations(range(len(asked.table.options)), 2))
@@ -279,17 +279,17 @@ def test_no_pair_with_a_camera_is_quicker_than_that_camera_may_be(delays):
 def test_a_wished_delay_is_met_if_any_pair_meets_it(cell, tmp_path, delays):
     _, exact = delays
     shortest = min(exact.values())
-    met = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Goal(delay=shortest + 0.005))).place()
+    met = placer(cell, tmp_path, TWELVE, Requirements(most=2, goal=Goal(delay=shortest + 0.005))).place()
     assert met.met
     assert max(one.found.latest for one in met.candidates) <= shortest + 0.005
-    missed = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Goal(delay=shortest - 0.005))).place()
+    missed = placer(cell, tmp_path, TWELVE, Requirements(most=2, goal=Goal(delay=shortest - 0.005))).place()
     assert not missed.met
 
 
 def test_what_a_frame_and_latency_rule_out_is_not_searched_for(cell, tmp_path, monkeypatch):
-    asked = placer(cell, tmp_path, TWELVE, Requirements(most=2, wish=Goal(delay=0.14)))
+    asked = placer(cell, tmp_path, TWELVE, Requirements(most=2, goal=Goal(delay=0.14)))
     searched = []
-    monkeypatch.setattr(PlacementProgram, "_demand_wish", searched.append)
+    monkeypatch.setattr(PlacementProgram, "_demand_goal", searched.append)
     found = asked.place()
     assert not searched
     assert not found.met

@@ -145,7 +145,7 @@ def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, 
     quality, delay = problem.worth(wanted, one)
     mean = problem.worth(replace(wanted, objective="mean"), one)[0]
     options = list(one.options)
-    number = float(len(options)) if wanted.wish is not None else 0.0
+    number = float(len(options)) if wanted.goal is not None else 0.0
     return (
         number,
         -round(quality, 6),
@@ -157,15 +157,15 @@ def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, 
     )
 
 
-def meets(problem: Problem, wish: Goal, one: Selection) -> bool:
+def meets(problem: Problem, goal: Goal, one: Selection) -> bool:
     covered = problem.covered(one.options)
     pairs = [
-        pair for way in one.ways for pair in zip((wish.q_eoi, wish.q_avg), problem.qualities(way, covered), strict=True)
+        pair for way in one.ways for pair in zip((goal.q_eoi, goal.q_avg), problem.qualities(way, covered), strict=True)
     ]
     delays = [problem.delay(way, covered) for way in one.ways]
     least = problem.least_delays[np.ix_(one.ways, [*one.options, *problem.kept])].max(initial=0.0)
     enough = all(least is None or quality is None or quality >= least - 1e-9 for least, quality in pairs)
-    return enough and (wish.delay is None or max(*delays, least) <= wish.delay + 1e-9)
+    return enough and (goal.delay is None or max(*delays, least) <= goal.delay + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -178,12 +178,12 @@ def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(s
         budget=None if rng.integers(2) else float(rng.integers(3, 9)),
     )
     known = list(every_selection(problem, wanted))
-    if known and seed % 3:  # a wish that the best just meets, or that is hard
+    if known and seed % 3:  # a goal that the best just meets, or that is hard
         best = min(known, key=lambda one: key(problem, wanted, one))
         q_avg = min(problem.qualities(way, problem.covered(best.options))[1] or 0.0 for way in best.ways)
-        wish = Goal(q_avg=q_avg) if seed % 3 == 1 else Goal(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
-        wanted = replace(wanted, wish=wish)
-        known = [one for one in known if meets(problem, wish, one)]
+        goal = Goal(q_avg=q_avg) if seed % 3 == 1 else Goal(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
+        wanted = replace(wanted, goal=goal)
+        known = [one for one in known if meets(problem, goal, one)]
     program = PlacementProgram(problem, wanted, lambda *_: None, Limits())
     found = program.first()
     assert found.proven
@@ -196,5 +196,5 @@ def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(s
     best = min(known, key=lambda one: key(problem, wanted, one))
     assert key(problem, wanted, found.selection) == pytest.approx(key(problem, wanted, best), abs=2e-5)
     assert found.bound == pytest.approx(problem.worth(wanted, best)[0], abs=1e-5)
-    if wanted.wish is not None:
+    if wanted.goal is not None:
         assert found.fewest == len(best.options)

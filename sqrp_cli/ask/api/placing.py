@@ -114,11 +114,11 @@ def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int
     if request.cameras is not None and request.cameras + kept <= request.survive:
         message = f"of a single camera nothing is left if it fails, so that {request.given('survive', 1)} needs two"
         raise bad_option(message, mend=request.given("cameras", 2))
-    wish = None if request.want is None else read_goal(request.want)
-    if wish is None and request.cameras is None:
-        wish = Goal(q_eoi=1.0)
+    goal = None if request.want is None else read_goal(request.want)
+    if goal is None and request.cameras is None:
+        goal = Goal(q_eoi=1.0)
     return Requirements(
-        wish=wish,
+        goal=goal,
         most=request.cameras,
         floor=floor,
         objective=request.objective,
