@@ -10,16 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.camera import calibration_formats as formats
 from sqrp_cli.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.geometry import read_only
+
+if TYPE_CHECKING:
+    from sqrp_cli.camera import calibration_formats as formats
 
 _MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
     "plumb_bob": ("plumb_bob", (5,)),
@@ -75,6 +77,8 @@ def read_calibration(
     their lens. Raises InputError, with the line, for missing keys, unknown models, wrong lengths, impossible matrices,
     and where file and workspace contradict each other.
     """
+    from sqrp_cli.camera import calibration_formats as formats
+
     wanted = wanted or CalibrationFile(file=str(path))
     text = formats.read_calibration_text(path)
     part, known, name = _chosen(text.document, wanted, asked)
@@ -110,6 +114,7 @@ def _chosen(
     document: SourceDocument, wanted: CalibrationFile, asked: str
 ) -> tuple[SourceDocument, type[formats.StatedCamera], str | None]:
     """The wanted camera of a file, its format, and its name if the file has several."""
+    from sqrp_cli.camera import calibration_formats as formats
 
     def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, type[formats.StatedCamera]]]:
         if isinstance(data, dict) and (known := formats.format_of(data)) is not None:

@@ -7,13 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sqrp_cli.camera.calibration import check_image, doubtful_projection, read_calibration
 from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat
 from sqrp_cli.camera.detector import Detector
-from sqrp_cli.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.cell.mesh import read_mesh
@@ -34,6 +34,9 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.ros.bag import METADATA
 from sqrp_cli.shapes import Box, Mesh, Part, Shape
+
+if TYPE_CHECKING:
+    from sqrp_cli.camera.hand_eye import HandEye
 
 R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
@@ -98,6 +101,8 @@ class CellReader(EntryReader):
 
     def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
         """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
+        from sqrp_cli.camera.hand_eye import read_hand_eye
+
         key: KeyPath = (*path, "hand_eye")
         is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
         file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, self._place_of_file(key))

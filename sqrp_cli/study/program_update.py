@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.program import record
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.skill.settings import ANY
@@ -31,6 +31,9 @@ from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.verdict import verdict
 from sqrp_cli.task.task import Candidate
+
+if TYPE_CHECKING:
+    from sqrp_cli.program import record
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,8 @@ def make_step(task: str, study: Study, assessment: CandidateResult, cameras: tup
 
     cameras: names in the order of the study's verdicts.
     """
+    from sqrp_cli.program import record
+
     candidate, motion = study.candidate, study.motion
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}

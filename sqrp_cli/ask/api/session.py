@@ -13,9 +13,6 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
-from sqrp_cli.program.check import flaws
-from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
-from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explain import study_shown
 from sqrp_cli.show.documents.explanation import Explanation
@@ -32,6 +29,7 @@ from sqrp_cli.task.task import Task, read_task
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import RankRequest, TaskRequest
     from sqrp_cli.platform.processes import Progress
+    from sqrp_cli.program.record import Program
     from sqrp_cli.search.suggestion import SuggestedStep
 
 
@@ -65,6 +63,8 @@ class Session:
         """
         world, inquiry = cell.initial_world, ask.inquiry
         if ask.after is not None:
+            from sqrp_cli.program.file import check_program, load_program
+
             program = load_program(Path(ask.after))
             check_program(program, Path(ask.after), cell.workspace)
             world = program.steps[-1].after if program.steps else world
@@ -245,6 +245,9 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
 
     Raises InputError if the file has changed meanwhile, so that the steps do not begin where it ends.
     """
+    from sqrp_cli.program.check import flaws
+    from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
+
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     added = []
     for chosen in steps:
@@ -254,19 +257,15 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
         step = make_step(chosen.task, found, chosen.assessment, cameras)
         added.append(with_usual_images(step, found, cell.observer))
     with alone(path):
-        program = _program_at(path, cell).with_steps(added)
+        if path.exists():
+            program = load_program(path)
+            check_program(program, path, cell.workspace)
+        else:
+            program = new_program(cell.workspace, cell.model.joints, path)
+        program = program.with_steps(added)
         if any(flaws(program)):
             message = "this program has changed meanwhile, and the new step does not begin where it ends now"
             raise bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
         program = made_for(program, path, cell.workspace)
         save_program(program, path)
-    return program
-
-
-def _program_at(path: Path, cell: Cell) -> Program:
-    """The program of a file, or one without steps where there is no such file."""
-    if not path.exists():
-        return new_program(cell.workspace, cell.model.joints, path)
-    program = load_program(path)
-    check_program(program, path, cell.workspace)
     return program
