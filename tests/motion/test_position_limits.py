@@ -24,7 +24,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
 from tests.motion.cells import Cell, thing
 from tests.motion.phases import phase_samples
-from tests.motion.straight import straight_line
+from tests.motion.test_tool_curves import straight_line
 from tests.task.robots import joint, robot, torso_arm, written_urdf
 
 BENT = (0.3, 0.5, 0.2, -1.4, 0.1, -0.9, 0.3)

@@ -1,12 +1,15 @@
-"""Ways around: found where direct moves are blocked, honest in every respect, and the same each time."""
+"""Joint moves around vias and obstacles: smooth, honest in every respect, and the same each time."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
@@ -15,7 +18,8 @@ from sqrp_cli.motion import joint_moves
 from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.stop_and_return import recovery_over
-from sqrp_cli.motion.timing import MotionLimits, joint_move_duration
+from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
+from sqrp_cli.motion.way_around import blended_path, motion_through
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import Skill
 from sqrp_cli.trajectory import Trajectory
@@ -35,6 +39,11 @@ FARTHEST = 1.3
 @pytest.fixture(scope="module")
 def pickup(tabletop: Workspace) -> Skill:
     return tabletop.skills["pickup"]
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
+    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE))
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +173,103 @@ def test_moving_back_after_a_fault_goes_around_as_well(motion: Motion, ur5: Robo
     q = motion.positions(3, recovery.t[row : row + 1])[0]
     least = a1.trajectory.duration + float(joint_move_duration(q, a1.trajectory.path.positions([1.0])[0], limits))
     assert least - 0.5 <= recovery.duration[row] <= least + 2.0
+
+
+def planned(cell: Cell, vias: dict[str, Array] | None = None) -> Motion:
+    motion = cell.plan(vias=vias)
+    assert isinstance(motion, Motion)
+    return motion
+
+
+def ends(motion: Motion, index: int) -> Array:
+    return motion.primitives[index].trajectory.path.positions([0.0, 1.0])
+
+
+@given(st.integers(0, 10_000), st.integers(3, 6), st.integers(1, 4))
+def test_a_blended_polyline_is_smooth_and_stays_near_it(seed: int, corners: int, joints: int) -> None:
+    rng = np.random.default_rng(seed)
+    polyline = rng.normal(size=(corners, joints))
+    lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
+    reaches = [float(rng.uniform(0.05, 0.5)) * min(pieces) for pieces in pairwise(lengths.tolist())]
+    path = blended_path(polyline, lengths, reaches)
+    np.testing.assert_allclose(path.positions([0.0, 1.0]), polyline[[0, -1]], atol=1e-12)
+    inner = path.breaks[1:-1]
+    for order in (0, 1, 2):
+        before, after = path.derivatives(np.nextafter(inner, 0), order), path.derivatives(inner, order)
+        np.testing.assert_allclose(before, after, atol=1e-6 * lengths.sum() ** order / min(reaches))
+    for corner, reach in zip(polyline[1:-1], reaches, strict=True):
+        off = np.linalg.norm(path.positions(np.linspace(0, 1, 500)) - corner, axis=1).min()
+        assert off <= reach
+
+
+@given(st.integers(0, 10_000), st.integers(1, 3))
+def test_a_move_around_vias_bends_near_them_without_a_stop_and_keeps_all_limits(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    q0, *vias, q1 = rng.uniform(-2, 2, (count + 2, 6))
+    limits = MotionLimits(*(rng.uniform(*span, 6) for span in ((0.3, 2), (1, 4), (5, 50))))
+    motion = motion_through(q0, np.array(vias), q1, limits)
+    np.testing.assert_allclose(motion.positions([0.0, motion.duration]), [q0, q1], atol=1e-12)
+    t = np.concatenate([np.linspace(0, motion.duration, 2000), phase_samples(motion, 9)])
+    for order, limit in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+        assert (np.abs(motion.derivatives(t, order)) <= limit * (1 + 1e-9)).all()
+    assert (motion.law.derivatives(np.linspace(0, motion.duration, 500)[1:-1])[1] > 0).all()
+    longest = np.abs(np.diff([q0, *vias, q1], axis=0)).max()
+    for via in vias:
+        assert np.abs(motion.path.positions(np.linspace(0, 1, 500)) - via).max(axis=1).min() < longest
+
+
+def test_vias_at_the_ends_or_twice_at_one_place_count_once() -> None:
+    limits = MotionLimits(*(np.full(2, limit) for limit in (1.0, 2.0, 10.0)))
+    q0, via, q1 = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, 2.0]])
+    once = motion_through(q0, via[None], q1, limits)
+    twice = motion_through(q0, np.stack([q0, via, via, q1]), q1, limits)
+    assert once.to_numbers() == twice.to_numbers()
+    direct = joint_move(q0, q1, limits)
+    assert motion_through(q0, np.stack([q0, q1]), q1, limits).to_numbers() == direct.to_numbers()
+
+
+def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell: Cell) -> None:
+    direct = planned(cell)
+    far = ends(direct, 0)[1] + [0.3, 0.0, 0.0, 0.0, 0.0, 1.5]
+    motion = planned(cell, {"a1": far[None]})
+    for index in range(5):
+        np.testing.assert_allclose(ends(motion, index), ends(direct, index), atol=1e-12)
+    assert motion.primitives[0].trajectory.duration > direct.primitives[0].trajectory.duration
+    for index in range(1, 5):
+        same = motion.primitives[index].trajectory.to_numbers()
+        assert same == direct.primitives[index].trajectory.to_numbers()
+
+
+def test_the_same_vias_give_the_same_motion_whatever_was_planned_before(cell: Cell, walled: Cell) -> None:
+    vias = {"a5": ends(planned(cell), 4).mean(axis=0)[None] + 0.2}
+    first = planned(cell, vias)
+    cell.plan(seed=7)
+    walled.plan()
+    again = planned(cell, vias)
+    for one, other in zip(first.primitives, again.primitives, strict=True):
+        assert one.trajectory.to_numbers() == other.trajectory.to_numbers()
+
+
+def test_vias_that_lead_through_an_obstacle_are_infeasible_and_say_what_touches(cell: Cell) -> None:
+    under_the_table = ends(planned(cell), 0)[1] + [0.0, 0.9, 0.0, 0.0, 0.0, 0.0]
+    result = cell.plan(vias={"a1": under_the_table[None]})
+    assert isinstance(result, Infeasible)
+    assert " hits table at " in result.reasons[0]
+    assert result.reasons[0].endswith(" of a1 with its vias")
+
+
+def test_vias_that_lead_around_an_obstacle_need_no_planner(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    around = planned(walled)
+    along = {name: around.primitives[index].trajectory.path for name, index in (("a1", 0), ("a5", 4))}
+    monkeypatch.setattr("sqrp_cli.motion.joint_moves.find_way", lambda *_: pytest.fail("asked"))
+    motion = planned(walled, {name: path.positions(np.linspace(0.1, 0.9, 9)) for name, path in along.items()})
+    assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
+
+
+def test_a_move_by_home_has_no_vias(cell: Cell) -> None:
+    by_home = cell.plan(via="home")
+    assert isinstance(by_home, Motion)
+    vias = {"a1": ends(by_home, 0).mean(axis=0)[None] + 0.1}
+    again = cell.plan(via="home", vias=vias)
+    assert isinstance(again, Motion)
+    assert again.primitives[0].trajectory.to_numbers() == by_home.primitives[0].trajectory.to_numbers()

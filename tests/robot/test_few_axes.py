@@ -13,7 +13,7 @@ from sqrp_cli.motion.tool_curve import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import WrongWayRound
-from tests.motion.straight import straight_line
+from tests.motion.test_tool_curves import straight_line
 from tests.task.robots import FEW_AXES, LIFTS, robot, rounded, written_urdf
 
 TOLERANCE = np.radians(0.5)

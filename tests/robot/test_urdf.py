@@ -140,22 +140,14 @@ def test_a_fault_is_reported_with_its_line(tmp_path, old, new, code, line, says)
     assert says in found.message
 
 
-def test_links_in_a_circle_are_refused(tmp_path):
+def test_links_in_a_circle_or_with_two_parents_are_refused(tmp_path):
     circle = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
     links = "".join(f'<link name="{name}"/>' for name in ("root", "a", "b"))
-    text = (
-        "<robot>\n" + links + "\n" + circle.format("j", "a", "b") + "\n" + circle.format("k", "b", "a") + "\n</robot>"
-    )
-    found = problem(tmp_path, text)
+    found = problem(tmp_path, f"<robot>{links}{circle.format('j', 'a', 'b')}{circle.format('k', 'b', 'a')}</robot>")
     assert found.code == "cycle"
     assert "`a` -> `b` -> `a`" in found.message or "`b` -> `a` -> `b`" in found.message
-
-
-def test_a_link_with_two_parents_is_refused(tmp_path):
-    text = ARM.replace('<child link="tip"/>', '<child link="hand"/>').replace(
-        '<parent link="hand"/>', '<parent link="base"/>'
-    )
-    assert problem(tmp_path, text).code == "two-parents"
+    twice = ARM.replace('<child link="tip"/>', '<child link="hand"/>')
+    assert problem(tmp_path, twice.replace('<parent link="hand"/>', '<parent link="base"/>')).code == "two-parents"
 
 
 def test_deep_nesting_and_large_files_are_refused(tmp_path):
@@ -275,16 +267,13 @@ def test_what_can_hardly_be_meant_is_a_warning_at_its_line(tmp_path, text, code,
     assert warning.place.line in (5, 12)
 
 
-@pytest.mark.parametrize(
-    "inertial",
-    [
-        moments(0.1, 0.1, 0.2),  # a flat plate meets the triangle rule with equality
-        moments(0.010, 0.010, 0.0205),  # rounded
-        moments(0.0, 1.0, 1.0),  # a thin rod
-        moments(-1e-12, 1e-6, 1e-6),  # rounded
-        '<mass value="1"/>',
-    ],
-)
+@pytest.mark.parametrize("inertial", [
+    moments(0.1, 0.1, 0.2),  # a flat plate meets the triangle rule with equality
+    moments(0.010, 0.010, 0.0205),  # rounded
+    moments(0.0, 1.0, 1.0),  # a thin rod
+    moments(-1e-12, 1e-6, 1e-6),  # rounded
+    '<mass value="1"/>',
+])  # fmt: skip
 def test_rounded_inertias_are_taken_as_they_are(tmp_path, inertial):
     assert read_urdf(written(tmp_path, with_inertial(inertial))).warnings == ()
 
