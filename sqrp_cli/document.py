@@ -10,7 +10,7 @@ How a command becomes so:
 4. What only this process can know (motions, an open cell, to write a program or a page) is a field made with `live()`:
    no JSON, schema or saved file has it. Its type is `Any` at run time (`if TYPE_CHECKING: ... else: X = Any`).
 5. The command reads its request, calls the function, and shows: `answer(found, as_json=ask.json)`.
-6. Its kind has a line in `sqrp_cli.ask.api.results.KINDS`; then `sqrp show FILE` prints the table of a saved result.
+6. Its kind has a line in `sqrp_cli.show.documents.KINDS`; then `sqrp show FILE` prints the table of a saved result.
 """
 
 from __future__ import annotations

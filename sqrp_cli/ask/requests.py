@@ -6,12 +6,13 @@ Each command has its own in `cli.commands`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
 from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, flag, option, options, value
+from sqrp_cli.errors import bad_option
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -383,6 +384,40 @@ class RunRequest(Request):
     """Called with each event as it happens."""
     witnessed: bool = value(values.flag, default=True)
     """Whether the events have the true poses, for a page; a log always has them."""
+
+    def written(self, page: Path | None = None) -> dict[str, Path | None]:
+        """The files and folders to write, each by what messages call it. page: of a run that Python writes later."""
+        files = {self.called(name): getattr(self, name) for name in ("film", "log", "frames")}
+        return {**files, "--report": self.report} if isinstance(self, Paged) else {**files, "path": page}
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether the film's name is that of a recording for ROS tools."""
+        from sqrp_cli.ros.bag import SUFFIXES
+
+        return self.film is not None and self.film.suffix.lower() in SUFFIXES
+
+    def check_names(self, page: Path | None = None) -> None:
+        """Raises InputError for a name that no film can have, and where two outputs have the same.
+
+        Films are recordings, or MP4 files by a library that writes only to names of UTF-8 text.
+        """
+        from sqrp_cli.platform.files import check_distinct
+
+        if self.film is not None and not self.is_recording:
+            found = f"{self.called('film')} is `{self.film}`"
+            if self.film.suffix.lower() != ".mp4":
+                expected = "expected a name that ends in .mp4 (film), .mcap (recording) or .bag (recording of ROS 1)"
+                raise bad_option(f"{found}; {expected}")
+            if str(self.film) != str(self.film).encode(errors="ignore").decode():
+                raise bad_option(f"{found}, which is not UTF-8 text; films are written by a library that needs it")
+        check_distinct(self.written(page))
+
+    def check_not_read(self, inputs: Iterable[Path], page: Path | None = None) -> None:
+        """Raises InputError where a file to write is also an input; a folder of frames is new or empty."""
+        from sqrp_cli.platform.files import check_not_read
+
+        check_not_read([one for name, one in self.written(page).items() if name != self.called("frames")], inputs)
 
 
 class AuditRequest(Request):

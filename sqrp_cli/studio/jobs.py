@@ -308,14 +308,14 @@ class _Watching:
 
 def _play(job: Play, say: _Teller) -> None:
     from sqrp_cli.ask.api.program import open_program
-    from sqrp_cli.ask.api.run_results import RunOutputs
+    from sqrp_cli.ask.requests import RunRequest
 
     opened = open_program(job.file, seed=job.seed)
     watching = _Watching(say, job.file, job.faults)
     cameras = list(opened.workspace.cameras)
     say("run-began", file=str(job.file), cameras=cameras, faults=list(job.faults))
-    faults = opened.read_faults(job.faults)
-    run = opened.run_into(RunOutputs(), faults, listeners=[watching], screen=watching, spectator=watching)
+    ask = RunRequest(job.faults, listeners=[watching])
+    run = opened.run_into(ask, screen=watching, spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
     told = [

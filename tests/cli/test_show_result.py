@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli import read_result
-from sqrp_cli.ask.api.results import KINDS
+from sqrp_cli.show.documents import KINDS
 from sqrp_cli.show.documents.schemas import DOCUMENTS
 
 WATCH = Path(__file__).parents[1] / "cases" / "watch"

@@ -19,7 +19,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, e
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+    from sqrp_cli.ask.api.run_results import SimulatedRun
     from sqrp_cli.ask.requests import Progress
     from sqrp_cli.cell.workspace import Workspace, World
     from sqrp_cli.field.audit.footage import Footage
@@ -84,12 +84,8 @@ def run(opened: OpenProgram, ask: RunRequest) -> SimulatedRun:
 
     Raises InputError, before anything is written, where an output would replace an input or another output.
     """
-    from sqrp_cli.ask.api.run_results import RunOutputs
-
-    outputs = RunOutputs.of(ask)
-    outputs.check_names()
-    injected = opened.read_faults(ask.faults)
-    return opened.run_into(outputs, injected, listeners=ask.listeners, witnessed=ask.witnessed)
+    ask.check_names()
+    return opened.run_into(ask)
 
 
 def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
@@ -257,16 +253,13 @@ class OpenProgram:
 
     def run_into(
         self,
-        outputs: RunOutputs,
-        injected: Sequence[InjectedFault] = (),
+        ask: RunRequest,
         *,
-        listeners: Sequence[Listener],
-        witnessed: bool = True,
         screen: Screen | None = None,
         spectator: Spectator | None = None,
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
-        """As `run`, with what it writes. Raises InputError where that would replace a file that was read.
+        """As `run`. Raises InputError where what it writes would replace a file that was read.
 
         screen: shows the images with what is seen in them, instead of a film. spectator: somebody who may cause faults.
         elsewhere: runs it in another cell, to which no faults can be made to happen.
@@ -279,24 +272,27 @@ class OpenProgram:
         from sqrp_cli.show.pages.run_page import RunCell
 
         workspace = self.workspace
-        outputs.check_not_read(self.files)
+        injected = self.read_faults(ask.faults, ask.called("faults"))
+        ask.check_not_read(self.files)
         perform = elsewhere or partial(self._simulation().run, injected)
         from sqrp_cli.run.run import Recording
         from sqrp_cli.run.start import header
 
-        for path in filter(None, (outputs.film, outputs.log)):
+        for path in filter(None, (ask.film, ask.log)):
             check_writable(path)
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
-            recorder, gallery = _recorders(workspace, outputs, screen, closing)
+            recorder, gallery = _recorders(workspace, ask, screen, closing)
             writer = None
-            if outputs.log is not None:
-                writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
+            if ask.log is not None:
+                writer = LogWriter(ask.log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
-            heard: list[Listener] = [one for one in (writer, *listeners, events.append, recorder) if one is not None]
-            states = witnessed or writer is not None or recorder is not None
-            if outputs.frames is not None:
-                save_program(made_for(self.program, outputs.frames / PROGRAM, workspace), outputs.frames / PROGRAM)
+            heard: list[Listener] = [
+                one for one in (writer, *ask.listeners, events.append, recorder) if one is not None
+            ]
+            states = ask.witnessed or writer is not None or recorder is not None
+            if ask.frames is not None:
+                save_program(made_for(self.program, ask.frames / PROGRAM, workspace), ask.frames / PROGRAM)
             report = perform(Recording(heard, gallery, states=states, spectator=spectator))
             if writer is not None:
                 writer.finish(report)
@@ -307,7 +303,7 @@ class OpenProgram:
             events=events,
             never_happened=list((Counter(fault.text for fault in injected) - happened).elements()),
             inputs=self.files,
-            outputs=outputs,
+            asked=ask,
         )
 
     def sweep(
@@ -402,7 +398,7 @@ class LoggedRun:
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
         """The run, None if it was interrupted; listeners: called with each event."""
-        from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+        from sqrp_cli.ask.api.run_results import SimulatedRun
         from sqrp_cli.run.record.events import RunReported
         from sqrp_cli.show.pages.run_page import RunCell
 
@@ -428,7 +424,7 @@ class LoggedRun:
         cell = RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
         inputs = [self.log, *([] if self.program is None else self.program.files)]
         known = {**vars(report), "workspace": header.workspace}
-        return SimulatedRun(**known, cell=cell, events=kept, never_happened=(), inputs=inputs, outputs=RunOutputs())
+        return SimulatedRun(**known, cell=cell, events=kept, never_happened=(), inputs=inputs, asked=RunRequest())
 
     @property
     def no_report(self) -> InputError:
@@ -460,29 +456,29 @@ class LazyReplanner:
 
 
 def _recorders(
-    workspace: Workspace, outputs: RunOutputs, screen: Screen | None, closing: ExitStack
+    workspace: Workspace, ask: RunRequest, screen: Screen | None, closing: ExitStack
 ) -> tuple[BagRecorder | None, ImageRecorder | None]:
     """Writers of a run for ROS tools, if the film's name is that of a recording, and of its images.
 
     The images go into that recording or a film, and into a folder. A recording leaves nothing behind if all fails.
     """
     recorder = None
-    if outputs.film is not None and outputs.is_recording:
+    if ask.is_recording:
         from sqrp_cli.ros.bag import BagWriter
         from sqrp_cli.run.record.bag_recorder import BagRecorder
         from sqrp_cli.run.robot_body import RobotBody
 
-        body, writer = RobotBody.load(workspace.robot), BagWriter(outputs.film)
+        body, writer = RobotBody.load(workspace.robot), BagWriter(ask.film)
         closing.callback(writer.discard)
         recorder = BagRecorder(writer, workspace, body)
-    if outputs.film is None and outputs.frames is None and screen is None:
+    if ask.film is None and ask.frames is None and screen is None:
         return recorder, None
     from sqrp_cli.run.record.images import Film, FrameFolder, ImageRecorder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
-    folder = FrameFolder(outputs.frames) if outputs.frames is not None else None
-    filmed = outputs.film is not None and recorder is None
-    reel = Film(outputs.film, list(workspace.cameras), rate) if filmed and outputs.film is not None else screen
+    folder = FrameFolder(ask.frames) if ask.frames is not None else None
+    filmed = ask.film is not None and recorder is None
+    reel = Film(ask.film, list(workspace.cameras), rate) if filmed else screen
     gallery = ImageRecorder(folder, reel, recorder)
     closing.callback(gallery.close)
     return recorder, gallery

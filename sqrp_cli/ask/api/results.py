@@ -1,39 +1,14 @@
-"""Results of questions about a cell: a ranking, an explanation, a check, scores, a scene.
-
-Each is a typed document that shows itself as the terminal does.
-"""
+"""Saved results: each is read as the typed document that its command made, and shows itself as the terminal did."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from importlib import import_module
 from pathlib import Path
 
 from sqrp_cli.ask import values
 from sqrp_cli.document import Document
 from sqrp_cli.errors import Place, bad_input
-
-KINDS: Mapping[str, str] = {
-    "rank": "sqrp_cli.study.result:Ranking",
-    "explain": "sqrp_cli.show.documents.explanation:Explanation",
-    "explain --all": "sqrp_cli.show.documents.explanation:ExplainedAll",
-    "advise": "sqrp_cli.search.advice_result:AdviceDocument",
-    "place": "sqrp_cli.search.placing_result:PlaceDocument",
-    "check": "sqrp_cli.show.documents.checks:Check",
-    "rules": "sqrp_cli.show.documents.checks:RulesDocument",
-    "program": "sqrp_cli.show.documents.programs:ProgramDocument",
-    "run": "sqrp_cli.run.record.report:RunReport",
-    "run --sweep": "sqrp_cli.run.record.report:SweepDocument",
-    "audit": "sqrp_cli.field.audit.report:AuditDocument",
-    "calibrate": "sqrp_cli.field.calibrating.fit:CalibrateDocument",
-    "score": "sqrp_cli.score.result:Scorecard",
-    "diff": "sqrp_cli.score.result:Scorecard",
-    "score --vary": "sqrp_cli.score.result:Sweep",
-    "show": "sqrp_cli.show.documents.scene:ShowDocument",
-    "init": "sqrp_cli.show.documents.scene:NewCell",
-}
-"""Of each `document` its record."""
+from sqrp_cli.show.documents import KINDS, record_of
 
 LARGEST = 1 << 30
 """Most bytes of a file with a result."""
@@ -66,8 +41,7 @@ def read_result(path: str | Path) -> Document:
         told = "does not say which command wrote it" if kind is None else f"is of `{kind}`"
         message = f"this {told}, so no table can be drawn from it; expected the JSON of {', '.join(KINDS)}"
         raise bad_input("no-result", message, Place(file), mend=again)
-    module, name = KINDS[kind].split(":")
-    record: type[Document] = getattr(import_module(module), name)
+    record = record_of(kind)
     try:
         found = record.read(text)
     except ValidationError as error:

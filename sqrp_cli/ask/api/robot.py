@@ -17,9 +17,9 @@ from sqrp_cli.errors import bad_input, bad_option
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.api.run_results import RunOutputs, SimulatedRun
+    from sqrp_cli.ask.api.run_results import SimulatedRun
+    from sqrp_cli.ask.requests import RunRequest
     from sqrp_cli.run.cell.robot_file import RobotFile
-    from sqrp_cli.run.record.events import Listener
     from sqrp_cli.run.start import ConnectedRobot
 
 LOOPBACK = "127.0.0.1"
@@ -36,10 +36,10 @@ class RobotSession:
     opened: OpenProgram
     robot: ConnectedRobot
 
-    def run(self, outputs: RunOutputs, listeners: Sequence[Listener], *, moves: bool) -> SimulatedRun:
+    def run(self, ask: RunRequest, *, moves: bool) -> SimulatedRun:
         """Run the program: the robot moves. moves: whether it does, or images are only looked at where it starts."""
         perform = partial(self.robot.run, LazyReplanner(self.opened.workspace), moves=moves)
-        return self.opened.run_into(outputs, listeners=listeners, witnessed=moves, elsewhere=perform)
+        return self.opened.run_into(ask.but(witnessed=moves), elsewhere=perform)
 
 
 @contextmanager

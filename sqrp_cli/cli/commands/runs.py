@@ -16,7 +16,6 @@ import typer
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
 from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch
-from sqrp_cli.ask.api.run_results import RunOutputs
 from sqrp_cli.ask.request import Command, argument, flag, option
 from sqrp_cli.cli.command import command, line
 from sqrp_cli.cli.options import (
@@ -75,20 +74,19 @@ class _Run(requests.RunRequest, requests.Paged, requests.Seeded, requests.Printe
 @command("run", _Run)
 def run(ask: _Run) -> ExitCode:
     """Run, sweep or replay, as the options say."""
-    outputs = RunOutputs.of(ask, page=ask.report)
-    files = outputs.named
+    files = ask.written()
     # Raises InputError for options that exclude each other.
     if ask.replay is not None:
         others = {"--fault": ask.faults, "--sweep": ask.sweep, "--n": ask.n, **files, "--report": None}
         check_excluded("--replay", others)
     if ask.sweep is not None:
-        check_excluded("--sweep", {"--fault": ask.faults, "--report": outputs.page, **files})
+        check_excluded("--sweep", {"--fault": ask.faults, **files})
     check_needed("--sweep", ask.sweep, {"--n": ask.n})
     check_needed("--robot", ask.robot, {"--dry-run": ask.dry_run, "--yes": ask.yes, "--speed": ask.speed})
     if ask.robot is not None:
         others = {"--sim": ask.sim, "--fault": ask.faults, "--sweep": ask.sweep, "--replay": ask.replay}
         check_excluded("--robot", others)
-    outputs.check_names()
+    ask.check_names()
     if ask.report is not None:
         check_report(ask.report)
     if ask.replay is not None:
@@ -97,7 +95,7 @@ def run(ask: _Run) -> ExitCode:
         how = "--sim" if ask.robot is None else f"--robot {shlex.quote(str(ask.robot))}"
         raise bad_input("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}")
     if ask.robot is not None:
-        found = _run_on_robot(ask.program, ask.robot, ask, outputs)
+        found = _run_on_robot(ask.program, ask.robot, ask)
     else:
         from sqrp_cli.run.cell.requirements import check_simulator
         from sqrp_cli.show.terminal.console import print_problems, progress
@@ -114,9 +112,9 @@ def run(ask: _Run) -> ExitCode:
             if swept.interrupted:
                 return ExitCode.INTERRUPTED
             return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
-        injected = opened.read_faults(ask.faults, "--fault")
+        opened.read_faults(ask.faults, "--fault")  # before anything is shown
         with _shown_live(opened, as_json=ask.json) as listeners:
-            found = opened.run_into(outputs, injected, listeners=listeners, witnessed=outputs.page is not None)
+            found = opened.run_into(ask.but(listeners=listeners, witnessed=ask.report is not None))
     if ask.dry_run and found.done and not ask.json:
         from sqrp_cli.show.terminal.console import say
 
@@ -187,7 +185,7 @@ def _show(run: SimulatedRun, ask: _Run) -> ExitCode:
     return ExitCode.OK if run.done else ExitCode.STOPPED_ON_FAULT
 
 
-def _run_on_robot(program: Path, robot: Path, ask: _Run, outputs: RunOutputs) -> SimulatedRun:
+def _run_on_robot(program: Path, robot: Path, ask: _Run) -> SimulatedRun:
     """Run a program on the robot that a file leads to; at Ctrl-C it stops.
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
@@ -199,7 +197,7 @@ def _run_on_robot(program: Path, robot: Path, ask: _Run, outputs: RunOutputs) ->
     if ask.json and not ask.dry_run and not ask.yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
     opened = program_with_warnings(program, ask.seed)
-    outputs.check_not_read([*opened.files, robot])
+    ask.check_not_read([*opened.files, robot])
     print_problems(opened.warnings)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
     with open_robot(opened, robot, ask.speed or 1.0) as session:
@@ -216,7 +214,7 @@ def _run_on_robot(program: Path, robot: Path, ask: _Run, outputs: RunOutputs) ->
             if agreed.lower() not in ("y", "yes"):
                 raise bad_input("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
         with _shown_live(session.opened, as_json=ask.json, stopped="; the robot is told to stop") as listeners:
-            return session.run(outputs, listeners, moves=not ask.dry_run)
+            return session.run(ask.but(listeners=listeners), moves=not ask.dry_run)
 
 
 def check_cell(session: RobotSession, robot: Path, *, as_json: bool) -> None:

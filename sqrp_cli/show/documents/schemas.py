@@ -6,8 +6,9 @@ import ast
 import inspect
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
-from itertools import pairwise
+from functools import cache, reduce
+from itertools import groupby, pairwise
+from operator import or_
 from textwrap import dedent
 from typing import Any
 
@@ -18,21 +19,11 @@ from pydantic_core.core_schema import DataclassSchema, ModelSchema
 from sqrp_cli.cell.mounts import PlaceFile
 from sqrp_cli.cell.workspace import WorkspaceFile
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.field.audit.report import AuditDocument
-from sqrp_cli.field.calibrating.fit import CalibrateDocument
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.record.events import Event
-from sqrp_cli.run.record.report import RunReport, SweepDocument
-from sqrp_cli.score.result import Scorecard, Sweep
-from sqrp_cli.search.advice_result import AdviceDocument
-from sqrp_cli.search.placing_result import PlaceDocument
-from sqrp_cli.show.documents.checks import Check, RulesDocument
-from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
-from sqrp_cli.show.documents.programs import ProgramDocument
-from sqrp_cli.show.documents.scene import NewCell, ShowDocument
+from sqrp_cli.show.documents import KINDS, record_of
 from sqrp_cli.skill.skill import SkillFile
-from sqrp_cli.study.result import Ranking
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The dialect of the schemas."""
@@ -51,20 +42,7 @@ _RECORD_NAMES: Mapping[str, str] = {
 """Names of renamed records in the schemas, kept so that references to their definitions stay valid."""
 
 DOCUMENTS: Mapping[str, Any] = {
-    "rank": Ranking,
-    "explain": Explanation | ExplainedAll,
-    "advise": AdviceDocument,
-    "place": PlaceDocument,
-    "check": Check,
-    "program": ProgramDocument,
-    "run": RunReport | SweepDocument,
-    "audit": AuditDocument,
-    "calibrate": CalibrateDocument,
-    "score": Scorecard | Sweep,
-    "diff": Scorecard,
-    "show": ShowDocument,
-    "init": NewCell,
-    "rules": RulesDocument,
+    command: reduce(or_, map(record_of, kinds)) for command, kinds in groupby(KINDS, lambda kind: kind.split()[0])
 }
 """What each command prints with `--json`."""
 
