@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,14 @@ def write_cell(cell: dict[str, Any], folder: Path) -> Path:
     path = folder / "workspace.yaml"
     path.write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
     return path
+
+
+def refused(call: Callable[..., object], *arguments: object, **named: object) -> Problem:
+    """The one problem for which a call is refused."""
+    with pytest.raises(InputError) as caught:
+        call(*arguments, **named)
+    (problem,) = caught.value.problems
+    return problem
 
 
 def refusal(folder: Path) -> Problem:

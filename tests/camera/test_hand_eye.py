@@ -10,6 +10,7 @@ import pytest
 from sqrp_cli.camera.hand_eye import read_hand_eye
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
+from tests.cells import refused
 
 CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
 ORIGINAL = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
@@ -72,27 +73,20 @@ def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
         ("easy_handeye2_on_base.calib", "    w: 0.0\n", "", 16, "`transform.rotation` lacks the key `w`"),
         ("easy_handeye2_on_base.calib", "    z: 1.4\n", "    z: .nan\n", 15, "finite"),
 ])  # fmt: skip
-def test_mistakes_are_refused_where_they_stand(
-    file: str, old: str, new: str, line: int | None, says: str, tmp_path: Path
-) -> None:
+def test_mistakes_are_refused_where_they_stand(file, old, new, line, says, tmp_path):
     text = (CAMERAS / file).read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / file
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        read_hand_eye(path)
-    problem = caught.value.problems[0]
+    problem = refused(read_hand_eye, path)
     assert says in problem.message
-    assert problem.place is not None
     assert (problem.place.file, problem.place.line) == (path, line)
 
 
 def test_a_frame_that_the_robot_lacks_is_refused_in_the_calibration_itself(cell: Path) -> None:
     text = (CAMERAS / "easy_handeye_in_hand.yaml").read_text(encoding="utf-8")
     (cell / "wrist.yaml").write_text(text.replace("frame: wrist", "frame: wirst"), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        load_workspace(with_hand_eye(cell, str(cell / "wrist.yaml")))
-    problem = caught.value.problems[0]
+    problem = refused(load_workspace, with_hand_eye(cell, str(cell / "wrist.yaml")))
     assert (problem.code, problem.place.line) == ("unknown-frame", 8)
     assert "`wrist`" in problem.message
     assert "frame:" in problem.mend

@@ -81,7 +81,6 @@ def test_only_numbers_that_differ_are_written_in_the_unit_of_the_old_ones(file):
     with_text(file, "[-0.099, 0.711, 1.162]", "[-0.099, 71.1 cm, 1162 mm]")
     workspace, document = load_workspace(file), read_workspace_document(file)
     camera, aim = workspace.cameras["cam1"], stated_look_at(workspace, "cam1")
-    assert aim is not None
     moved = replace(camera, X_FC=look_at((-0.099, 0.733, 1.1), *aim))
     assert changes(document, with_camera(document, camera, moved, aim[0])) == [
         "-    pose: {position: [-0.099, 71.1 cm, 1162 mm], look_at: [-0.31, -0.027, 0.245]}",
@@ -110,7 +109,6 @@ def test_a_lens_in_a_calibration_file_is_refused(file):
     with_text(file, "image: {width: 640, height: 480, horizontal_fov: 18 deg}", "calibration: cam.yaml")
     workspace, document = load_workspace(file), read_workspace_document(file)
     camera, aim = workspace.cameras["cam1"], stated_look_at(workspace, "cam1")
-    assert aim is not None
     with pytest.raises(InputError, match=r"another file, which would have to say camera_matrix fx 1600, fy 1600$"):
         with_camera(document, camera, replace(camera, matrix=read_only(0.8 * camera.matrix)), aim[0])
     assert with_camera(document, camera, camera, aim[0]) == document.content

@@ -65,9 +65,7 @@ def test_a_device_is_never_opened(device: str, monkeypatch: pytest.MonkeyPatch) 
         read_input(Path(device), 10)
 
 
-def test_a_pipe_that_took_the_place_of_a_file_a_moment_ago_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pipe_that_took_the_place_of_a_file_a_moment_ago_is_not_waited_for(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.setattr(Path, "is_file", lambda _: True)
     with pytest.raises(InputError, match="expected a file"):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files.json_file import json_document, parse_json
+from tests.cells import refused
 
 FILE = Path("some.json")
 PLAIN = st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.floats(allow_nan=False, allow_infinity=False)
@@ -20,10 +21,7 @@ JSON = st.recursive(PLAIN | TEXT, lambda inner: st.lists(inner) | st.dictionarie
 
 
 def refusal(text: str, line: int = 1) -> Problem:
-    with pytest.raises(InputError) as caught:
-        parse_json(FILE, text, line)
-    (problem,) = caught.value.problems
-    return problem
+    return refused(parse_json, FILE, text, line)
 
 
 @pytest.mark.parametrize(("text", "code", "line", "says"), [
@@ -54,7 +52,6 @@ def test_what_is_not_accepted_is_reported_with_line_and_key(text: str, code: str
 
 def test_lines_count_from_where_the_text_begins_in_its_file() -> None:
     place = refusal('{"t": NaN}', 17).place
-    assert place is not None
     assert (place.line, place.column) == (17, 7)
 
 
@@ -88,6 +85,5 @@ def test_any_text_is_read_or_refused_with_a_place(text: str) -> None:
         parse_json(FILE, text)
     except InputError as error:
         (problem,) = error.problems
-        assert problem.place is not None
         assert problem.place.line is not None
         assert problem.message != "this is no JSON that is accepted"

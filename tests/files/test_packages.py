@@ -9,6 +9,7 @@ import pytest
 
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.files.packages import from_folder, package_roots, resolve
+from tests.cells import refused
 
 PLACE = Place(Path("workspace.yaml"), 3, 9)
 
@@ -51,9 +52,7 @@ def test_paths_are_relative_to_the_file_that_names_them(tmp_path: Path) -> None:
 
 
 def test_a_missing_package_lists_the_roots_and_the_command_that_installs_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        resolve("package://example-robot-data/robots/ur5.urdf", tmp_path, [tmp_path], PLACE)
-    (problem,) = caught.value.problems
+    problem = refused(resolve, "package://example-robot-data/robots/ur5.urdf", tmp_path, [tmp_path], PLACE)
     assert problem.code == "missing-package"
     assert f"roots tried: {tmp_path}" in problem.message
     assert problem.mend == "pip install example-robot-data"

@@ -22,16 +22,13 @@ from sqrp_cli.files.units import DIMENSIONS, Dimension, read_quantity
 ])  # fmt: skip
 def test_text_with_a_unit_is_in_si_units(text: str, value: float, dimension: str) -> None:
     quantity = read_quantity(text)
-    assert quantity is not None
     assert quantity.value == pytest.approx(value, rel=1e-15)
-    assert quantity.dimension is not None
     assert quantity.dimension.name == dimension
 
 
 @pytest.mark.parametrize("value", [3, 0.5, -2, "3", " 4.5 "])
 def test_a_plain_number_fits_every_dimension(value: object) -> None:
     quantity = read_quantity(value)
-    assert quantity is not None
     assert quantity.dimension is None
     assert quantity.value == float(value)  # type: ignore[arg-type]
 
@@ -48,7 +45,6 @@ def test_anything_else_is_no_quantity(value: object) -> None:
 def test_a_unit_multiplies_the_number(dimension: Dimension, number: float, data: st.DataObject) -> None:
     unit = data.draw(st.sampled_from(sorted(dimension.units)))
     quantity = read_quantity(f"{number!r} {unit}")
-    assert quantity is not None
     assert quantity.dimension is dimension
     assert quantity.value == number * dimension.units[unit]
 

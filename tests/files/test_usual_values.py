@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +41,12 @@ def findings(folder: Path) -> list[Problem]:
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
-def test_what_cannot_be_meant_is_reported_where_it_stands(
-    case: dict[str, Any], damaged: Callable[[dict[str, Any]], Path], position_of: Callable[[str, Path], tuple[int, int]]
-) -> None:
+def test_what_cannot_be_meant_is_reported_where_it_stands(case, damaged, position_of):
     cell = damaged(case)
     found = [problem for problem in findings(cell) if problem.code not in case.get("also", ())]
     assert [problem.code for problem in found] == [case.get("code", "unusual-value")] * case.get("times_told", 1)
     problem = found[0]
     assert problem.severity == case.get("severity", "warning")
-    assert problem.place is not None
     assert problem.place.file == cell / case.get("in", case["file"])
     if "at" in case:
         assert (problem.place.line, problem.place.column) == position_of(case["at"], problem.place.file)

@@ -62,17 +62,13 @@ def problems(
         ("{of: [grasp, home], share: $lfit}", "unknown-parameter", "`lift`"),
         ("{of: [grasp, above], share: 0.5}", "cyclic-waypoint", "above -> above"),
 ])  # fmt: skip
-def test_a_mistake_in_a_nested_entry_is_reported(
-    problems: Callable[[dict[str, str]], tuple[Problem, ...]], stated: str, code: str, said: str
-) -> None:
+def test_a_mistake_in_a_nested_entry_is_reported(problems, stated, code, said):
     problem = problems({ABOVE: f"above: {{mixed: {stated}}}"})[0]
     assert problem.code == code
     assert said in problem.message
 
 
-def test_a_circle_through_several_origins_is_reported_once(
-    problems: Callable[[dict[str, str]], tuple[Problem, ...]],
-) -> None:
+def test_a_circle_through_several_origins_is_reported_once(problems):
     found = problems(
         {ABOVE: "above: {mixed: {of: [grasp, home, lifted], share: 0.5}}", "from: grasp, raise": "from: above, raise"}
     )
@@ -80,9 +76,7 @@ def test_a_circle_through_several_origins_is_reported_once(
     assert "above -> lifted -> above" in found[0].message
 
 
-def test_a_parameter_that_only_a_nested_entry_uses_counts_as_used(
-    damaged: Callable[[dict[str, Any]], Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_parameter_that_only_a_nested_entry_uses_counts_as_used(damaged, monkeypatch):
     monkeypatch.setattr(read_skill, "SkillFile", NestedSkillFile)
     edits = {"raise: $lift": "raise: 5 cm", ABOVE: "above: {mixed: {of: [grasp, home], share: $lift}}"}
     edits |= {"lift: {from: 5 cm, to: 15 cm, count: 3}": "lift: {values: [0.5]}"}

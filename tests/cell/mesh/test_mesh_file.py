@@ -123,7 +123,6 @@ def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(c
     path = cell / "workspace.yaml"
     path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "other.stl"), encoding="utf-8")
     problem = refusal(cell)
-    assert problem.place is not None
     assert (problem.place.file, problem.place.line) == (cell / "other.stl", 2)
     number = re.search(rf"{re.escape(str(cell / 'workspace.yaml'))}:(\d+):\d+ names this file", problem.message)
     assert number is not None, problem.message
