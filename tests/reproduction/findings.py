@@ -8,9 +8,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from sqrp_cli.geometry import displacement
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
-from tests.reproduction.layout_search import displaced
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported
 from tests.reproduction.screws import Screws
 from tests.reproduction.simulation import Simulation
@@ -37,9 +37,11 @@ def failing(findings: Sequence[Finding[Outcome]], outcome: Outcome) -> list[str]
 
 def moved(cell: Cell, draw: int) -> Cell:
     """The cell with every camera moved by 2 mm and turned by 0.2 degrees at random."""
-    random = np.random.default_rng(draw)
-    cameras = tuple(displaced(camera, random) for camera in cell.observer.cameras)
-    return replace(cell, observer=Observer(cameras, cell.observer.solids))
+    random, cameras = np.random.default_rng(draw), []
+    for camera in cell.observer.cameras:
+        position, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
+        cameras.append(replace(camera, X_FC=camera.X_FC @ displacement(0.002 * position, np.radians(0.2) * axis)))
+    return replace(cell, observer=Observer(tuple(cameras), cell.observer.solids))
 
 
 def _as_reported(found: Summary | None, reported: Reported) -> bool:
