@@ -29,7 +29,7 @@ DOCUMENTS = {
     f"{command}-{cell}": (command, ROOT / "workspaces" / cell, *([task] if command == "rank" else []), "--json")
     for command in ("check", "rank", "score")
     for cell, task in {"tabletop": "pickup green", "screws": "pickup screw", "tower": "stack red green"}.items()
-}
+} | {"show-watch": ("show", ROOT / "tests" / "cases" / "watch", "--json")}
 """Words of commands, by the name of the file that has their document."""
 
 

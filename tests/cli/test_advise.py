@@ -246,32 +246,6 @@ def test_what_has_to_be_done_first_is_said(sqrp, kept):
     assert [step["action"] for step in checked["plan"]] == ["place(red, table)"]
 
 
-@pytest.mark.usefixtures("heeded_ctrl_c")
-def test_an_interrupted_search_does_not_say_that_nothing_helps(sqrp, monkeypatch):
-    search = Adviser._outcome
-
-    def stopped(adviser, kind):
-        if kind == "path":
-            signal.raise_signal(signal.SIGINT)
-        return search(adviser, kind)
-
-    monkeypatch.setattr(Adviser, "_outcome", stopped)
-    outcome = sqrp("advise", TABLETOP, "pickup g3", "--want", "time 5 s", "--kinds", "way,path")
-    assert outcome.code == 130
-    said = " ".join(outcome.out.split())
-    assert "Interrupted before all kinds were searched." in said
-    assert "Nothing that was searched so far meets the wish. To do g3 left, 90 deg comes nearest" in said
-    assert "Nothing meets" not in said
-
-
-def test_a_way_names_the_first_of_all_candidates_of_the_task(sqrp, ranked):
-    command = ("advise", TABLETOP, "pickup green", "--choose", "g1", "--kinds", "way", "--json")
-    (way,) = sqrp(*command).document["advice"]
-    (task,) = way["tasks"]
-    assert task["first_before"] == task["first_after"] == name(ranked.document["candidates"][0])
-    assert [one["candidate"] for one in task["candidates"]] == ["g1"]
-
-
 def test_the_number_of_processes_changes_nothing(sqrp, small, aims):
     command = ("advise", small, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 2, "--json")
     assert sqrp("advise", small, TASK, *aims, "--json").out == sqrp(*command).out
@@ -391,23 +365,6 @@ def test_a_wish_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_w
     assert (task.max_time, task.min_q_eoi) == (20.0, 0.5)
 
 
-def test_whose_figures_they_are_is_said_where_the_motion_is_free(sqrp, small, kept):
-    said = "\nFigures are of the ways that candidates have now; rank may find others then.\n"
-    shared = ("--jobs", 1, "--out", kept)
-    assert said in sqrp("advise", small, "pickup g3", "--kinds", "aim", *shared).out
-    met = " ".join(sqrp("advise", small, TASK, "--kinds", "way", *shared).out.split())
-    assert "The way that rank and score take meets the wish already, with Q_eoi 100.0 %, " in met
-    way = sqrp("advise", small, "pickup g3", "--want", "time 12 s", "--kinds", "way", *shared).out
-    assert "As it moves with --ways fastest, it has Q_eoi " in way
-    assert said not in way
-
-
-def test_the_schema_says_which_units_there_are_and_whose_figures(sqrp):
-    text = " ".join(sqrp("schema", "advise").out.split())
-    assert "m, rad, or camera for a further one" in text
-    assert "candidates keep the ways that they have now, `rank` may find" in text
-
-
 @pytest.mark.skipif(shutil.which("git") is None, reason="there is no git")
 def test_git_applies_a_patch_as_the_page_says(sqrp, own, tmp_path, monkeypatch, kept):
     monkeypatch.chdir(own.parents[1])
@@ -481,6 +438,7 @@ TOO_LITTLE = "look_at: [0.334, 0.252, 0.4014]"
 """Turned by 1.0 degrees: enough for g3 by the samples of `rank`, but not by the finer ones of `explain`."""
 
 
+@pytest.mark.slow
 def test_no_command_contradicts_an_advice(sqrp, own):
     """Where a smaller turn of cam6 would satisfy `rank` alone."""
     command = ("rank", own, "pickup g3", "--ways", "fastest", "--json")
@@ -566,15 +524,6 @@ def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp
     assert [row["reasons"] for row in overview["entries"]] == [[]]
 
 
-def test_where_a_row_is_about_another_way_the_page_says_which(sqrp, small, tmp_path, kept):
-    page = tmp_path / "page.html"
-    assert sqrp("advise", small, TASK, "--kinds", "way", "--out", kept, "--report", page).code == 0
-    first, second = carried(page, "overview")["entries"]
-    assert first["labels"]["way"] == "fastest"
-    assert second["labels"]["way"] == "left, flipped"
-    assert (first["candidate"]["q_eoi"], second["candidate"]["q_eoi"]) == (0, 1)
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, watch, tmp_path, monkeypatch):
     """With the same bytes as without; damaged files are searched again, and other wishes are others."""
@@ -611,6 +560,7 @@ def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, wat
     assert searched == ["object"]
 
 
+@pytest.mark.slow
 def test_ways_paths_and_what_comes_nearest_are_kept_to_the_last_digit(sqrp, tmp_path, monkeypatch):
     """The same output and page, with nothing searched; the page plays the kept path."""
     page = tmp_path / "page.html"
@@ -638,6 +588,7 @@ def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sq
     assert (own / "workspace.yaml").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_paths_that_keep_sight_are_stated_by_the_task(sqrp, own):
     shutil.copy(TABLETOP / "workspace.yaml", own / "workspace.yaml")
     command = ("advise", own, "pickup g4", "--want", "q_avg 95 %", "--kinds", "path", "--json", "--apply", 1)
@@ -679,6 +630,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
     assert not nearer, json.dumps(nearer)
 
 
+@pytest.mark.slow
 def test_the_place_of_an_object_that_a_program_moved_is_not_written_as_its_place_at_the_start(sqrp, tmp_path):
     for name in ("workspaces", "skills"):
         shutil.copytree(ROOT / name, tmp_path / name)

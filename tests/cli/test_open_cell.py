@@ -191,6 +191,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell, scores):
     ]
 
 
+@pytest.mark.slow
 def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, started, tmp_path):
     steps, (folder, outcome) = {}, started
 

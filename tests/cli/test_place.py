@@ -101,7 +101,7 @@ def occupied(tmp_path) -> Path:
     return file.parent
 
 
-@pytest.mark.parametrize("most", [3.0, 0.586])
+@pytest.mark.parametrize("most", [pytest.param(3.0, marks=pytest.mark.trial), 0.586])
 def test_a_moved_camera_is_beside_those_that_stay_and_no_later_than_wished(sqrp, occupied, most):
     """The best place is that of the camera that stays; the next best shows a fault after 0.5866 s."""
     found = sqrp("place", occupied, "--keep", "cam1", "--want", f"q_avg 60 %, delay {most} s", "--json")

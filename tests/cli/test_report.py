@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 from sqrp_cli.show.pages import assembly
-from sqrp_cli.show.pages.assembly import packed
-from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random, walk
 from tests.cli.hostile import hostile_cell
 
@@ -438,48 +435,6 @@ def contrast(first: str, second: str) -> float:
     return (bright + 0.05) / (dark + 0.05)
 
 
-def test_names_cannot_break_or_script_the_page(browser, watch_documents, tmp_path):
-    """Every name of the cell becomes markup, quotes and marks that turn the direction of writing."""
-
-    def hostile(value):
-        text = json.dumps(value)
-        for name in ("seen", "turned", "eye", "in_place", "moved", "wall", "body", "w2"):
-            text = re.sub(rf"\b{name}\b", lambda found: json.dumps(f"{found[0]}{HOSTILE}")[1:-1], text)
-        return json.loads(text)
-
-    ranked, scene, model = watch_documents
-    entries = [
-        PageRow(
-            hostile(c["parameters"]["object"]),
-            "1",
-            hostile(c["parameters"]),
-            hostile(c),
-            [HOSTILE],
-            0,
-            packed(hostile(study)),
-        )
-        for c, study in ranked
-    ]
-    scenes = [CellScene(hostile(scene), packed(hostile(model)))]
-    evil = PageContent(HOSTILE, HOSTILE, HOSTILE, [("command", HOSTILE)], entries, scenes)
-    path = tmp_path / "evil.html"
-    path.write_text(page(evil), encoding="utf-8")
-    opened = Opened(browser, path)
-    assert opened.complaints == []
-    assert opened.requests == [path.as_uri()]
-    assert opened.page.locator("img").count() == 0
-    assert opened.texts("#title") == [SPELLED_OUT]
-    assert opened.texts("#name") == [f"seen{SPELLED_OUT}"]
-    opened.page.locator("#views button").nth(1).click()
-    opened.page.locator(".run").first.hover()
-    told = opened.js("document.title + document.body.innerText")
-    assert {character for character in told if not character.isprintable()} <= set(
-        "\n\t\xa0\u2068\u2069"
-    )  # isolates of the page's own
-    assert opened.complaints == []
-    opened.context.close()
-
-
 @pytest.mark.parametrize("command", ["rank", "score"])
 def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp_path, command):
     path, cell = tmp_path / "page.html", hostile_cell(watch, tmp_path)
@@ -491,33 +446,3 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
     assert opened.requests == [path.as_uri()]
     assert opened.page.locator("img, a[href]:not(.skip), b:has-text('evil')").count() == 0
     opened.context.close()
-
-
-@pytest.fixture(scope="module")
-def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
-    """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
-    from sqrp_cli.ask.api.session import Session
-    from sqrp_cli.ask.requests import TaskRequest
-    from sqrp_cli.cell.load import load_workspace
-    from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.show.documents.explain import study_shown
-    from sqrp_cli.show.documents.playback import PlayedCandidate
-    from sqrp_cli.show.documents.scene import ShowDocument
-    from sqrp_cli.show.pages.assembly import tidy
-    from sqrp_cli.show.pages.candidate_page import scene_model
-    from sqrp_cli.study.pipeline import assess_all, described
-    from sqrp_cli.study.ranking import rank
-    from sqrp_cli.study.sampling import Adaptive
-
-    session = Session.begin(Cell.load(load_workspace(watch)), TaskRequest("watch green"))
-    assessments = list(assess_all(session.assignment, session.task.candidates, 1))
-    explained = [session.assignment.explain(ranked) for ranked in rank(assessments, "q_eoi")]
-    ranked = [
-        (
-            tidy(described(ranked)),
-            tidy(PlayedCandidate.of_candidate(study_shown(session.cell, study, ranked, Adaptive()))),
-        )
-        for ranked, study in ((one.result, one.study) for one in explained)
-        if study is not None
-    ]
-    return ranked, tidy(ShowDocument.of(session.cell)), tidy(scene_model(session.cell))

@@ -37,17 +37,6 @@ def test_the_way_of_a_candidate_states_its_vias(g2: Any) -> None:
     assert candidate["q_avg"] > 0.98
 
 
-def test_another_process_gives_the_same_bytes(g2: Any, sqrp_process: Callable[..., Any], tabletop: Path) -> None:
-    assert sqrp_process("rank", tabletop, G2, "--json", "--jobs", 2, PYTHONHASHSEED="5").out == g2.out
-
-
-def test_explain_is_about_the_motion_that_was_ranked(g2: Any, sqrp: Callable[..., Any], tabletop: Path) -> None:
-    (ranked,) = g2.document["candidates"]
-    explained = sqrp("explain", tabletop, G2, "--json").document
-    assert explained["time"] == ranked["time"]
-    assert explained["q_avg"] == pytest.approx(ranked["q_avg"], abs=2e-3)
-
-
 def test_ends_of_moves_that_no_path_can_help_are_named(tabletop: Path) -> None:
     ranking = open_cell(tabletop).rank("pickup g5 path=seen wrist=flip approach_yaw=180deg")
     ends = json.loads(ranking.to_json())["candidates"][0]["ways"]["blind_ends"]

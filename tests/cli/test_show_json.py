@@ -140,68 +140,6 @@ def test_cameras_are_given_in_full(show):
         assert type(camera["height"]) is int
 
 
-def test_an_optical_frame_looks_along_z_with_y_down(scenes):
-    """The camera of the hand-worked cell looks along the world's x axis and is upright."""
-    show, _ = scenes["watch"]
-    camera = show["cameras"]["eye"]
-    X = np.array(camera["pose"])
-    assert X[:3, 2] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
-    assert X[:3, 0] == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
-    assert X[:3, 1] == pytest.approx([0.0, 0.0, -1.0], abs=1e-12)
-    assert X[:3, 3] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
-    assert camera["K"] == [[400.0, 0.0, 320.0], [0.0, 400.0, 240.0], [0.0, 0.0, 1.0]]
-    assert (camera["near"], camera["far"], camera["rate"], camera["latency"]) == (0.5, 4.0, 10.0, 0.05)
-
-
-def test_a_camera_on_the_wrist_names_its_link_and_its_lens(scenes):
-    show, _ = scenes["harsh"]
-    wrist = show["cameras"]["wrist"]
-    assert wrist["frame"] == "wrist_2_link"
-    assert np.array(wrist["pose"])[:3, 3] == pytest.approx([0.0, 0.05, 0.05], abs=1e-12)
-    assert wrist["K"] == [[150.0, 0.0, 150.0], [0.0, 155.0, 110.0], [0.0, 0.0, 1.0]]
-    assert show["cameras"]["cam3"]["distortion_model"] == "equidistant"
-    assert show["cameras"]["cam3"]["D"] == [-0.02, 0.01, -0.004, 0.001]
-
-
-def test_units_are_si_and_radians(scenes):
-    show, _ = scenes["watch"]
-    assert show["detectors"]["front"] == {
-        "kind": "aruco", "distance": [1.0, 3.0], "max_incidence": pytest.approx(math.pi / 3), "min_pixels": 10.0,
-        "min_visible": 1.0,
-    }  # fmt: skip
-    assert show["objects"]["near"]["size"] == [0.04, 0.04, 0.04]
-    assert show["robot"]["home"]["slide"] == 0.05
-    assert show["robot"]["joints"]["slide"] == {
-        "lower": 0.0, "upper": 0.2, "velocity": 0.5, "acceleration": 2.0, "jerk": 10.0,
-    }  # fmt: skip
-
-
-def test_objects_are_given_as_the_file_says(scenes):
-    show, _ = scenes["watch"]
-    assert show["objects"]["seen"] == {
-        "type": "cube", "color": "green", "size": [0.1, 0.1, 0.1], "fixed": False,
-        "pose": [[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.0, 1.0]],
-    }  # fmt: skip
-    turned = np.array(show["objects"]["turned"]["pose"])
-    assert turned[:2, 0] == pytest.approx([math.cos(math.radians(80)), math.sin(math.radians(80))], abs=1e-12)
-    assert show["objects"]["lost"]["pose"] is None
-    assert show["objects"]["wall"]["fixed"] is True
-    assert show["objects"]["wall"]["color"] is None
-
-
-def test_state_skills_and_tasks_are_listed(scenes):
-    show, _ = scenes["watch"]
-    assert {"in_place(seen)", "faces(seen)"} <= set(show["state"])
-    assert "in_place(stray)" not in show["state"]
-    assert (show["skills"], show["tasks"]) == (["watch"], ["watch green"])
-
-
-def test_base_is_where_the_file_puts_the_robot(scenes):
-    show, _ = scenes["watch"]
-    assert np.array(show["robot"]["base"])[:3, 3].tolist() == [0.0, -5.0, 0.0]
-    assert show["robot"]["tool_frame"] == "tip"
-
-
 def test_shapes_of_objects_are_listed_part_by_part(sqrp, watch):
     cell = watch.parent / "cell"
     outcome = sqrp("show", cell, "--json")

@@ -63,9 +63,8 @@ OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
 @pytest.mark.parametrize(
     ("arguments", "code", "has_results", "stdin", "unbuffered", "out", "err"),
     [
-        *((*command, out, err) for command in QUICK for out in OUT for err in ERR),
-        *((*command, out, err) for command in WITH_LIBRARIES for out, err in zip(OUT, ERR, strict=True)),
-        *((*command, ">/dev/full", "") for command in WITH_LIBRARIES),
+        *((*command, out, err) for command in QUICK for out, err in zip(OUT, ERR, strict=True)),
+        *((*command, out, err) for command in WITH_LIBRARIES for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
     ],
     ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else None,
 )

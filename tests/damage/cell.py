@@ -72,15 +72,8 @@ IMAGES_KEPT = 6
 """Of each camera."""
 
 
-def described_cell(folder: Path) -> Path:
-    """The starter workspace with an SRDF, calibrated cameras and meshes: all that people write."""
-    made = make_starter(folder, None).folder
-    _describe(made)
-    return made
-
-
 def whole_cell(folder: Path) -> Path:
-    """The same with a program, a baseline, results and a run."""
+    """The starter workspace with all that people write, and a program, a baseline, results and a run."""
     made = make_starter(folder, None).folder
     _record(made)
     _describe(made)

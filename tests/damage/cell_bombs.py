@@ -138,7 +138,6 @@ SKILL = (
 )  # fmt: skip
 
 _PRECONDITION = ":precondition (and "
-_VARIABLES = " ".join(f"?v{i}" for i in range(15))
 
 
 def _forall(count: int) -> str:

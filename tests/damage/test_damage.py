@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.cells import ROOT
 from tests.damage.kinds import KINDS
 from tests.trials.__main__ import asked
 
 
+@pytest.mark.slow
 def test_damaged_input_is_refused_with_file_and_place_or_still_works(tmp_path: Path) -> None:
     # In a process of its own: commands are forked from it, within a limit of memory that earlier tests use up here.
     shared = tmp_path / "damage"

@@ -33,6 +33,7 @@ LONG = {"audit", "run", "advise", "parameters", "place", "place-cameras"}
 """Pages of several seconds of processor time each: runs with all cameras of the tabletop, and searches."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "rate"),
     [
@@ -55,6 +56,7 @@ PYTHON = re.compile(r"^```python\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE)
 WITH_CODE = [page for page in PAGES if PYTHON.search(page.read_text())]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_CODE, ids=[str(page.relative_to(ROOT)) for page in WITH_CODE])
 def test_python_on_a_page_runs_from_top_to_bottom(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)

@@ -34,6 +34,7 @@ def loaded(checkout: Path, **environment: str) -> str:
     return done.stdout.strip() or done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_checkout_builds_once_in_the_cache_and_again_after_an_edit(checkout: Path) -> None:
     first = loaded(checkout)
     assert Path(first).parent == checkout.parent / "cache" / "sqrp"
@@ -52,6 +53,7 @@ def test_a_library_beside_the_sources_needs_no_compiler(checkout: Path) -> None:
     assert Path(loaded(checkout, CXX="no-such-compiler")).parent == kernel
 
 
+@pytest.mark.slow
 def test_a_checkout_that_cannot_be_written_to_is_left_alone(checkout: Path) -> None:
     names = sorted(checkout.rglob("*"))
     no_home = {"XDG_CACHE_HOME": "/proc/none", "PYTHONDONTWRITEBYTECODE": "1", "TMPDIR": str(checkout.parent)}
@@ -70,6 +72,7 @@ def test_a_kernel_that_cannot_be_built_is_told(checkout: Path, compiler: str, wo
     assert not list((checkout.parent / "cache" / "sqrp").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("c++"), reason="no compiler")
 def test_the_kernel_needs_nothing_of_the_c_plus_plus_library(checkout: Path) -> None:
     built = loaded(checkout, CXX="c++ -nostdinc++ -nodefaultlibs -Wl,--no-undefined,--no-as-needed -lm -lc")

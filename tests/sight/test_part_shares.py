@@ -1,4 +1,4 @@
-"""What each part hides of a box: plates with known shares, and what would be seen without a part."""
+"""What each part hides of a box, and which is named: plates with known shares, and what would be seen without a part."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import look_at, pose
+from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Part
+from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import BoxViews, HidingPart, Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solid, load_solids
+from sqrp_cli.sight.targets import Target
 from tests.sight.test_laws import random_watch
 from tests.sight.views import box_part, make_box, make_camera, make_detector
 
@@ -93,3 +96,39 @@ def test_shares_add_up_to_what_is_hidden_and_a_part_alone_hides_what_is_seen_wit
             for part in parts:
                 assert part.alone <= part.share
                 assert part.alone == pytest.approx(without[part.name][number][at] - before[number][at], abs=1e-12)
+
+
+CUBE = make_box((0.1, 0.1, 0.1), detector=make_detector(0.9))
+
+
+def culprit(**widths: tuple[float, float, float]) -> str:
+    """Who hides the cube from a camera 1 m before it, of upright plates: depth, from and to where across [m]."""
+    parts = [
+        box_part(name.split("_")[0], (abs(end - start), 1.0, 0.001), pose(position=((start + end) / 2, 0.0, depth)))
+        for name, (depth, start, end) in widths.items()
+    ]
+    observer = Observer((make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))),), load_solids(parts))
+    states = SceneStates(1, {"world": pose()[None]})
+    ((verdicts,),) = observer.verdicts([Target(Atom("seen"), 1, (CUBE,))], states)
+    assert verdicts.cause[0, 0] == Cause.HIDDEN
+    return observer.solids[verdicts.by[0, 0]].name
+
+
+def test_a_sliver_before_the_middle_is_not_named_before_what_hides_half() -> None:
+    assert culprit(sliver=(0.6, -0.001, 0.001), wall=(0.2, 0.0, 0.5)) == "wall"
+
+
+def test_what_another_part_hides_already_counts_all_the_same() -> None:
+    """The wall's share is larger than the screen's, though most of it lies behind the screen."""
+    assert culprit(screen=(0.5, -0.02, 0.5), wall=(0.2, -0.036, 0.5)) == "wall"
+
+
+def test_of_parts_that_hide_the_same_share_the_first_by_name_is_named() -> None:
+    assert culprit(b=(0.6, -0.5, 0.5), a=(0.2, -0.5, 0.5)) == "a"
+    assert culprit(a=(0.6, -0.5, 0.5), b=(0.2, -0.5, 0.5)) == "a"
+
+
+def test_pieces_with_one_name_are_one_part() -> None:
+    pieces = {"post_1": (0.2, -0.04, -0.02), "post_2": (0.2, 0.01, 0.04)}
+    assert culprit(**pieces, bar_1=(0.3, -0.03, 0.005)) == "post"
+    assert culprit(post_1=pieces["post_1"], bar_1=(0.3, -0.03, 0.005)) == "bar"

@@ -14,6 +14,7 @@ from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, written_urdf
 from tests.trials.arms import BOX, PEDESTAL, side, solid
 
 
+@pytest.mark.slow
 def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
     made = make_starter(tmp_path / "cell", str(solid(tmp_path, "pedestal", PEDESTAL)))
     assert len(made.cubes) == 4

@@ -375,6 +375,7 @@ def test_a_cell_that_is_drawn_anew_leaves_nothing_behind(hand):
     assert hand.js("window.before.deref() === undefined")
 
 
+@pytest.mark.slow
 def test_a_page_that_falls_behind_a_run_shows_the_newest_of_it(hand):
     shown = hand.js("""async () => {
       const images = [], states = [], seek = sqrp.scene.seek;

@@ -114,6 +114,7 @@ def test_g2_loses_sight_for_less_than_a_quarter_of_the_time(g2: Compared) -> Non
     assert g2.seen.motion.time < 1.2 * g2.direct.motion.time
 
 
+@pytest.mark.slow
 def test_the_search_depends_on_its_seed_alone(tabletop: Workspace, g2: Compared) -> None:
     again = Compared.of(tabletop, G2, "g2")
     assert again.seen.candidate.vias.keys() == g2.seen.candidate.vias.keys()
@@ -125,6 +126,7 @@ def test_the_search_depends_on_its_seed_alone(tabletop: Workspace, g2: Compared)
     assert blind_time(seeded.study) < 0.5 * blind_time(g2.direct)
 
 
+@pytest.mark.slow
 def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
     way = replace(g2.seen.candidate, vias={})
     found = way_with_seen_paths(g2.cell, way, g2.cell.initial_world)
@@ -142,6 +144,7 @@ def test_where_everything_is_seen_or_nothing_is_monitored_no_path_is_looked_for(
     assert compared.seen.timeline.T == 0.0
 
 
+@pytest.mark.slow
 def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
     """g5 of the cell: the cameras do not see what matters at home, where a1 begins and a5 ends."""
     compared = Compared.of(tabletop, "pickup green path=seen wrist=flip approach_yaw=180deg", "g5")
@@ -156,6 +159,7 @@ def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
         assert len(direct) == 1
 
 
+@pytest.mark.slow
 def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
     dark = replace(tabletop, cameras={"cam3": tabletop.cameras["cam3"]})
     compared = Compared.of(dark, "pickup green path=seen approach_yaw=0deg", "g5", WantedWay(fastest=True))
@@ -166,6 +170,7 @@ def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
         assert end.seconds == pytest.approx(moves[end.primitive], abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limit", ["1.02x", *(pytest.param(limit, marks=pytest.mark.trial) for limit in ("1x", "10.1 s"))]
 )
@@ -189,6 +194,7 @@ def test_paths_that_the_task_wants_direct_stay_direct(tabletop: Workspace) -> No
     assert compared.candidate.open_paths == frozenset()
 
 
+@pytest.mark.slow
 def test_any_is_the_better_of_direct_and_seen(tabletop: Workspace, g2: Compared) -> None:
     either = Compared.of(tabletop, G2.replace("seen", "any"), "g2")
     assert either.seen.candidate.values["path"] == "seen"
