@@ -1,4 +1,4 @@
-"""What each part hides of a box, and which is named: plates with known shares, and what would be seen without a part."""
+"""What each part hides of a box, and which is named: plates with known shares, and what is seen without a part."""
 
 from __future__ import annotations
 
