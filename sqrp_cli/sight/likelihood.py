@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import BoxSights
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.kernel.kernel import Aspects
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.targets import SoughtBox, Target
+from sqrp_cli.sight.targets import Target
 
 
 class Shutter(NamedTuple):
@@ -47,46 +46,32 @@ def likelihoods(
         replace(target, boxes=tuple(replace(box, limits=box.limits.gates) for box in target.boxes))
         for target in targets
     ]
-    matrix = observer.verdicts(gated, states)
     every = [box for target in targets for box in target.boxes]
-    aspects = iter(_of_boxes(observer.aspects(every, states), len(every)) if every else ())
-    return [
-        [
-            _likelihood(observer.cameras, box, verdicts, next(aspects), shutters)
-            for box, verdicts in zip(target.boxes, boxes, strict=True)
-        ]
-        for target, boxes in zip(targets, matrix, strict=True)
-    ]
-
-
-def _of_boxes(aspects: Aspects, boxes: int) -> Iterator[Aspects]:
-    """How cameras face each box, with arrays of shape (m, c)."""
-    return map(Aspects, *(np.split(values.T, boxes) for values in aspects))
-
-
-def _likelihood(
-    cameras: Sequence[Camera],
-    box: SoughtBox,
-    verdicts: BoxVerdicts,
-    aspects: Aspects,
-    shutters: Mapping[float, Shutter],
-) -> BoxLikelihood:
-    passed, curve = verdicts.cause == Cause.NONE, box.limits.curve
-    if curve is None:
-        return BoxLikelihood(passed.astype(float), None)
-    blur = np.zeros(passed.shape)
-    for column, camera in enumerate(cameras):
-        if camera.exposure in shutters:
-            # What is not before the camera is moved where it can be projected: it does not count.
-            centers = (
-                (inverse(at.camera_poses(camera)) @ at.box_poses(box))[:, :3, 3] for at in shutters[camera.exposure]
-            )
-            before = (np.where([True, True, False], p, np.where(p[:, 2:] > 0, p, 1.0)) for p in centers)
-            first, last = (Projection.of(camera).pixels(points).points for points in before)
-            blur[:, column] = np.hypot(*(last - first).T)
-    found = BoxSights(aspects.size, aspects.incidence, aspects.distance, verdicts.visible, blur)
-    found = BoxSights(*(np.where(passed, values, np.nan) for values in found))
-    return BoxLikelihood(np.where(passed, curve.probability(found), 0.0), found)
+    facing = (np.split(values.T, len(every)) for values in (observer.aspects(every, states) if every else ()))
+    aspects = (Aspects(*of_box) for of_box in zip(*facing, strict=True))
+    found: list[list[BoxLikelihood]] = []
+    for target, boxes in zip(targets, observer.verdicts(gated, states), strict=True):
+        found.append([])
+        for box, verdicts in zip(target.boxes, boxes, strict=True):
+            passed, curve, faced = verdicts.cause == Cause.NONE, box.limits.curve, next(aspects)
+            if curve is None:
+                found[-1].append(BoxLikelihood(passed.astype(float), None))
+                continue
+            blur = np.zeros(passed.shape)
+            for column, camera in enumerate(observer.cameras):
+                if camera.exposure in shutters:
+                    # What is not before the camera is moved where it can be projected: it does not count.
+                    centers = (
+                        (inverse(at.camera_poses(camera)) @ at.box_poses(box))[:, :3, 3]
+                        for at in shutters[camera.exposure]
+                    )
+                    before = (np.where([True, True, False], p, np.where(p[:, 2:] > 0, p, 1.0)) for p in centers)
+                    first, last = (Projection.of(camera).pixels(points).points for points in before)
+                    blur[:, column] = np.hypot(*(last - first).T)
+            sights = BoxSights(faced.size, faced.incidence, faced.distance, verdicts.visible, blur)
+            sights = BoxSights(*(np.where(passed, values, np.nan) for values in sights))
+            found[-1].append(BoxLikelihood(np.where(passed, curve.probability(sights), 0.0), sights))
+    return found
 
 
 def at_least(probabilities: Array, number: int) -> Array:

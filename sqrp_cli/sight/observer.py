@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,22 +60,13 @@ class CoveredStates:
     response: Array
     """The k-th smallest response among the cameras that cover it, NaN if uncovered, shape (m,) [s]."""
 
-    def split(self, counts: Sequence[int]) -> list[CoveredStates]:
-        """Consecutive parts of so many states each."""
-        ends = np.cumsum(counts)[:-1]
-        return list(map(CoveredStates, np.split(self.covered, ends), np.split(self.response, ends)))
 
-
-@dataclass(frozen=True, eq=False)
-class BoxViews:
-    """v views of a box by a camera in a state, by index."""
+class BoxViews(NamedTuple):
+    """v views of a box by a camera in a state, by index, shape (v,) each."""
 
     box: Indices
-    """Shape (v,)."""
     camera: Indices
-    """Shape (v,)."""
     state: Indices
-    """Shape (v,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +98,12 @@ class Observer:
         boxes = [box for target in targets for box in target.boxes]
         if not boxes:
             return tuple(() for _ in targets)
-        everywhere = np.arange(states.count)
-        asked = [
-            everywhere if rows is None else rows[index] for index, target in enumerate(targets) for _ in target.boxes
-        ]
-        counts = [len(at) for at in asked]
+        everywhere = [np.arange(states.count)] * len(targets) if rows is None else rows
+        asked = [at for target, at in zip(targets, everywhere, strict=True) for _ in target.boxes]
+        counts = list(map(len, asked))
         request = self._scene.request(self._projections, boxes, states)
         found = request.judge(np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares)
-        columns = (np.split(values.T, np.cumsum(counts)[:-1]) for values in found)
-        of_boxes = map(BoxVerdicts, *columns)
+        of_boxes = map(BoxVerdicts, *(np.split(values.T, np.cumsum(counts)[:-1]) for values in found))
         return tuple(tuple(next(of_boxes) for _ in target.boxes) for target in targets)
 
     def coverage(
@@ -124,9 +113,10 @@ class Observer:
 
         Cameras with the fastest response come first, so the result is the response of the best k cameras.
         """
-        counts = [len(of_target) for of_target in rows]
+        counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
-        items = items_of(targets, rows)
+        boxes, state = np.array([len(target.boxes) for target in targets]), np.concatenate([np.arange(0), *rows])
+        items = Items(state, np.repeat(np.cumsum(boxes) - boxes, counts), np.repeat(boxes, counts))
         sights = np.full((len(self.cameras), len(needed)), UNKNOWN, dtype=np.int8)
         if self.memory is None:
             self._look(targets, states, items, needed, sights)
@@ -145,8 +135,13 @@ class Observer:
                 self._look(targets, states, Items(*(column[asked] for column in items)), needed[asked], found)
                 self.memory.note(self.cameras, [keys[index] for index in asked], found)
                 sights[:, asked] = found
-        response = self._response(sights, needed)
-        return tuple(CoveredStates(~np.isnan(response), response).split(counts))
+        # The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s].
+        seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
+        for tier in self._tiers:
+            seen += (sights[tier] == SEEN).sum(axis=0)
+            response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
+        of_targets = np.split(response, np.cumsum(counts)[:-1]) if counts else []
+        return tuple(CoveredStates(~np.isnan(of_target), of_target) for of_target in of_targets)
 
     def occluders(
         self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews
@@ -211,14 +206,6 @@ class Observer:
         request = self._scene.request(self._projections, boxes, states)
         request.cover(items, needed, self._tiers, sights)
 
-    def _response(self, sights: Sights, needed: Indices) -> Array:
-        """The k-th smallest response among the cameras that see the target of a question, NaN if fewer do, (q,) [s]."""
-        seen, response = np.zeros(len(needed), dtype=np.int64), np.full(len(needed), np.nan)
-        for tier in self._tiers:
-            seen += (sights[tier] == SEEN).sum(axis=0)
-            response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
-        return response
-
     @cached_property
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
@@ -238,10 +225,3 @@ class Observer:
         """Those that carry solids or cameras."""
         parents = (solid.part.parent for solid in self.solids)
         return sorted({*parents, *(camera.frame for camera in self.cameras)})
-
-
-def items_of(targets: Sequence[Target], rows: Sequence[Indices]) -> Items:
-    """Every target in its states, as a question to the kernel about all boxes of all targets."""
-    counts, boxes = [len(of_target) for of_target in rows], np.array([len(target.boxes) for target in targets])
-    state = np.concatenate([np.empty(0, dtype=np.int64), *rows])
-    return Items(state, np.repeat(np.cumsum(boxes) - boxes, counts), np.repeat(boxes, counts))
