@@ -74,15 +74,16 @@ class Solid:
     """A solid as the kernel holds it, in the frame of its parent."""
 
     def __init__(
-        self, vertices: Array, triangles: Indices, form: Form, *, X_PG: Array, half: Sequence[float], ball: Ball
+        self, vertices: Array, triangles: Indices, form: Form, X_PG: Array, half: Sequence[float], ball: Sequence[float]
     ) -> None:
         """vertices: (n, 3) [m]; triangles: indices of three each, (f, 3), counter-clockwise seen from outside.
 
-        form: it is placed by X_PG (4, 4); half: half its sides, or its radius, 0 and half its straight part [m]. Raises
-        ValueError for no triangles, for vertices that do not exist, and for what is not finite.
+        form: it is placed by X_PG (4, 4); half: half its sides, or its radius, 0 and half its straight part [m]; ball:
+        the centre and the radius of one around it [m]. Raises ValueError for no triangles, for vertices that do not
+        exist, and for what is not finite.
         """
         vertices, triangles = np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(triangles, np.int64)
-        figures = np.array([*np.reshape(X_PG, -1), *half, *ball.center, ball.radius], dtype=float)
+        figures = np.array([*np.reshape(X_PG, -1), *half, *ball], dtype=float)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.shape != (len(triangles), 3) or not len(triangles):
             raise ValueError(f"a solid needs triangles, found shapes {vertices.shape} and {triangles.shape}")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
@@ -112,15 +113,6 @@ class Solid:
         return found if found <= within + 1e-9 else None
 
 
-class Ball(NamedTuple):
-    """A ball around a solid, in the frame of its parent."""
-
-    center: Sequence[float]
-    """[m]"""
-    radius: float
-    """[m]"""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolidTable:
     """s solids of a call."""
@@ -132,18 +124,6 @@ class SolidTable:
     """Pieces of one number are named together, shape (s,)."""
     is_scenery: Mask
     """Whether its colour is known, so that it can be behind a box, shape (s,)."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Masks:
-    """What solids are to boxes, shape (s, b) each."""
-
-    opaque: Mask
-    """Whether one can hide the box."""
-    alike: Mask
-    """Whether it looks like what the box seeks."""
-    own: Mask
-    """Whether it is what the box seeks."""
 
 
 class Items(NamedTuple):
@@ -296,14 +276,16 @@ class Collisions:
 class Scene:
     """Solids, boxes, cameras and lights, wherever their frames are: what many requests have in common."""
 
-    def __init__(self, solids: SolidTable, *, boxes: Record, masks: Masks, cameras: Record, lights: Record) -> None:
+    def __init__(self, solids: SolidTable, *, boxes: Record, masks: Mask, cameras: Record, lights: Record) -> None:
         """boxes, cameras, lights: records of these types, shape (b,), (c,) and (l,).
 
+        masks: whether each solid can hide each box, looks like what it seeks, and is what it seeks, shape (3, s, b).
         Raises ValueError for shapes that do not fit, and for NAN.
         """
         s, b = len(solids.solids), len(boxes)
-        if any(mask.shape != (s, b) for mask in (masks.opaque, masks.alike, masks.own)):
-            raise ValueError(f"masks of {s} solids and {b} boxes must have the shape ({s}, {b})")
+        if masks.shape != (3, s, b):
+            raise ValueError(f"masks of {s} solids and {b} boxes must have the shape (3, {s}, {b})")
+        opaque, alike, own = map(_flags, masks)
         if not all(len(column) == s for column in (solids.frame, solids.part, solids.is_scenery)):
             raise ValueError(f"columns of {s} solids must have as many rows")
         if len(lights) > MOST_LIGHTS:
@@ -322,8 +304,7 @@ class Scene:
             "solid_frame": self._keep(_whole(solids.frame)), "solid_part": self._keep(_whole(solids.part)),
             "is_scenery": self._keep(_flags(solids.is_scenery)), "boxes": self._keep(np.ascontiguousarray(boxes)),
             "cameras": self._keep(np.ascontiguousarray(cameras)), "lights": self._keep(np.ascontiguousarray(lights)),
-            "opaque": self._keep(_flags(masks.opaque)), "alike": self._keep(_flags(masks.alike)),
-            "own": self._keep(_flags(masks.own)),
+            "opaque": self._keep(opaque), "alike": self._keep(alike), "own": self._keep(own),
         }  # fmt: skip
         """Those of `_Request` that do not depend on states."""
 

@@ -97,11 +97,10 @@ class SightScene:
                 del self._cameras[old]
             self._cameras[cameras] = np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA)
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
-        opaque, alike, own = masks.transpose(1, 2, 0)
         return kernel.Scene(
             self._table,
             boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
-            masks=kernel.Masks(opaque=opaque, alike=alike, own=own),
+            masks=masks.transpose(1, 2, 0),
             cameras=self._cameras[cameras],
             lights=self._lights,
         )

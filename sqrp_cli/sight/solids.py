@@ -75,8 +75,7 @@ class Solid:
         surface = hashlib.blake2b(self.vertices.tobytes() + self.triangles.tobytes()).digest()
         key = form, half, self.part.X_PG.tobytes(), surface
         if (made := _made.get(key)) is None:
-            ball = kernel.Ball(self.center.tolist(), self.radius)
-            made = kernel.Solid(self.vertices, self.triangles, form, X_PG=self.part.X_PG, half=half, ball=ball)
+            made = kernel.Solid(self.vertices, self.triangles, form, self.part.X_PG, half, (*self.center, self.radius))
             _made[key] = made
         return made
 

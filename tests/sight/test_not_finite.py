@@ -54,9 +54,8 @@ def test_the_kernel_takes_no_camera_and_no_detector_with_a_figure_that_is_none(b
 def test_the_kernel_takes_no_solid_without_triangles_or_with_vertices_that_are_nowhere(
     vertices: Array, triangles: Array, said: str
 ) -> None:
-    ball = kernel.Ball((0.0, 0.0, 0.0), 1.0)
     with pytest.raises(ValueError, match=said):
-        kernel.Solid(vertices, triangles, kernel.Form.MESH, X_PG=pose(), half=(0.0, 0.0, 0.0), ball=ball)
+        kernel.Solid(vertices, triangles, kernel.Form.MESH, pose(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def test_a_flat_solid_and_a_needle_hide_nothing_beside_them_and_break_nothing() -> None:
