@@ -395,20 +395,20 @@ class Request:
         self._call("occluders", len(box), box, camera, state, parts, first, alone)
         return first, alone
 
-    def look_from(self, X_FC: Array, items: Items, asked: Mask | None = None, *, limits_only: bool = False) -> Mask:
+    def look_from(self, X_FC: Array, items: Items, decisive: Mask | None = None, *, limits_only: bool = False) -> Mask:
         """Which items each of l lenses, the request's cameras, sees from each of p poses in their frame, (l, p, n).
 
-        X_FC: the poses, (p, 4, 4). asked: which items from which pose, shape (p, n); the others are not looked at, and
-        not seen. limits_only: whether only the limits of camera and detector count.
+        X_FC: the poses, (p, 4, 4). decisive: items, shape (n,), without which a pose is given up: all that follow come
+        out unseen. limits_only: whether only the limits of camera and detector count.
         """
         items, X_FC = self._checked(items), np.ascontiguousarray(X_FC, dtype=float)
         if X_FC.shape[1:] != (4, 4) or not np.isfinite(X_FC).all():
             raise ValueError(f"the poses of a camera must be finite and of shape (p, 4, 4), found {X_FC.shape}")
-        if asked is not None and asked.shape != (len(X_FC), len(items.state)):
-            raise ValueError(f"what is asked must have the shape ({len(X_FC)}, {len(items.state)})")
+        if decisive is not None and decisive.shape != items.state.shape:
+            raise ValueError(f"what is decisive must have the shape {items.state.shape}")
         sees = np.zeros((self._scene.cameras, len(X_FC), len(items.state)), dtype=np.uint8)
-        wanted = None if asked is None else _flags(asked)
-        self._call("look_from", len(X_FC), X_FC, len(items.state), *items, wanted, int(limits_only), sees)
+        ends = None if decisive is None else _flags(decisive)
+        self._call("look_from", len(X_FC), X_FC, len(items.state), *items, ends, int(limits_only), sees)
         return sees.view(bool)
 
     def _call(self, name: str, *arguments: int | NDArray[Any] | None) -> None:

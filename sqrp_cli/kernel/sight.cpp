@@ -117,9 +117,10 @@ void occluders(const Request* request, int n, const int64_t* box, const int64_t*
 
 // Which items lenses see from poses of one camera: (lenses, poses, items), 1 or 0; the lenses are the request's cameras,
 // all of one frame, in which the poses X_FC (poses, 4, 4) are. An item: `count` boxes from `first` on, in a state.
-// asked: (poses, items), 0 where nothing is to be found out, or null. limits_only: whether occlusion and light count not.
+// decisive: (items,), 1 where a pose from which no lens sees the item is given up: what follows then comes out unseen. Null:
+// nowhere. limits_only: whether occlusion and light count not.
 void look_from(const Request* request, int poses, const double* X_FC, int items, const int64_t* state, const int64_t* first,
-               const int64_t* count, const uint8_t* asked, int limits_only, uint8_t* sees) {
+               const int64_t* count, const uint8_t* decisive, int limits_only, uint8_t* sees) {
     Scene scene(*request);
     int lenses = int(request->camera_count);
     List<View> views;    // (lenses, boxes) of the present pose
@@ -127,13 +128,14 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
     views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count));
     for (int p = 0; p < poses; p++) {
         for (View& view : views) view.forget();
-        for (int i = 0; i < items; i++) {
+        bool given_up = false;
+        for (int i = 0; i < items && !given_up; i++) {
             int last = int(first[i] + count[i]);
             auto view = [&](int lens, int b) -> View& { return views[lens * int(request->box_count) + b]; };
             auto found = [&](int lens) -> uint8_t& { return sees[(size_t(lens) * poses + p) * items + i]; };
             for (int lens = 0; lens < lenses; lens++) {
                 const Camera& camera = request->cameras[lens];
-                bool good = !asked || asked[size_t(p) * items + i];
+                bool good = true;
                 for (int b = int(first[i]); good && b < last; b++) {
                     view(lens, b).look(scene, camera, Pose::of(X_FC + 16 * p), b, state[i]);
                     good = view(lens, b).limit.cause == NONE;
@@ -153,7 +155,11 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
                 }
                 found(lens) |= good ? VISIBLE : 0;
             }
-            for (int lens = 0; lens < lenses; lens++) found(lens) = found(lens) == (limits_only ? WITHIN : WITHIN | VISIBLE);
+            given_up = decisive && decisive[i];
+            for (int lens = 0; lens < lenses; lens++) {
+                found(lens) = found(lens) == (limits_only ? WITHIN : WITHIN | VISIBLE);
+                given_up = given_up && !found(lens);
+            }
         }
     }
 }

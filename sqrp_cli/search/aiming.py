@@ -31,8 +31,6 @@ class Aim:
     """In the middle of the image, shape (3,) [m]."""
     up: Array
     """Shape (3,)."""
-    stated: bool = False
-    """Whether the workspace says so; otherwise the orientation is stated."""
 
     @classmethod
     def along(cls, camera: Camera, near: Array) -> Aim:
@@ -69,6 +67,12 @@ def turned(aim: Aim, eye: Array, angles: Array) -> Array:
     axes = np.cos(size)[:, None] * present[:3, 2] + np.sin(size)[:, None] * across
     points: Array = eye + float(np.linalg.norm(aim.point - eye)) * axes
     return points
+
+
+def whole(vector: Array) -> Array:
+    """A place or an offset in whole millimetres [m]."""
+    rounded: Array = np.round(np.round(vector / 1e-3) * 1e-3, 6)
+    return rounded
 
 
 def _unit(vectors: Array) -> Array:

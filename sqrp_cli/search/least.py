@@ -1,25 +1,24 @@
-"""The least vector for which a test holds: growing shells, a descent over directions and lengths, and a fine grid."""
+"""The one search for a least change: outward over grids, shorter from what is found, then a fine grid below it.
+
+A kind of change is a `Move`: vectors (d,), each of which stands for a change of one thing. A quick bound lets vectors
+pass that may meet the goal, the exact study of the motion decides, and the samples of `explain` confirm.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from math import inf
-from typing import TypeVar
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.records import dataclass
-
-Test = Callable[[Array], Mask]
-"""Which vectors (p, d) may do, shape (p,): quick, and never false for one that does."""
-
-Decide = Callable[[Array], bool]
-"""Whether a vector (d,) does."""
-
-Passed = TypeVar("Passed")
+from sqrp_cli.search.advice_result import Margin
+from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import Found, Question, Tried
+from sqrp_cli.study.whole_study import WholeStudy
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
@@ -27,117 +26,226 @@ FINE = 16
 COARSE = {2: 12, 3: 4}
 """Steps of the grid of each shell to every side, by the dimension."""
 
+MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
+"""A change is not made larger than the least that was found and this, for its margin or to confirm it."""
+
 _TOGETHER = 512
-"""Vectors to test at once."""
+"""Vectors of a grid that are looked through at once."""
 
 _FEW = 32
 """Vectors to test at once where the next ones may pass; twice as many each time that none does."""
 
 _DECIDED = 6
-"""Vectors of one batch that pass the test and are decided, at most; failures sharpen the test."""
+"""Vectors of one batch that pass the bound and are decided, at most; failures sharpen the bound."""
 
 _GIVEN_UP = 4
-"""Batches of a fine grid that are given up before all of it is: the test tells too little of what is decided."""
-
-_ROUNDS = 10
-"""Of the descent."""
-
-_DIRECTIONS = 20
-"""Directions around the best one that each round of the descent looks at."""
-
-_SHORTER = np.array([0.995, 0.98, 0.95, 0.9, 0.8])
-"""Lengths that each round looks at, as shares of the best."""
+"""Batches of a fine grid that are given up before all of it is: the bound tells too little of what is decided."""
 
 
-@dataclass(frozen=True)
-class LeastSearch:
-    """A search for the least vector."""
+class Bounds(NamedTuple):
+    """How far and how finely changes of a kind are searched."""
 
-    test: Test
-    decide: Decide
     dimension: int
+    """Of the vectors."""
     step: float
-    """Of the grid."""
-    reach: float
-    """Longest vector that a coarse search looks at."""
-    seed: int
-    """Of the directions of the descent."""
-
-    def anywhere(self) -> Array | None:
-        """A vector (d,) that does, as short as a coarse search and a descent from what it finds can make it."""
-        return self._least(shells(self.dimension, self.step, self.reach), inf)
-
-    def within(self, length: float) -> Array | None:
-        """A vector that does, from a fine grid up to a length; of many points that pass the test a few are decided.
-
-        The grid is coarser than asked for beyond `FINE` of its steps.
-        """
-        return self._least(_ball(self.dimension, self.step, length), _GIVEN_UP)
-
-    def _least(self, batches: Iterator[Array], most: float) -> Array | None:
-        """The first vector of the batches that does, made shorter. most: batches that are given up before all are."""
-        given_up = 0
-        for batch in batches:
-            for start in range(0, len(batch), _TOGETHER):
-                found, decided = self._first_of(batch[start : start + _TOGETHER])
-                if found is not None:
-                    return self._descended(found)
-                given_up += decided == _DECIDED
-                if given_up >= most:
-                    return None
-        return None
-
-    def _first_of(self, vectors: Array) -> tuple[Array | None, int]:
-        """The first of some vectors that does, and how many were decided that do not: `_DECIDED` at most.
-
-        Those make the test of the next ones sharper, so few are tested at once as long as they pass.
-        """
-        begin, count, decided = 0, _FEW, 0
-        while begin < len(vectors):
-            left = vectors[begin : begin + count]
-            begin, count = begin + count, 2 * count
-            while len(left := left[self.test(left)]):
-                if self.decide(left[0]):
-                    return left[0], decided
-                decided, left, count = decided + 1, left[1:], _FEW
-                if decided == _DECIDED:
-                    return None, decided
-        return None, decided
-
-    def _descended(self, found: Array) -> Array:
-        """A local least vector that does, from one that does."""
-        rng = np.random.default_rng(self.seed)
-        spread = 0.5
-        for _ in range(_ROUNDS):
-            length = np.linalg.norm(found)
-            turned = found / length + spread * rng.normal(size=(_DIRECTIONS, self.dimension)) / np.sqrt(self.dimension)
-            turned = np.concatenate([found[None] / length, turned / np.linalg.norm(turned, axis=1)[:, None]])
-            lengths = length * _SHORTER
-            tried = (lengths[:, None, None] * turned).reshape(-1, self.dimension)
-            order = np.argsort(np.linalg.norm(tried, axis=1), kind="stable")
-            nearer, _ = self._first_of(tried[order])
-            if nearer is not None:
-                found = nearer
-            else:
-                spread *= 0.5
-        return found
+    """Of the fine grid; a length is found to a tenth of it. In the unit of the vectors."""
+    reaches: tuple[float, ...]
+    """How far it is searched, one after the other, until something is found."""
+    fine: bool
+    """Whether a fine grid below the least that was found is looked through."""
+    rounds: int = 0
+    """Of looks in other directions than that of what is found."""
+    directions: int = 0
+    """That each of them tries."""
+    shares: tuple[float, ...] = ()
+    """Of the length so far, that it tries in each direction."""
 
 
-def least_beyond(passes: Callable[[float], Passed | None], size: float, reach: float, step: float) -> Passed | None:
-    """What passes at a size, else at the least greater one that growing steps and a bisection find.
+class Move(Protocol):
+    """Changes of one thing by vectors (d,); what is learned of one of them makes the bound on others sharper."""
 
-    reach: the greatest size that is looked at. step: the first one, and how exactly the size is found.
+    @property
+    def bounds(self) -> Bounds:
+        """How it is searched."""
+
+    def outward(self, reach: float) -> Iterator[Array]:
+        """Batches of vectors (p, d) up to a length, nearer ones first."""
+
+    def passes(self, vectors: Array) -> Mask:
+        """Which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does."""
+
+    def change(self, vector: Array) -> ProposedChange:
+        """The change that a vector stands for, in values that people can set; nearly the same one."""
+
+    def meets(self, change: ProposedChange) -> bool:
+        """Whether a change meets the goal, as far as that is about what is seen."""
+
+    def study(self, change: ProposedChange) -> WholeStudy | None:
+        """The way with a change; None if it cannot be done."""
+
+    def lengths(self, size: float) -> Array:
+        """Lengths at which the margin of a change of this size is looked for, ascending."""
+
+    def compared(self) -> Array:
+        """Vectors (p, d) that are compared where none meets the goal."""
+
+    def worth(self, vectors: Array) -> Array:
+        """How near vectors (p, d) come to the goal, more being better, shape (p,); -inf for what cannot be."""
+
+
+def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str) -> Found:
+    """The least change of each target that meets the goal, with its margin; or what comes nearest.
+
+    moves: each makes a move that has learned nothing, so that answers do not depend on what was asked before; of one
+    kind. none: why no change meets the goal; nowhere: why none could be tried.
     """
-    found = passes(size)
-    if found is not None:
-        return found
-    low, high = size, size + step
-    while high <= reach and (found := passes(high)) is None:
-        low, high = high, high + 2.0 * (high - low)
-    while found is not None and high - low > step:
-        middle = 0.5 * (low + high)
-        nearer = passes(middle)
-        low, high, found = (low, middle, nearer) if nearer is not None else (middle, high, found)
+    seed, share = question.cell.seed, question.shared
+    numbers = range(len(moves))
+    found: dict[int, ProposedChange] = {}
+
+    def kept(changes: Sequence[ProposedChange | None]) -> dict[int, ProposedChange]:
+        return {number: change for number, change in enumerate(changes) if change is not None}
+
+    for reach in moves[0]().bounds.reaches:
+        found = kept(share(lambda number: anywhere(moves[number](), reach, seed), numbers))  # noqa: B023 - done at once
+        if found:
+            break
+    if found and moves[0]().bounds.fine:
+        least = 0.95 * min(change.size for change in found.values())
+        found |= kept(share(lambda number: nearer(moves[number](), least, seed), numbers))
+    best: dict[str, int] = {}
+    for number in sorted(found, key=lambda number: found[number].size):
+        best.setdefault(found[number].target, number)
+
+    def confirmed(number: int) -> Tried | None:
+        """The change, or the least larger one, that meets the goal if sampled as finely as may be."""
+        move, first = moves[number](), found[number]
+        unit = np.array(first.values[: move.bounds.dimension]) / first.size
+
+        def tried(length: float) -> Tried | None:
+            change = first if length == first.size else move.change(length * unit)
+            study = move.study(change)
+            return Tried(change, study) if study is not None and question.met_for_sure(change, study) else None
+
+        one, low, high = tried(first.size), first.size, first.size + 0.1 * move.bounds.step
+        if one is None:
+            while high <= first.size + MOST_MORE[first.unit] and (one := tried(high)) is None:
+                low, high = high, high + 2.0 * (high - low)
+            while one is not None and high - low > 0.1 * move.bounds.step:
+                middle = 0.5 * (low + high)
+                smaller = tried(middle)
+                low, high, one = (low, middle, smaller) if smaller is not None else (middle, high, one)
+        return None if one is None else one._replace(margin=margin(move, one.change))
+
+    if answers := [one for one in share(confirmed, list(best.values())) if one is not None]:
+        return Found(answers)
+
+    def nearest(number: int) -> Tried | None:
+        move = moves[number]()
+        worth = move.worth(vectors := move.compared())
+        if not len(worth) or worth.max() == -inf:
+            return None
+        change = move.change(vectors[int(np.argmax(worth))])
+        study = move.study(change)
+        return None if study is None else Tried(change, study)
+
+    near = [one for one in share(nearest, numbers) if one is not None]
+    return Found(why=none if near else nowhere, near=near)
+
+
+def anywhere(move: Move, reach: float, seed: int) -> ProposedChange | None:
+    """A change that meets the goal, as small as a coarse search and a way down from what it finds can make it."""
+    return _least(move, move.outward(reach), inf, seed)
+
+
+def nearer(move: Move, length: float, seed: int) -> ProposedChange | None:
+    """A change from a fine grid up to a length; of many points that pass the bound a few are decided.
+
+    The grid is coarser than asked for beyond `FINE` of its steps.
+    """
+    points = grid(move.bounds.dimension, FINE) * max(move.bounds.step, length / FINE)
+    lengths = np.linalg.norm(points, axis=1)
+    return _least(move, iter([points[(lengths > 0) & (lengths <= length * (1 + 1e-9))]]), _GIVEN_UP, seed)
+
+
+def margin(move: Move, change: ProposedChange) -> Margin:
+    """How much less and how much more of a change along the same direction meets the goal."""
+    size = change.size
+    unit = np.array(change.values[: move.bounds.dimension]) / size
+
+    def unbroken(lengths: Array) -> float:
+        """The last of some lengths, going away, up to which all pass, and which is confirmed exactly."""
+        for patient in (True, True, True, *(False for _ in lengths)):
+            passed = int(np.argmin(np.append(move.passes(lengths[:, None] * unit), False)))
+            if not passed:
+                break
+            tried = move.change(lengths[passed - 1] * unit)
+            if tried.size and move.meets(tried):
+                return float(lengths[passed - 1])
+            lengths = lengths[: passed - 1 if patient else passed // 2]  # the failure has made the bound sharper
+        return size
+
+    lengths = move.lengths(size)
+    more, less = unbroken(lengths[lengths > size]), unbroken(lengths[lengths < size][::-1])
+    return Margin(less=abs(size - less), more=abs(more - size))
+
+
+def _least(move: Move, batches: Iterator[Array], most: float, seed: int) -> ProposedChange | None:
+    """The first vector of the batches that does, made shorter. most: batches that are given up before all are."""
+    given_up = 0
+    for batch in batches:
+        for start in range(0, len(batch), _TOGETHER):
+            found, decided = _first_of(move, batch[start : start + _TOGETHER])
+            if found is not None:
+                return move.change(_made_shorter(move, found, seed))
+            given_up += decided == _DECIDED
+            if given_up >= most:
+                return None
+    return None
+
+
+def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
+    """The first of some vectors that does, and how many were decided that do not: `_DECIDED` at most.
+
+    Those make the bound on the next ones sharper, so few are tested at once as long as they pass.
+    """
+    begin, count, decided = 0, _FEW, 0
+    while begin < len(vectors):
+        left = vectors[begin : begin + count]
+        begin, count = begin + count, 2 * count
+        while len(left := left[move.passes(left)]):
+            if move.meets(move.change(left[0])):
+                return left[0], decided
+            decided, left, count = decided + 1, left[1:], _FEW
+            if decided == _DECIDED:
+                return None, decided
+    return None, decided
+
+
+def _made_shorter(move: Move, found: Array, seed: int) -> Array:
+    """A local least vector that does, from one that does: shorter along its direction, then along others around it."""
+
+    def shorter(vector: Array) -> Array:
+        length, low = float(np.linalg.norm(vector)), 0.0
+        unit = vector / length
+        while length - low > 0.1 * move.bounds.step:
+            middle = 0.5 * (low + length)
+            does = move.passes(middle * unit[None])[0] and move.meets(move.change(middle * unit))
+            low, length = (low, middle) if does else (middle, length)
+        return length * unit
+
+    bounds, rng, spread, found = move.bounds, np.random.default_rng(seed), 0.5, shorter(found)
+    shares = np.sort(bounds.shares)[:, None, None]
+    for _ in range(bounds.rounds):
+        length = np.linalg.norm(found)
+        sideways = rng.normal(size=(bounds.directions, bounds.dimension)) / np.sqrt(bounds.dimension)
+        turned = found / length + spread * sideways
+        turned /= np.linalg.norm(turned, axis=1)[:, None]
+        aside, _ = _first_of(move, (length * shares * turned).reshape(-1, bounds.dimension))
+        if aside is not None:
+            found = shorter(aside)
+        elif (spread := 0.5 * spread) < 0.02:
+            break
     return found
 
 
@@ -146,22 +254,14 @@ def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:
     inner = step
     while inner < reach:
         outer = min(2.0 * inner, reach)
-        points = _grid(dimension, COARSE[dimension]) * (2.0 * inner / COARSE[dimension])
+        points = grid(dimension, COARSE[dimension]) * (2.0 * inner / COARSE[dimension])
         lengths = np.linalg.norm(points, axis=1)
         yield points[(lengths > inner * (1 + 1e-9)) & (lengths <= outer * (1 + 1e-9))]
         inner = outer
 
 
-def _ball(dimension: int, step: float, radius: float) -> Iterator[Array]:
-    """The grid within a radius, without zero, nearest first; coarser where it would have too many points."""
-    step = max(step, radius / FINE)
-    points = _grid(dimension, FINE) * step
-    lengths = np.linalg.norm(points, axis=1)
-    yield points[(lengths > 0) & (lengths <= radius * (1 + 1e-9))]
-
-
 @cache
-def _grid(dimension: int, most: int) -> Array:
+def grid(dimension: int, most: int) -> Array:
     """Whole-numbered vectors up to a length, shortest first; equal ones in the order of their coordinates."""
     points = np.array(list(product(range(-most, most + 1), repeat=dimension)), dtype=float)
     lengths = np.linalg.norm(points, axis=1)

@@ -1,4 +1,4 @@
-"""Another way or another path of a candidate that meets a wish: the cell stays as it is."""
+"""Another way or another path of a candidate that meets a goal: the cell stays as it is."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Met, Miss, Near, Question, finely_met
+from sqrp_cli.search.question import Found, Question, Tried
 from sqrp_cli.skill.settings import SEEN, MotionValue, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.assessment import Study, study
@@ -28,11 +28,11 @@ MOST_TOGETHER = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
 
 
-def other_way(question: Question) -> Sequence[Met] | Miss:
-    """The fastest of all ways that meet the wish; of several steps, of combinations of their Pareto-optimal ways."""
-    best, cell, wish = question.best, question.cell, question.wish
+def other_way(question: Question) -> Found:
+    """The fastest of all ways that meet the goal; of several steps, of combinations of their Pareto-optimal ways."""
+    best, cell, goal = question.best, question.cell, question.goal
     if not best.feasible or not (best.ways or best.candidate.steps):
-        return Miss(f"none can be done: {'; '.join(best.reasons[:1])}")
+        return Found(why=f"none can be done: {'; '.join(best.reasons[:1])}")
     ways: Iterable[WholeStudy]
     if best.candidate.steps:
         ways = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
@@ -42,50 +42,47 @@ def other_way(question: Question) -> Sequence[Met] | Miss:
             best.candidate,
             question.world,
             question.sampling,
-            limit=TimeLimit(inf if wish.time is None else wish.time),
-            worth=wish.may_be_met,
+            limit=TimeLimit(inf if goal.time is None else goal.time),
+            worth=goal.may_be_met,
             plans=question.plans,
         )
         ways = (WholeStudy(one.candidate, (one,)) for one in found)
-    met, near = _first_met(question, (Near(_way_change(best.candidate, one.candidate), one) for one in ways))
-    if met is not None:
-        return [met]
+
+    def tried(study: WholeStudy) -> Tried:
+        way, said = study.candidate.parameters, choice_in_words(best.candidate, study.candidate)
+        return Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), study)
+
+    outcome = _first_met(question, map(tried, ways))
+    if outcome.met:
+        return outcome
     if best.ways is None:
-        return Miss(f"none of {len(near)} combinations of the steps' ways meets the wish", near)
+        return outcome._replace(why=f"none of {len(outcome.near)} combinations of the steps' ways meets the wish")
+    near = list(outcome.near)
     for place, figures in enumerate(best.ways.pareto):
         way = with_way(best.candidate, figures) if place else best.way
         named = whole_study(cell, way, question.world, question.sampling, full=False)
-        if isinstance(named, WholeStudy):
-            near.append(Near(_way_change(best.candidate, way), named))
-    return Miss(f"none of {best.ways.tried} meets the wish", near)
+        near += [tried(named)] if isinstance(named, WholeStudy) else []
+    return Found(why=f"none of {best.ways.tried} meets the wish", near=near)
 
 
-def seen_path(question: Question) -> Sequence[Met] | Miss:
+def seen_path(question: Question) -> Found:
     """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
     several = bool(question.best.candidate.steps)
     if not several and not _open_paths(question.best.candidate):
-        return Miss("not tried: the skill or the task says which path")
-    met, near = _first_met(question, _of_steps_in_seen_paths(question) if several else _in_seen_paths(question))
-    if met is not None:
-        return [met]
+        return Found(why="not tried: the skill or the task says which path")
+    outcome = _first_met(question, _of_steps_in_seen_paths(question) if several else _in_seen_paths(question))
     none = "not tried: the skills or the task say which paths" if several else "it cannot be done, or not in that time"
-    return Miss("no path that was found meets the wish" if near else none, near)
+    return outcome._replace(why="no path that was found meets the wish" if outcome.near else none)
 
 
-def meets(question: Question, found: WholeStudy) -> bool:
-    """Whether a motion meets the wish, also if sampled as finely as may be."""
-    met = question.wish.met(found.assessment)
-    return met and finely_met(question.wish, question.cell, found, question.sampling)
-
-
-def _first_met(question: Question, tried: Iterable[Near]) -> tuple[Met | None, list[Near]]:
-    """The first that meets the wish, and those before it."""
-    near: list[Near] = []
+def _first_met(question: Question, tried: Iterable[Tried]) -> Found:
+    """The first that meets the goal; else all of them."""
+    near: list[Tried] = []
     for one in tried:
-        if meets(question, one.study):
-            return Met(one.change, one.study.assessment), near
+        if question.met_for_sure(None, one.study):
+            return Found([one])
         near.append(one)
-    return None, near
+    return Found(near=near)
 
 
 def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
@@ -96,20 +93,20 @@ def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
     return replace(candidate, values=values, branch=branch, vias=vias)
 
 
-def _in_seen_paths(question: Question) -> Iterator[Near]:
-    """The best way of a candidate of one step with paths that keep sight, then the best within the wished time."""
+def _in_seen_paths(question: Question) -> Iterator[Tried]:
+    """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal."""
     candidate = question.best.candidate
     chosen: dict[str, MotionValue] = dict.fromkeys(_open_paths(candidate), SEEN)
     seen = replace(candidate, values={**candidate.values, **chosen})
-    for limit in (None, *([] if question.wish.time is None else [TimeLimit(question.wish.time)])):
+    for limit in (None, *([] if question.goal.time is None else [TimeLimit(question.goal.time)])):
         best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
         if not isinstance(best, Infeasible):
             unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
             change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
-            yield Near(change, WholeStudy(best.study.candidate, (best.study,)))
+            yield Tried(change, WholeStudy(best.study.candidate, (best.study,)))
 
 
-def _of_steps_in_seen_paths(question: Question) -> Iterator[Near]:
+def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
     """All steps in their best ways, with seen paths in one step, in one more, and so on; those seen worst first."""
     candidate, sampling = question.best.candidate, question.sampling
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
@@ -132,7 +129,7 @@ def _of_steps_in_seen_paths(question: Question) -> Iterator[Near]:
             said = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
             change = _path_change(candidate, chosen, f"with paths that keep sight in step {said}")
             whole = whole_candidate(candidate.skill, [one.candidate for one in done])
-            yield Near(change, WholeStudy(whole, tuple(done)))
+            yield Tried(change, WholeStudy(whole, tuple(done)))
 
 
 class _FirstSteps(NamedTuple):
@@ -175,10 +172,6 @@ def _promising(begun: Sequence[_FirstSteps]) -> list[_FirstSteps]:
     fast = sorted(range(len(begun)), key=lambda index: sum(step.motion.time for step in begun[index].steps))
     chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
     return [begun[index] for index in sorted(list(chosen)[:MOST_TOGETHER])]
-
-
-def _way_change(asked: Candidate, way: Candidate) -> ProposedChange:
-    return ProposedChange(kind="way", target=asked.name, parameters=way.parameters, said=choice_in_words(asked, way))
 
 
 def _path_change(asked: Candidate, chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:

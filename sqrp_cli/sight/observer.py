@@ -179,16 +179,15 @@ class Observer:
         state: Indices,
         target: Indices,
         *,
-        asked: Mask | None = None,
+        decisive: Mask | None = None,
         limits_only: bool = False,
     ) -> Mask:
         """Whether one camera with each of l lenses sees all boxes of targets in states from each of p poses, (l, p, n).
 
         state, target: the n items, by index, shape (n,) each. lenses: cameras of one frame; their own poses do not
-        count. X_FC: poses of the optical frame in that frame, (p, 4, 4). asked: which items are of interest from which
-        pose, shape (p, n); the others cost nothing and come out unseen. limits_only: whether what hides boxes, is
-        behind them or lights them does not count, which is some ten times as fast. Raises ValueError for lenses of
-        several frames.
+        count. X_FC: poses of the optical frame in that frame, (p, 4, 4). decisive: items, shape (n,), without which a
+        pose is given up: all that follow come out unseen. limits_only: whether what hides boxes, is behind them or
+        lights them does not count, which is some ten times as fast. Raises ValueError for lenses of several frames.
         """
         if len({lens.frame for lens in lenses}) > 1:
             raise ValueError("the lenses of one camera must have one frame")
@@ -196,7 +195,7 @@ class Observer:
         counts = np.array([len(one.boxes) for one in targets], dtype=np.int64)
         first = np.cumsum(counts) - counts
         request = self._scene.request([Projection.of(lens) for lens in lenses], boxes, states)
-        return request.look_from(X_FC, Items(state, first[target], counts[target]), asked, limits_only=limits_only)
+        return request.look_from(X_FC, Items(state, first[target], counts[target]), decisive, limits_only=limits_only)
 
     def _look(
         self, targets: Sequence[Target], states: SceneStates, items: Items, needed: Indices, sights: Sights

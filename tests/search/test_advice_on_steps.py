@@ -12,8 +12,8 @@ from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import displacement
 from sqrp_cli.search.advice_result import AdviceDocument, NearestChange
+from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
-from sqrp_cli.search.look import CameraLook, WishedSamples
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import seen_by
 from sqrp_cli.study.sampling import Adaptive
@@ -112,12 +112,12 @@ def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_shor
 
 
 @pytest.mark.parametrize("wish", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
-def test_what_meets_a_wish_about_all_steps_passes_the_look(cell: OpenCell, advice: AdviceDocument, wish: str) -> None:
+def test_what_meets_a_wish_about_all_steps_passes_the_bound(cell: OpenCell, advice: AdviceDocument, wish: str) -> None:
     studied, wanted, rng = whole(cell, advice), read_goal(wish), np.random.default_rng(len(wish))
     camera = cell.workspace.cameras["left"]
-    look = CameraLook(WishedSamples.of(cell.cell, studied, wanted), camera, 0)
+    bound = CameraBound(cell.cell, studied.steps, wanted, camera, 0)
     poses = np.array([camera.X_FC @ displacement(*(0.08 * rng.normal(size=(2, 3)))) for _ in range(12)])
-    passes = look.passes(poses)
+    passes = bound.passes([camera], poses)
     assert 0 < passes.sum() < len(poses)
     for X_FC, passed in zip(poses, passes, strict=True):
         moved = replace(camera, X_FC=X_FC)

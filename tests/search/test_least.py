@@ -7,22 +7,40 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from sqrp_cli.search.least import LeastSearch, shells
+from sqrp_cli.search.least import Bounds, anywhere, margin, nearer, shells
+from sqrp_cli.search.moves import ProposedChange
 
 STEP = 0.01
 
 
-def search(does, dimension: int, reach: float = 0.5) -> LeastSearch:
-    return LeastSearch(does, lambda vector: bool(does(vector[None])[0]), dimension, STEP, reach, seed=0)
+class Fake:
+    """A move whose vectors do where a function says so, with a bound that lets pass what it may."""
+
+    def __init__(self, does, dimension: int, reach: float, bound=None) -> None:
+        self.does, self.reach, self.bound = does, reach, does if bound is None else bound
+        shares = (0.999, 0.99, 0.97, 0.9)
+        self.bounds = Bounds(dimension, STEP, (reach,), fine=True, rounds=14, directions=20, shares=shares)
+
+    def outward(self, reach):
+        return shells(self.bounds.dimension, STEP, reach)
+
+    def passes(self, vectors):
+        return self.bound(vectors)
+
+    def change(self, vector):
+        size = float(np.linalg.norm(vector))
+        return ProposedChange(kind="position", target="cam", values=tuple(vector), size=size, unit="m")
+
+    def meets(self, change):
+        return bool(self.does(np.array([change.values]))[0])
 
 
-def least(does, dimension: int, reach: float = 0.5):
-    one = search(does, dimension, reach)
-    found = one.anywhere()
+def least(does, dimension: int, reach: float = 0.5, bound=None):
+    one = Fake(does, dimension, reach, bound)
+    found = anywhere(one, reach, seed=0)
     if found is None:
         return None
-    nearer = one.within(0.95 * float(np.linalg.norm(found)))
-    return found if nearer is None else nearer
+    return np.array((nearer(one, 0.95 * found.size, seed=0) or found).values)
 
 
 def grid(dimension: int, length: float) -> np.ndarray:
@@ -69,14 +87,17 @@ def test_nothing_is_found_where_nothing_does():
     assert least(lambda vectors: np.linalg.norm(vectors, axis=1) > 0.3, 3, reach=0.25) is None
 
 
-def test_what_a_quick_test_lets_pass_is_decided():
-    def decided(vector):
-        return bool(vector[2] > 0.04)
+def test_what_the_bound_lets_pass_is_decided():
+    found = least(lambda vectors: vectors[:, 2] > 0.04, 3, bound=lambda vectors: np.ones(len(vectors), dtype=bool))
+    assert 0.04 < found[2] <= np.linalg.norm(found) < 0.045
 
-    one = LeastSearch(lambda vectors: np.ones(len(vectors), dtype=bool), decided, 3, STEP, 0.5, seed=0)
-    found = one.anywhere()
-    assert found is not None
-    assert decided(found)
+
+def test_a_margin_ends_where_the_change_no_longer_does():
+    one = Fake(lambda vectors: (vectors[:, 0] > 0.1) & (vectors[:, 0] < 0.2), 2, 0.5)
+    one.lengths = lambda _: np.linspace(0.0, 0.4, 41)
+    found = margin(one, one.change(np.array([0.15, 0.0])))
+    assert found.less == pytest.approx(0.04)
+    assert found.more == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

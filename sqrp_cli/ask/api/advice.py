@@ -26,7 +26,7 @@ from sqrp_cli.search.advise import Adviser
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal
 from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Effects, Question, TaskWays, is_fastest
+from sqrp_cli.search.question import Question, TaskWays, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.pipeline import assess_all
@@ -49,7 +49,7 @@ class AdvisedCell:
     session: Session
     content: bytes | None
     """The text of the workspace file where it was not read from the disk."""
-    wish: Goal
+    goal: Goal
     candidate: Candidate
     """That advice is about."""
 
@@ -83,7 +83,7 @@ class AdvisedCell:
             own = _key(self.candidate)
             listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
             alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
-            return with_task(self.file, self._task(change.parameters), self.wish.thresholds, instead_of=alone)
+            return with_task(self.file, self._task(change.parameters), self.goal.thresholds, instead_of=alone)
         if change.X_WO is not None:
             stated = workspace.objects[change.target]
             now = self.session.assignment.world.X_WO.get(change.target)
@@ -116,56 +116,29 @@ class AdvisedCell:
 
 
 def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) -> AdviceDocument:
-    """The least changes that meet a wish; at Ctrl-C what was found so far.
+    """The least changes that meet a goal; at Ctrl-C what was found so far.
 
-    content: of the workspace file, where it is not that on the disk. Raises InputError for a wish or a choice that
+    content: of the workspace file, where it is not that on the disk. Raises InputError for a goal or a choice that
     cannot be read, and for a folder that cannot be used.
     """
     session = Session.begin(cell, ask)
-    plans, workspace = Plans((session.cell, session.assignment.sampling)), session.workspace
-    assignment = replace(session.assignment, plans=plans)
-    session = replace(session, assignment=assignment)
-    world, sampling, fixed = assignment.world, assignment.sampling, assignment.wanted.fastest
+    plans = Plans((session.cell, session.assignment.sampling))
+    session = replace(session, assignment=replace(session.assignment, plans=plans))
+    workspace, outcomes, interrupted = session.workspace, list[KindOutcome](), None
     with closing(Results(ask.out)) as results:
-        check_choice(session.task, ask.choose)
-        expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
-        wish = goal_of(expected) if ask.want is None else read_goal(ask.want)
-        assessments = list(assess(session, ask.jobs, ask.progress))
-        chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
-        best = next(one for one in assessments if one.candidate is chosen)
-        aims = {name: stated_look_at(workspace, name) for name in workspace.cameras}
-        question = Question(
-            task=session.task.text,
-            cell=session.cell,
-            world=world,
-            sampling=sampling,
-            fastest=first_grip(best.candidate),
-            best=best,
-            assessments=assessments,
-            wish=wish,
-            aims={
-                name: Aim(read_only(aim.point), read_only(aim.up), stated=True)
-                for name, aim in aims.items()
-                if aim is not None
-            },
-            effects=Effects(session.cell, world, sampling, lambda: _listed(session, assessments, best, ask.jobs)),
-            plans=plans,
-            kinds=ask.kinds,
-            fixed=fixed,
-            jobs=ask.jobs,
-        )
-        adviser = Adviser(question)
-        advised = AdvisedCell(session, content, wish, best.candidate)
+        question = _question(session, ask)
+        adviser, goal, best = Adviser(question), question.goal, question.best
+        advised = AdvisedCell(session, content, goal, best.candidate)
         found = AdviceDocument(
             workspace=workspace.name,
             task=session.task.text,
-            want=wish,
+            want=goal,
             candidate=best.candidate.name,
             way=adviser.way.parameters,
-            met=wish.met(adviser.before),
+            met=goal.met(adviser.before),
             before=AdvisedFigures.of(adviser.before),
-            best=AdvisedFigures.of(best) if wish.met(best) else None,
-            ways="fastest" if fixed else "best",
+            best=AdvisedFigures.of(best) if goal.met(best) else None,
+            ways="fastest" if question.fixed else "best",
             starts_fastest=is_fastest(adviser.before),
             assumed=assumed_latency(workspace.cameras.values()),
             session=advised,
@@ -174,27 +147,12 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
         if found.met:
             return found
         if not best.feasible and not best.candidate.steps:
-            suggester = Suggester(session.cell, world, jobs=ask.jobs)
+            suggester = Suggester(session.cell, question.world, jobs=ask.jobs)
             found = replace(found, first=suggester.suggest(best.candidate).words or None)
-        about = (
-            workspace.digest,
-            session.task.text,
-            best.candidate.name,
-            vars(wish),
-            {"sampling": type(sampling).__name__, **asdict(sampling)},
-            session.cell.seed,
-            fixed,
-            dict(world.X_WO),
-            dict(world.joints),
-            world.held,
-            world.X_TO,
-            sorted(map(str, world.facts)),
-        )
+        about = _all_it_depends_on(session, question)
         kept = None if results.folder is None else KeptSearches(results, about, workspace.skills)
-        outcomes: list[KindOutcome] = []
-        interrupted = None
         try:
-            with ask.progress(f"Searching for {wish}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
+            with ask.progress(f"Searching for {goal}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
                 for outcome in adviser.outcomes(kept):
                     outcomes.append(outcome)
                     advance(1)
@@ -202,25 +160,64 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
             interrupted = True
     advice = tuple(advised.with_patch(one) for outcome in outcomes for one in outcome.advice)
     near = [outcome.nearest for outcome in outcomes if outcome.nearest is not None]
-    nearest = min(near, key=lambda one: wish.shortfall(one.found), default=None)
-    return replace(
-        found,
-        advice=advice,
-        kinds=tuple(outcomes),
-        nearest=None if advice else nearest,
-        interrupted=interrupted,
+    nearest = None if advice else min(near, key=lambda one: goal.shortfall(one.found), default=None)
+    return replace(found, advice=advice, kinds=tuple(outcomes), nearest=nearest, interrupted=interrupted)
+
+
+def _question(session: Session, ask: AdviseRequest) -> Question:
+    """What is to be met by which candidate, once all candidates are assessed."""
+    workspace, assignment = session.workspace, session.assignment
+    check_choice(session.task, ask.choose)
+    expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
+    goal = goal_of(expected) if ask.want is None else read_goal(ask.want)
+    assessments = list(assess(session, ask.jobs, ask.progress))
+    chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
+    best = next(one for one in assessments if one.candidate is chosen)
+    stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}
+    return Question(
+        task=session.task.text,
+        cell=session.cell,
+        world=assignment.world,
+        sampling=assignment.sampling,
+        fastest=first_grip(best.candidate),
+        best=best,
+        assessments=assessments,
+        goal=goal,
+        aims={name: Aim(*map(read_only, aim)) for name, aim in stated.items() if aim is not None},
+        listed=lambda: _listed(session, assessments, best, ask.jobs),
+        plans=assignment.plans,
+        kinds=ask.kinds,
+        fixed=assignment.wanted.fastest,
+        jobs=ask.jobs,
+    )
+
+
+def _all_it_depends_on(session: Session, question: Question) -> tuple[object, ...]:
+    """All that the answer of a kind depends on in addition to the kind and the program: the key of kept searches."""
+    world, sampling = question.world, question.sampling
+    return (
+        session.workspace.digest,
+        question.task,
+        question.best.candidate.name,
+        vars(question.goal),
+        {"sampling": type(sampling).__name__, **asdict(sampling)},
+        session.cell.seed,
+        question.fixed,
+        dict(world.X_WO),
+        dict(world.joints),
+        world.held,
+        world.X_TO,
+        sorted(map(str, world.facts)),
     )
 
 
 def _listed(
     session: Session, assessments: Sequence[CandidateResult], chosen: CandidateResult, jobs: int
-) -> tuple[TaskWays, ...]:
+) -> list[TaskWays]:
     """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
 
-    Tasks that need others first are done with these, as `score` does.
-
-    assessments: of the task that was asked for. chosen: the one that advice is about, which alone counts of a task that
-    the workspace does not list.
+    Tasks that need others first are done with these, as `score` does. assessments: of the task that was asked for.
+    chosen: the one that advice is about, which alone counts of a task that the workspace does not list.
     """
     workspace, assignment = session.workspace, session.assignment
     facts = assignment.world.facts
@@ -240,7 +237,7 @@ def _listed(
         found.append(TaskWays(listed.task, ways))
     if all(task.text != session.task.text for task in found):
         found.append(TaskWays(session.task.text, (chosen.way,)))
-    return tuple(found)
+    return found
 
 
 def _key(candidate: Candidate) -> str:

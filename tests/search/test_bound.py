@@ -1,4 +1,4 @@
-"""Looks rule out nothing that the exact timeline accepts, and see what the observer sees."""
+"""Bounds rule out nothing that the exact timeline accepts, and kernel and observer see the same."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from sqrp_cli.geometry import displacement
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
-from sqrp_cli.search.look import CameraLook, WishedSamples
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import seen_by
 from sqrp_cli.sight.observer import Observer, sees_all
@@ -61,38 +61,41 @@ def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateRe
 def test_what_meets_a_wish_passes_the_look(cell, studied, elsewhere, wish):
     camera, poses, found = elsewhere
     wanted, index = read_goal(wish), list(cell.workspace.cameras).index(camera)
-    look = CameraLook(WishedSamples.of(cell, studied, wanted), cell.workspace.cameras[camera], index)
-    for figures, passes in zip(found, look.passes(poses), strict=True):
+    entry = cell.workspace.cameras[camera]
+    bound = CameraBound(cell, studied.steps, wanted, entry, index)
+    for figures, passes in zip(found, bound.passes([entry], poses), strict=True):
         assert passes or not wanted.met(figures)
 
 
 @pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
 def test_some_poses_pass_and_some_do_not(cell, studied, wish):
     entry = cell.workspace.cameras["cam2"]
-    look = CameraLook(WishedSamples.of(cell, studied, read_goal(wish)), entry, 1)
-    passes = look.passes(moved(entry, np.random.default_rng(0), 100))
+    bound = CameraBound(cell, studied.steps, read_goal(wish), entry, 1)
+    passes = bound.passes([entry], moved(entry, np.random.default_rng(0), 100))
     assert 0 < passes.sum() < 100
 
 
 def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
-    wish = read_goal("q_eoi 100 %")
-    scene = WishedSamples.of(cell, studied, wish)
-    (samples,) = scene.samples
-    few = replace(scene, samples=(Samples(samples.piece[:1], samples.t[:1]),))
-    sharper = few.with_failures([step.timeline for step in studied.steps])
-    assert sharper.count > 1
-    assert np.all(np.diff(sharper.samples[0].piece) >= 0)
-    seeing = sharper.sees.sum(axis=2)
-    assert (sharper.required & (seeing < [target.cameras for target in sharper.targets])).any()
+    entry, steps = cell.workspace.cameras["cam2"], studied.steps
+    whole = CameraBound(cell, steps, read_goal("q_eoi 100 %"), entry, 1)
+    (samples,) = whole.samples
+    few = CameraBound(cell, steps, read_goal("q_eoi 100 %"), entry, 1, [Samples(samples.piece[:1], samples.t[:1])])
+    (sharper,) = few.sharper([step.timeline for step in steps]).samples
+    assert len(sharper) > 1
+    assert np.all(np.diff(sharper.piece) >= 0)
 
 
 @pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
-    scene = WishedSamples.of(cell, studied, read_goal("q_avg 100 %"))
-    target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), scene.count)))
-    poses = moved(entry, rng, 6)
-    sees = cell.observer.seen_from([entry], poses, scene.targets, scene.states, state, target)[0]
+    scene = CameraBound(cell, studied.steps, read_goal("q_avg 100 %"), entry, 0)
+    target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), len(scene.samples[0]))))
+    items, poses = (scene.targets, scene.states, state, target), moved(entry, rng, 6)
+    (sees,) = cell.observer.seen_from([entry], poses, *items)
+    decisive = rng.random(len(state)) < 0.05
+    (given_up,) = cell.observer.seen_from([entry], poses, *items, decisive=decisive)
+    missed = np.cumsum(decisive & ~sees, axis=1) - (decisive & ~sees) > 0  # a decisive item before it is not seen
+    np.testing.assert_array_equal(given_up, sees & ~missed)
     observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
     matrix = observer.verdicts(scene.targets, scene.states)
     expected = np.concatenate([sees_all(boxes) for boxes in matrix])

@@ -1,0 +1,155 @@
+"""Moves of an object on what it stands on; the motion is planned again for each."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, Mask, box_corners, read_only, transform
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.search.aiming import whole
+from sqrp_cli.search.least import Bounds, Move, least_changes
+from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import Found, Question
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.assessment import with_delays
+from sqrp_cli.study.in_the_way import hidden_views, to_move
+from sqrp_cli.study.whole_study import WholeStudy, qualities_of, whole_study, whole_watched
+from sqrp_cli.task.task import Candidate
+
+MOST_OBJECTS = 3
+"""Objects that are moved: those that are handled, then those that hide most."""
+
+_DIRECTIONS = 12
+"""Directions that are tried at each distance."""
+
+
+class ObjectMove:
+    """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
+
+    bounds = Bounds(dimension=2, step=0.02, reaches=(0.32,), fine=False, rounds=4, directions=4, shares=(0.9,))
+
+    def __init__(self, question: Question, way: Candidate, name: str) -> None:
+        """way: the one that starts from where the object then is."""
+        self.question, self.way, self.name, self._known = question, way, name, dict[tuple[float, ...], bool]()
+
+    def outward(self, reach: float) -> Iterator[Array]:
+        """Rings of vectors, from 1 cm on each with twice the radius of the one before."""
+        angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+        ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        yield from (0.01 * 2**number * ring for number in range(1 + round(np.log2(reach / 0.01))))
+
+    def passes(self, vectors: Array) -> Mask:
+        """See `least.Move`."""
+        return np.array([self.meets(self.change(vector)) for vector in vectors], dtype=bool)
+
+    def change(self, vector: Array) -> ProposedChange:
+        """See `least.Move`: in whole millimetres."""
+        moved = whole(np.append(vector, 0.0))
+        X_WO = self.question.world.X_WO[self.name].copy()
+        X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
+        return ProposedChange(
+            kind="object",
+            target=self.name,
+            values=(float(moved[0]), float(moved[1]), 0.0),
+            size=float(np.linalg.norm(moved)),
+            unit="m",
+            X_WO=read_only(X_WO),
+        )
+
+    def meets(self, change: ProposedChange) -> bool:
+        """See `least.Move`: qualities first, since delays take as long as all the rest."""
+        if change.values not in self._known:
+            question, met = self.question, False
+            if change.size and self._fits(change):
+                cell, world = question.cell, change.in_world(question.world)
+                seen = whole_watched(cell, self.way, world, question.sampling, full=False)
+                if not isinstance(seen, Infeasible) and question.goal.may_be_met(qualities_of(seen)):
+                    time = sum(step.motion.time for step in seen)
+                    if question.goal.time is None or time <= question.goal.time:
+                        study = WholeStudy(self.way, tuple(with_delays(cell, seen, question.sampling)))
+                        met = question.goal.met(study.assessment)
+            self._known[change.values] = met
+        return self._known[change.values]
+
+    def study(self, change: ProposedChange) -> WholeStudy | None:
+        """See `least.Move`; None where the object does not fit, or cannot be handled."""
+        if not self._fits(change):
+            return None
+        world = change.in_world(self.question.world)
+        found = whole_study(self.question.cell, self.way, world, self.question.sampling, full=False)
+        return None if isinstance(found, Infeasible) else found
+
+    def lengths(self, size: float) -> Array:
+        """See `least.Move`."""
+        return size + np.array([0.01, 0.02, 0.05, 0.1, 0.2])
+
+    def compared(self) -> Array:
+        """Moves by some centimetres."""
+        return list(self.outward(0.08))[-1]
+
+    def worth(self, vectors: Array) -> Array:
+        """See `least.Move`."""
+        studies = [self.study(self.change(vector)) for vector in vectors]
+        return np.array([-self.question.goal.shortfall(None if one is None else one.assessment) for one in studies])
+
+    def _fits(self, change: ProposedChange) -> bool:
+        """Whether the object stays on what it stands on, its box above that of its support, and clear of all else."""
+        cell, world = self.question.cell, self.question.world
+        X_WO = change.in_world(world).X_WO[self.name]
+        stated = cell.workspace.objects[self.name].on
+        support = stated if stated is not None and stated in world.X_WO else None
+        if support is None:  # what it touches from above
+            support = next(iter(sorted(cell.collision.supports(self.name, world.X_WO[self.name], world))), None)
+        if support is not None:
+            X_WS, base = world.X_WO[support], cell.workspace.objects[support]
+            corners = transform(X_WO, box_corners(cell.workspace.objects[self.name].size)) - X_WS[:3, 3]
+            within: Array = 0.5 * np.asarray(base.size) + 1e-6
+            flat = [axis for axis in range(3) if abs(X_WS[2, axis]) < 0.5]
+            if any(float(np.abs(corners @ X_WS[:3, axis]).max()) > within[axis] for axis in flat):
+                return False
+        others = (other for other in world.X_WO if other not in (self.name, support))
+        return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
+
+
+def moved_object(question: Question, way: Candidate, found: WholeStudy | Infeasible) -> Found:
+    """The least move of what a way handles, and of what hides most. found: of the way as it is."""
+    cell, world = question.cell, question.world
+    names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
+    hiding = _hiding(cell, found) if isinstance(found, WholeStudy) else ()
+    # Only what stands at a known place and carries nothing.
+    carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
+    names = [name for name in dict.fromkeys([*names, *hiding]) if name in world.X_WO and name not in carriers]
+    if not names:
+        return Found(why="no object is handled or hides anything")
+    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, way, name) for name in names[:MOST_OBJECTS]]
+    named = ", ".join(names[:MOST_OBJECTS])
+    tried = f"in none of {_DIRECTIONS} directions, up to {100 * ObjectMove.bounds.reaches[-1]:.0f} cm,"
+    return least_changes(
+        question,
+        moves,
+        f"{tried} does a place of {named} meet the wish",
+        f"{tried} is a place where {named} can be handled and stand clear of all else",
+    )
+
+
+def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
+    """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
+    hiding = [one for step in found.steps for one in to_move(cell, step, hidden_views(cell, step))]
+    alone, share = defaultdict[str, float](float), defaultdict[str, float](float)
+    for one in hiding:
+        alone[one.name] += one.alone
+        share[one.name] += one.share
+    yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
+    behind = Counter[str]()  # those of the colour of targets before them in uncovered states
+    for step in found.steps:
+        lost = ~step.timeline.covered & step.timeline.monitored
+        for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
+            alike = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
+            behind.update(cell.observer.solids[index].part.parent for index in alike)
+    others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
+    yield from sorted(others, key=lambda name: (-behind[name], name))
