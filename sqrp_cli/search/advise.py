@@ -19,8 +19,8 @@ from sqrp_cli.search.advice_result import (
     TaskEffect,
 )
 from sqrp_cli.search.camera_moves import SeenMotion, changed_camera, further_camera
-from sqrp_cli.search.motion_search import other_way, seen_path
 from sqrp_cli.search.goal import KINDS, MOTION, Kind
+from sqrp_cli.search.motion_search import other_way, seen_path
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.object_moves import moved_object
 from sqrp_cli.search.question import Found, Question, TaskWays, Tried, seen_by

@@ -14,6 +14,7 @@ from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Kind, Unit, shown_size
 from sqrp_cli.skill.settings import MotionValue
 
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProposedChange:
     """One change of a cell or a motion."""
