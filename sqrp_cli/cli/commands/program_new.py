@@ -18,7 +18,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.show.documents.checks import PlannedStep
 from sqrp_cli.show.documents.programs import ProgramDocument
-from sqrp_cli.show.terminal.check_table import print_suggested
+from sqrp_cli.show.terminal.cell_tables import print_suggested
 from sqrp_cli.show.terminal.console import Column, ask, note, print_problems, print_table, progress, say
 from sqrp_cli.study.pipeline import Assignment
 from sqrp_cli.study.sampling import Adaptive

@@ -82,7 +82,7 @@ class MaybeLost(Record):
 class AuditDocument(WorkspaceDocument):
     """What a recording says about the predictions of a program."""
 
-    VIEW = "sqrp_cli.show.terminal.audit_view:print_audit"
+    VIEW = "sqrp_cli.show.terminal.run_view:print_audit"
 
     document: Literal["audit"] = "audit"
     steps: list[str]

@@ -225,7 +225,7 @@ class CalibratedDetector(Record):
 class CalibrateDocument(WorkspaceDocument):
     """What `sqrp calibrate` finds."""
 
-    VIEW = "sqrp_cli.show.terminal.audit_view:print_calibration"
+    VIEW = "sqrp_cli.show.terminal.run_view:print_calibration"
 
     document: Literal["calibrate"] = "calibrate"
     images: int

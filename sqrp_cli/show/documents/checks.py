@@ -121,7 +121,7 @@ class CheckedCandidate(Record):
 class Check(WorkspaceDocument):
     """The findings about a workspace, and which candidates of a task can be done."""
 
-    VIEW = "sqrp_cli.show.terminal.check_table:print_check"
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_check"
 
     document: Literal["check"] = "check"
     task: str | None
@@ -184,7 +184,7 @@ class Check(WorkspaceDocument):
 class RulesDocument(Document):
     """What can be found, or one finding of it."""
 
-    VIEW = "sqrp_cli.show.terminal.check_table:print_rules"
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_rules"
 
     document: Literal["rules"] = "rules"
     rules: list[RuleEntry]

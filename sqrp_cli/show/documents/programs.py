@@ -82,7 +82,7 @@ class ProgramTotal(Qualities):
 class ProgramDocument(Document):
     """What `sqrp program` lists."""
 
-    VIEW = "sqrp_cli.show.terminal.program_table:print_program"
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_program"
 
     document: Literal["program"] = "program"
     program: str

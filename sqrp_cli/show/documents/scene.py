@@ -324,7 +324,7 @@ class ShowDocument(WorkspaceDocument):
 
     def show(self, **how: bool) -> None:
         """Print it, while its cell is known."""
-        import_module("sqrp_cli.show.terminal.scene_table").print_scene(self.cell, **how)
+        import_module("sqrp_cli.show.terminal.cell_tables").print_scene(self.cell, **how)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,7 +347,7 @@ class FirstRun(Record):
 class NewCell(Document):
     """What `sqrp init` has made: a new workspace."""
 
-    VIEW = "sqrp_cli.show.terminal.scene_table:print_new_cell"
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_new_cell"
 
     document: Literal["init"] = "init"
     workspace: str

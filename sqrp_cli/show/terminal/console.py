@@ -1,6 +1,6 @@
 """What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
 
-All text but JSON goes through here and is cleaned (`_text`, `_put`): names, paths and tasks come from files that
+All text but JSON goes through here and is cleaned (`plain`, `_put`): names, paths and tasks come from files that
 others wrote.
 """
 
@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -30,7 +30,7 @@ BAR_WIDTH = 8
 """Cells of a bar in a table."""
 
 Styled = str | Text
-"""Text with or without a style; only `plain`, `joined` and `percentage` make a Text, so it is clean."""
+"""Text with or without a style; only `plain`, `joined` and `percentage` make one, so it is clean."""
 
 PROGRESS_WIDTH = 20
 """Cells of the progress bar."""
@@ -104,13 +104,11 @@ NOTEBOOK_WIDTH = 100
 """Columns of results in a notebook."""
 
 
-def as_plain_text(show: Callable[[], None]) -> str:
+def as_plainplain(show: Callable[[], None]) -> str:
     """The results that a function prints, without styles, in the width of the terminal."""
-    console = Console(file=io.StringIO(), width=terminal_width(), highlight=False, emoji=False, no_color=True)
-    with _instead(console):
-        show()
-    text = console.file.getvalue()  # type: ignore[attr-defined] # it is kept in memory
-    return str(text).rstrip("\n")
+    width = terminal_width()
+    captured = _captured_by(show, Console(file=io.StringIO(), width=width, highlight=False, emoji=False, no_color=True))
+    return str(captured.file.getvalue()).rstrip("\n")  # type: ignore[attr-defined] # it is kept in memory
 
 
 def as_html(show: Callable[[], None]) -> str:
@@ -125,18 +123,17 @@ def as_html(show: Callable[[], None]) -> str:
         color_system="truecolor",
         no_color=False,
     )
-    with _instead(console):
-        show()
-    return console.export_html(inline_styles=True, code_format='<pre style="line-height: 1.25">{code}</pre>')
+    code = '<pre style="line-height: 1.25">{code}</pre>'
+    return _captured_by(show, console).export_html(inline_styles=True, code_format=code)
 
 
-@contextmanager
-def _instead(console: Console) -> Iterator[None]:
+def _captured_by(show: Callable[[], None], console: Console) -> Console:
     token = _captured.set(console)
     try:
-        yield
+        show()
     finally:
         _captured.reset(token)
+    return console
 
 
 def output() -> Console:
@@ -167,79 +164,62 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
     """
     console, lines = output(), list(rows)
     for narrow in (False, True):
-        cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
-        titles = [_title(column) for column in columns]
-        if narrow:
-            widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
-            titles = [_broken(title, width) for title, width in zip(titles, widest, strict=True)]
-        if _width(columns, titles, cells) <= console.width:
-            _print_grid(console, _grid(columns, titles, cells))
-            return
-    for line in lines:
-        head, *values = (_styled(cell, bar=False) for cell in line)
-        named = zip([_title(column) for column in columns[1:]], values, strict=True)
-        pairs = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
-        name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
+        laid = _laid_out(columns, lines, narrow=narrow)
+        if laid.width > console.width:
+            continue
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
+        for column, title in zip(columns, laid.titles, strict=True):
+            justify: Literal["left", "right"] = "right" if column.right else "left"
+            table.add_column(Text(title, style="bold"), justify=justify, no_wrap=not column.shrink, overflow="fold")
+        for cells in laid.cells:
+            table.add_row(*cells)
+        for segments in console.render_lines(table, pad=False):  # Rich would pad the last column with blanks
+            line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
+            line.rstrip()
+            _put(console, line)
+        return
+    titles = [" ".join(title.split()) for title in laid.titles]
+    for head, *values in laid.cells:
+        named = [(title, value) for title, value in zip(titles[1:], values, strict=True) if str(value).strip()]
+        pairs = [Text.assemble(*((title, " ") if title else ()), value) for title, value in named]
+        name = Text.assemble(*((titles[0], " ") if titles[0] else ()), head, style="bold")
         say(Text.assemble(*((name, ": " if pairs else "") if head.plain.strip() else ()), unbroken(pairs)), indent=2)
 
 
 def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:
     """Whether the terminal is wide enough for these columns, bars left out, so that no row becomes a paragraph."""
-    cells = [[_styled(cell, bar=False) for cell in row] for row in rows]
-    widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
-    titles = [_broken(_title(column), width) for column, width in zip(columns, widest, strict=True)]
-    return _width(columns, titles, cells) <= output().width
+    return _laid_out(columns, rows, narrow=True).width <= output().width
 
 
-def _styled(cell: Cell, *, bar: bool) -> Text:
-    if isinstance(cell, Share):
-        return percentage(cell.value, bar=bar)
-    return cell if isinstance(cell, Text) else Text(one_line(cell))
+class _LaidOut(NamedTuple):
+    """What a table shows, and its least width."""
+
+    titles: list[str]
+    cells: list[list[Text]]
+    width: int
 
 
-def _title(column: Column) -> str:
-    return "\n".join(one_line(line) for line in column.title.split("\n"))
-
-
-def _named(title: str) -> tuple[str, ...]:
-    return (" ".join(title.split()), " ") if title else ()
-
-
-def _broken(title: str, width: int) -> str:
-    """A title in lines that fit its column, or else are as short as possible."""
-    words = [word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in title.split()]
-    lines = words[:1]
-    for word in words[1:]:
-        longer = f"{lines[-1]} {word}"
-        lines[-1:] = [longer] if len(longer) <= width else [lines[-1], word]
-    return "\n".join(lines)
-
-
-def _width(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> int:
-    """Least width of a table."""
+def _laid_out(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], *, narrow: bool) -> _LaidOut:
+    """narrow: without bars, and titles in lines that fit their columns, or else are as short as possible."""
+    cells = []
+    for row in rows:
+        shares = (percentage(cell.value, bar=not narrow) if isinstance(cell, Share) else cell for cell in row)
+        cells.append([cell if isinstance(cell, Text) else Text(one_line(cell)) for cell in shares])
+    titles = ["\n".join(one_line(line) for line in column.title.split("\n")) for column in columns]
     total = 2 * (len(columns) - 1)
-    for column, title, values in zip(columns, titles, zip(*cells, strict=True) if cells else titles, strict=True):
-        widest = max(cell_len(line) for text in (title, *map(str, values)) for line in text.split("\n"))
+    for number, column in enumerate(columns):
+        texts = [str(line[number]) for line in cells]
+        if narrow:
+            width = max(map(cell_len, texts), default=0)
+            words = [w if len(w) <= LONGEST_TITLE else w.replace("_", "_\n") for w in titles[number].split()]
+            lines = words[:1]
+            for word in words[1:]:
+                longer = f"{lines[-1]} {word}"
+                lines[-1:] = [longer] if len(longer) <= width else [lines[-1], word]
+            titles[number] = "\n".join(lines)
+        widest = max(cell_len(line) for text in (titles[number], *texts) for line in text.split("\n"))
         total += min(widest, LEAST_FOLDED) if column.shrink else widest
-    return total
-
-
-def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
-    for column, title in zip(columns, titles, strict=True):
-        justify: Literal["left", "right"] = "right" if column.right else "left"
-        table.add_column(Text(title, style="bold"), justify=justify, no_wrap=not column.shrink, overflow="fold")
-    for line in cells:
-        table.add_row(*line)
-    return table
-
-
-def _print_grid(console: Console, grid: Table) -> None:
-    """Print a table without the blanks that pad its last column; Rich has no option for this."""
-    for segments in console.render_lines(grid, pad=False):
-        line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
-        line.rstrip()
-        _put(console, line)
+    return _LaidOut(titles, cells, total)
 
 
 def _put(console: Console, line: Text) -> None:
@@ -248,8 +228,8 @@ def _put(console: Console, line: Text) -> None:
     console.print(line, soft_wrap=True)
 
 
-def _text(text: Styled, style: str = "") -> Text:
-    """Clean text. One line break may begin and one may end it; any other comes from foreign data."""
+def plain(text: Styled, style: str = "") -> Text:
+    """Clean text in one style. One line break may begin and one may end it; any other comes from foreign data."""
     if isinstance(text, Text):
         return Text.assemble(text, style=style)
     shown = one_line(text)
@@ -261,7 +241,7 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
     """A paragraph of results, folded at the terminal's width. indent: of all lines but the first, if there is room."""
     console = output()
     indent = min(indent, console.width - LEAST_WIDTH)
-    whole = _text(text, style or "")
+    whole = plain(text, style or "")
     whole.plain = _BEFORE_UNIT.sub(_KEPT, whole.plain)
     for number, line in enumerate(whole.wrap(console, console.width - indent)):
         line.plain = line.plain.replace(_KEPT, " ")
@@ -271,7 +251,7 @@ def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None
 
 def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
     """Parts in a row, which `say` folds between them and not within one, save one that is too long for a line."""
-    found = [_text(part) for part in parts]
+    found = [plain(part) for part in parts]
     for part in found:
         if cell_len(part.plain) < terminal_width() - 2:
             part.plain = part.plain.replace(" ", _KEPT)
@@ -292,7 +272,7 @@ def say_command(text: str, command: str, style: str | None = None) -> None:
 
 def say_line(text: Styled, style: str | None = None) -> None:
     """A line of results that is never folded."""
-    _put(output(), _text(text, style or ""))
+    _put(output(), plain(text, style or ""))
 
 
 def say_raw(text: str) -> None:
@@ -304,7 +284,7 @@ def note(text: str) -> None:
     """A line that is not part of the results."""
     if verbosity.get() is Verbosity.QUIET:
         return
-    _put(diagnostics(), _text(text, "dim"))
+    _put(diagnostics(), plain(text, "dim"))
 
 
 def ask(question: str) -> str:
@@ -312,7 +292,7 @@ def ask(question: str) -> str:
 
     An answer from a pipe is echoed, since no terminal shows it.
     """
-    answer = input(harmless(_text(question).plain)).strip()
+    answer = input(harmless(plain(question).plain)).strip()
     if not sys.stdin.isatty():
         sys.stdout.write(one_line(answer) + "\n")
     return answer
@@ -331,25 +311,19 @@ def print_problems(problems: Iterable[Problem]) -> None:
         _put(console, line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
             for part in problem.excerpt.split("\n"):
-                _put(console, _text(part.expandtabs(), "dim"))
+                _put(console, plain(part.expandtabs(), "dim"))
         if problem.mend:
             _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 
 
 def percentage(share: float | None, *, bar: bool) -> Text:
-    """A share as a number, with a bar before it: green from 90 %, red below 50 %."""
+    """A share as a number, with a bar before it, in eighths of a cell: green from 90 %, red below 50 %."""
     if share is None:
         return Text("-".rjust(BAR_WIDTH + 6) if bar else "-", style="dim")
     style = "green" if share >= 0.9 else "yellow" if share >= 0.5 else "red"
-    figure = f"{100 * share:.1f}"
-    return Text(f"{blocks(share)} {figure:>5}" if bar else figure, style=style)
-
-
-def blocks(share: float) -> str:
-    """A horizontal bar of `BAR_WIDTH` cells in eighths of a cell."""
-    eighths = round(share * BAR_WIDTH * 8)
-    full, rest = divmod(eighths, 8)
-    return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
+    figure, (full, rest) = f"{100 * share:.1f}", divmod(round(share * BAR_WIDTH * 8), 8)
+    blocks = ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
+    return Text(f"{blocks} {figure:>5}" if bar else figure, style=style)
 
 
 @contextmanager
@@ -369,7 +343,7 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
 def _progress(title: str, total: int | None) -> Iterator[Advance]:
     console = diagnostics()
     if verbosity.get() is Verbosity.QUIET:
-        yield _nothing
+        yield lambda count=1: None  # noqa: ARG005 - nobody is shown it
         return
     if not console.is_terminal:
         with progress_lines(title, total, note) as advance:
@@ -377,23 +351,15 @@ def _progress(title: str, total: int | None) -> Iterator[Advance]:
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = [
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=PROGRESS_WIDTH),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(compact=True),
-    ]
+    bar, left = BarColumn(bar_width=PROGRESS_WIDTH), TimeRemainingColumn(compact=True)
     # Rich cuts the end of a long line first, but what follows the title matters more.
     rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
-    shown = _text(title)
+    shown = plain(title)
     shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
-    with Progress(*columns, console=console, transient=True) as bars:
+    text = TextColumn("{task.description}", markup=False)
+    with Progress(text, bar, MofNCompleteColumn(), left, console=console, transient=True) as bars:
         task = bars.add_task(shown.plain, total=total)
         yield lambda count=1: bars.advance(task, count)
-
-
-def _nothing(count: int = 1) -> None:
-    """Progress that nobody is shown."""
 
 
 Show = Callable[[Styled], None]
@@ -411,11 +377,6 @@ def live() -> Iterator[Show | None]:
         yield lambda text: screen.update(text, refresh=True)
 
 
-def plain(text: Styled, style: str = "") -> Text:
-    """Text in one style."""
-    return _text(text, style)
-
-
 def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
     """Pieces of text in a row, each with its own style; styled ones have no line breaks."""
-    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else _text(part) for part in parts))
+    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else plain(part) for part in parts))

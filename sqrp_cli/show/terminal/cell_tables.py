@@ -1,0 +1,265 @@
+"""The output of `sqrp check`, `rules`, `show`, `init` and `program`: what there is, what can be done, and why not."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection, Iterable, Sequence
+from itertools import groupby
+from math import atan, degrees
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from sqrp_cli.show.terminal.console import (
+    SEVERITY_STYLES,
+    Column,
+    Share,
+    Styled,
+    joined,
+    numbers,
+    plain,
+    print_table,
+    say,
+    say_command,
+    say_line,
+)
+from sqrp_cli.show.terminal.console import (
+    Cell as Shown,
+)
+from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
+
+if TYPE_CHECKING:
+    from sqrp_cli.checks.registry import RuleEntry
+    from sqrp_cli.figures import FaultMetrics
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.show.documents.checks import Check, PlannedStep, RulesDocument
+    from sqrp_cli.show.documents.programs import ProgramDocument
+    from sqrp_cli.show.documents.scene import NewCell
+
+
+def print_check(found: Check) -> None:
+    """That a workspace is valid, and how to go on; of a task which candidates can be done, and why the others cannot.
+
+    If nothing can be done at once, the steps to do first. Nothing where there are errors.
+    """
+    if not found.valid:
+        return
+    if found.task is None:
+        count = len(found.problems)
+        said = f"{count} warning{'s' if count > 1 else ''}" if count else "nothing to complain about"
+        say(f"{found.workspace} is valid: {said}.")
+        if found.example is not None and all(problem.code != "no-skills" for problem in found.problems):
+            say_command("Try:", f"sqrp rank {shlex.quote(found.path)} {shlex.quote(found.example)}")
+        return
+    feasible = [one for one in found.candidates if one.feasible]
+    at_once = " at once" if found.suggested and not feasible else ""
+    count = len(found.candidates)
+    say(f"{found.task} in {found.workspace}: {len(feasible)} of {count} candidates can be done{at_once}\n")
+    shown = feasible
+    if len(feasible) > MOST_ROWS:  # the fastest for each choice of objects, the first of them
+        fastest: dict[tuple[str, ...], int] = {}
+        for place in sorted(range(len(feasible)), key=lambda place: feasible[place].time or 0.0):
+            fastest.setdefault(tuple(feasible[place].objects.values()), place)
+        shown = [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
+    if feasible:
+        rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
+        print_table([Column("candidate"), Column("time [s]", right=True)], rows)
+        if len(shown) < len(feasible):
+            say(f"... and {len(feasible) - len(shown)} more (--json)", "dim")
+    elif found.suggested:
+        print_suggested(found.suggested)
+        say()
+    print_infeasible(
+        (one.name, one.objects, "; ".join(filter(None, [*one.reasons, one.advice])))
+        for one in found.candidates
+        if not one.feasible
+    )
+    around = [f"{one.name}: {', '.join(one.remarks)}" for one in shown if one.remarks]
+    for number, line in enumerate(around):
+        say(f"\n{line}" if number == 0 else line)
+
+
+def print_suggested(suggested: Sequence[PlannedStep]) -> None:
+    """The steps that lead to a task, a row each; all are feasible."""
+    say("It can be done in these steps, each in its best way:\n")
+    columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
+    rows = [
+        (str(number), step.task, Share(step.q_eoi), Share(step.q_avg), f"{step.time:.2f}")
+        for number, step in enumerate(suggested, 1)
+    ]
+    print_table([*columns, Column("time [s]", right=True)], rows)
+
+
+def print_rules(found: RulesDocument) -> None:
+    """A row for each finding, a table for each subject; of a single one all that is known."""
+
+    def severity(rule: RuleEntry) -> Text:
+        last = rule.severity[-1]
+        return plain("either" if len(rule.severity) > 1 else last, SEVERITY_STYLES[last])
+
+    if len(found.rules) > 1:
+        for number, (subject, group) in enumerate(groupby(found.rules, key=lambda rule: rule.subject)):
+            if number:
+                say()
+            rows = [(rule.code, severity(rule), rule.meaning) for rule in group]
+            print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
+        say("\nOne of them in full, with examples: sqrp rules CODE")
+        return
+    (rule,) = found.rules
+    say_line(f"{rule.code} ({' or '.join(rule.severity)}): {rule.subject}", "bold")
+    say(rule.meaning)
+    say(rule.why)
+    of = f" in {rule.file}" if rule.file else ""
+    for title, example in (("Passes", rule.passes), ("Fails", rule.fails)):
+        say(f"\n{title}{of}:")
+        for line in example.splitlines():
+            say_line(f"  {line}")
+
+
+def print_scene(cell: Cell) -> None:
+    """Robot, cameras, objects, skills and state."""
+    from sqrp_cli.camera.detector import marker_ranges
+    from sqrp_cli.motion.collision import SAMPLES
+
+    def numbered(values: Iterable[float]) -> str:
+        """Numbers [m] to 1 mm."""
+        return " ".join(f"{value:z.3f}" for value in values)
+
+    workspace, model, robot = cell.workspace, cell.model, cell.workspace.robot
+    arm = f"{robot.urdf.path.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}"
+    say(f"{workspace.name}: {arm}\n", "bold")
+    limits = (model.lower, model.upper, model.velocity, model.acceleration, model.jerk, model.home)
+    joints = [
+        (name, *(f"{degrees(value):z.0f}" if turns else f"{1000 * value:z.0f} mm" for value in values))
+        for name, turns, *values in zip(model.arm, model.turns, *limits, strict=True)
+    ]
+    print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
+    if robot.angle_tolerance:
+        say(f"\ntool may be turned by {degrees(robot.angle_tolerance):g} deg from a pose")
+    if robot.fingers is not None:
+        moves = (
+            f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
+            for name, opened in robot.fingers.open.items()
+        )
+        say(f"\nfingers  {'; '.join(moves)}")
+    if robot.markers:
+        markers = (f"{link} (id {m.id} of {m.dictionary}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
+        say(f"markers  {', '.join(markers)}")
+    checked, contacts = f"\n{len(cell.collision.self_pairs)} pairs of parts are checked for contact", cell.self_contacts
+    if contacts is None:
+        named = "the SRDF" if robot.srdf is None else robot.srdf.name
+        say(f"{checked}; {named} leaves out {len(robot.disabled_pairs)} pairs of links.\n")
+    else:
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
+        say(
+            f"{checked}. There is no SRDF: left out are neighbours, and links that touch at home or always: {names}. "
+            f"{len(contacts.never)} pairs of links touched at none of {SAMPLES} positions tried, and are checked all "
+            "the same.\n"
+        )
+    cameras = [
+        (
+            one.name, one.frame, numbered(one.X_FC[:3, 3]), f"{one.width}x{one.height}",
+            f"{degrees(2 * atan(one.width / 2 / one.matrix[0, 0])):.0f}", one.distortion_model,
+            f"{one.near:g}-{one.far:g}", f"{one.rate:g}", f"{1000 * one.lag:.0f}",
+        )
+        for one in workspace.cameras.values()
+    ]  # fmt: skip
+    print_table(
+        [*map(Column, ("camera", "frame", "at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms"))], cameras
+    )
+    if workspace.markers:  # from where to where each camera reads each marker that faces it
+        ranges = marker_ranges(workspace.cameras, workspace.markers)
+        reads = [(name, *(f"{one.near:.2f}-{one.far:.2f}" for one in own.values())) for name, own in ranges.items()]
+        say()
+        print_table([Column("reads [m]"), *numbers(*workspace.markers)], reads)
+    for camera in workspace.cameras.values():
+        files = {"lens": camera.lens_file, "pose": camera.pose_file}
+        if known := [f"{what} from {file}" for what, file in files.items() if file is not None]:
+            say(f"{camera.name}: {', '.join(known)}")
+    say()
+    X_WO = cell.initial_world.X_WO
+    objects = [
+        (one.name, " ".join(filter(None, (one.color, one.type, *one.attributes))), numbered(one.size),
+         numbered(X_WO[one.name][:3, 3]) if one.name in X_WO else "unknown",
+         "fixed" if one.fixed else "movable", "tool" if one.X_TO is not None else one.on or "")
+        for one in workspace.objects.values()
+    ]  # fmt: skip
+    print_table(list(map(Column, ("object", "what", "size [m]", "at [m]", "", "on"))), objects)
+    if workspace.lights:
+        lights = [
+            (
+                name, f"{one.intensity:g}", "everywhere" if one.is_ambient else numbered(one.heading),
+                "" if one.position is None else numbered(one.position),
+                "" if one.position is None else f"{degrees(2 * one.half_beam):.0f}",
+            )
+            for name, one in workspace.lights.items()
+        ]  # fmt: skip
+        say()
+        print_table(list(map(Column, ("light", "intensity", "direction", "at [m]", "beam [deg]"))), lights)
+    say(f"\nskills  {', '.join(workspace.skills)}")
+    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
+    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+
+
+def print_new_cell(made: NewCell) -> None:
+    """The new workspace, and how to go on."""
+    where, run = shlex.quote(made.path), made.run
+    say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
+    if made.own_arm:
+        guessed = f"The tool is fixed to `{made.tool_link}`. Lines marked `check:` were guessed; compare with:"
+        say_command(guessed, f"sqrp show {where}")
+    if run is not None and run.outcome == "done":
+        seen = f", and {run.seen} of {run.promised} promised images showed what they should" if run.promised else ""
+        say(f"`{made.task}` was run once in the simulated cell: done after {run.time:.1f} s{seen}.")
+    elif run is not None:
+        say(f"`{made.task}` was run once in the simulated cell: {run.outcome} at {run.time:.2f} s, {run.reason}")
+    if made.task is not None:
+        say_command("Try:", f'sqrp rank {where} "{made.task}"')
+
+
+def print_program(found: ProgramDocument) -> None:
+    """A row per step, the totals, the tool's actions with their times, and how to go on."""
+    count, total = len(found.steps), found.total
+    length = f", {total.time:.2f} s" if count else ""
+    title = f" for {found.workspace}: {count} step{'s' * (count != 1)}{length}\n"
+    say(joined([(Path(found.program).name, "bold"), title]))
+    if count:
+        titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
+        rows: list[list[Shown]] = []
+        for number, step in enumerate(found.steps, 1):
+            figures = [Share(step.q_eoi), Share(step.q_avg), _slowest(step.faults.values())]
+            rows.append([str(number), step.label, f"{step.start:.2f}", f"{step.time:.2f}", *figures])
+        faults = _slowest([fault for step in found.steps for fault in step.faults.values()])
+        rows.append(["", "in all", "", f"{total.time:.2f}", Share(total.q_eoi), Share(total.q_avg), faults])
+        print_table([Column("#"), Column("step", shrink=True), *numbers(*titles)], rows)
+        say()
+        for number, step in enumerate(found.steps, 1):
+            for name, fault in step.faults.items():
+                if fault.unseen:
+                    when = "of the times at which it may happen, as no image is sure to show it"
+                    at = f"step {number}, {step.label}, at {100 * fault.unseen:.3g} %"
+                    say(f"No alarm tells of {name} in {at} {when}.")
+        if total.step is not None:
+            which = f"{total.fault} in step {total.step}, {found.steps[total.step - 1].label}"
+            late = total.delay_worst
+            alarm = "" if late is None else f"At worst {which}, is noticed after {late:.2f} s. "
+            say(f"{alarm}Q in all is weighted with the time of the steps.")
+        if found.tool:
+            say("\nWhat the tool has to do:\n")
+            columns = [Column("step"), Column("tool"), *numbers("from [s]", "to [s]")]
+            print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in found.tool])
+            say()
+    if found.held is not None:
+        say(f"It leaves {found.held} in the tool.")
+    if found.add is not None:
+        say_command("To add a step:", found.add, "dim")
+
+
+def _slowest(faults: Collection[FaultMetrics]) -> Styled:
+    """The longest time until an alarm; never where no image is sure to show a fault."""
+    delays = [fault.delay_worst for fault in faults]
+    if not delays:
+        return plain("-", "dim")
+    known = [delay for delay in delays if delay is not None]
+    return plain("never", "red") if len(known) < len(delays) else f"{max(known):.2f}"
