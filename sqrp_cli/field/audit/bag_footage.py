@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +15,6 @@ from sqrp_cli.field.audit.footage import Frame, planned_at
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.records import dataclass
 from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.run.image import CameraImage, check_recorded
@@ -93,10 +91,8 @@ class BagFootage:
         images = at_most(self._topics, IMAGES, MOST_FRAMES, "images")
         frames = [Frame(self._topics[packed.topic], t, number) for number, packed, _, t in images]
         self.frames: Sequence[Frame] = sorted(frames, key=lambda frame: (frame.t, frame.camera))
-        tracks = JointTracks()
-        for _, packed, read, t in at_most([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states"):
-            tracks.add(packed.topic, t, read.name, read.position)
-        self._tracks = tracks.sorted()
+        joints = at_most([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states")
+        self._tracks = JointTracks((packed.topic, t, read.name, read.position) for _, packed, read, t in joints)
         changes = at_most([AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
         self._told = sorted((packed.t * 1e-9, bool(read.data)) for _, packed, read, _ in changes)
 
@@ -205,31 +201,26 @@ _BLOCK = 4096
 """Starts that are tried at once."""
 
 
-@dataclass
 class JointTracks:
     """Where joints were, as recorded: positions over times of the robot's clock, by topic and name."""
 
-    _points: dict[str, dict[str, tuple[array[float], array[float]]]] = field(default_factory=dict)
-    _tracks: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    def __init__(self, states: Iterable[tuple[str, float, Sequence[str], Sequence[float]]]) -> None:
+        """states: topic, time [s], names and positions; what is missing or not finite is left out.
 
-    def add(self, topic: str, t: float, names: Sequence[str], positions: Sequence[float]) -> None:
-        """A joint state of time t [s]; positions that are missing or not finite are left out."""
-        tracks = self._points.setdefault(topic, {})
-        for name, position in zip(names, positions, strict=False):
-            if np.isfinite(position):
-                times, values = tracks.setdefault(name, (array("d"), array("d")))
-                times.append(t)
-                values.append(float(position))
-
-    def sorted(self) -> JointTracks:
-        """Ready to be asked: of a joint on several topics, that with the most states."""
-        for tracks in self._points.values():
-            for name, (times, values) in tracks.items():
-                if len(times) > len(self._tracks.get(name, ((), ()))[0]):
-                    order, first = np.unique(np.array(times), return_index=True)
-                    self._tracks[name] = (order, np.array(values)[first])
-        self._points = {}
-        return self
+        Of a joint on several topics that with the most states counts.
+        """
+        points: dict[tuple[str, str], tuple[array[float], array[float]]] = {}
+        for topic, t, names, positions in states:
+            for name, position in zip(names, positions, strict=False):
+                if np.isfinite(position):
+                    times, values = points.setdefault((topic, name), (array("d"), array("d")))
+                    times.append(t)
+                    values.append(float(position))
+        self._tracks: dict[str, tuple[Array, Array]] = {}
+        for (_, name), (times, values) in points.items():
+            if len(times) > len(self._tracks.get(name, ((), ()))[0]):
+                order, first = np.unique(np.array(times), return_index=True)
+                self._tracks[name] = (order, np.array(values)[first])
 
     @property
     def names(self) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera, PixelSize
+from sqrp_cli.camera.camera import PixelSize
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program
@@ -75,7 +75,21 @@ _APART = 1000.0
 """Time between the steps of a folder of frames, whose times are those of the step [s]."""
 
 
-class FolderFootage:
+class ImageFiles:
+    """PNG files of a folder, by the numbers of their frames."""
+
+    def __init__(self, path: Path, workspace: Workspace, files: Sequence[Path]) -> None:
+        self.path, self._workspace, self._files = path, workspace, files
+
+    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
+        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
+        for frame in frames:
+            camera = self._workspace.cameras[frame.camera]
+            image = read_png(self._files[frame.number], PixelSize(camera.width, camera.height), camera.name)
+            yield frame, CameraImage(camera.name, frame.t, image)
+
+
+class FolderFootage(ImageFiles):
     """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
 
     other_topics: Sequence[str] = ()
@@ -83,18 +97,18 @@ class FolderFootage:
 
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""
-        self.path, self._program, self._workspace = folder, program, workspace
-        self.damaged: dict[int, str] = {}
-        self._entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
-        self.recorded: Collection[str] = {entry.camera for entry in self._entries}
+        entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+        super().__init__(folder, workspace, [entry.file for entry in entries])
+        self._program, self.damaged = program, dict[int, str]()
+        self.recorded: Collection[str] = {entry.camera for entry in entries}
         check_recorded(workspace, self.recorded)
         longest = max((step.time for step in program.steps), default=0.0)
         self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
-        usable = [(number, entry) for number, entry in enumerate(self._entries) if entry.t is not None]
+        usable = [(number, entry) for number, entry in enumerate(entries) if entry.t is not None]
         self.frames: Sequence[Frame] = [
             Frame(entry.camera, self.starts[entry.step - 1] + (entry.t or 0.0), number) for number, entry in usable
         ]
-        self.unplanned = len(self._entries) - len(usable)
+        self.unplanned = len(entries) - len(usable)
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """By the program."""
@@ -103,12 +117,6 @@ class FolderFootage:
     def as_planned(self, t: Array) -> Mask:
         """It is taken to be."""
         return np.ones(len(t), dtype=bool)
-
-    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
-        for frame in frames:
-            entry = self._entries[frame.number]
-            yield frame, read_image(entry.file, self._workspace.cameras[entry.camera], frame.t)
 
 
 def planned_at(program: Program, starts: Sequence[float], t: Array, early: float = 0.0) -> dict[str, Array]:
@@ -123,8 +131,3 @@ def planned_at(program: Program, starts: Sequence[float], t: Array, early: float
         if rows.any():
             q[rows] = planned_joints(step, np.clip(t[rows] - start, 0.0, step.time))
     return dict(zip(program.joints, q.T, strict=True))
-
-
-def read_image(file: Path, camera: Camera, t: float) -> CameraImage:
-    """The image of a camera in a PNG file, taken at time t [s]. Raises InputError for one that cannot be used."""
-    return CameraImage(camera.name, t, read_png(file, PixelSize(camera.width, camera.height), camera.name))

@@ -14,7 +14,6 @@ from sqrp_cli.field.audit.footage import FARTHEST, Footage, Frame, ImageSource
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.run.monitor.step_monitor import PredictionCheck, StepMonitor
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
@@ -52,8 +51,8 @@ def audit(
             steps.append(audited)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
             frames = frames_of(footage, index, step, offsets)
-            postures = Postures(step, footage.starts[index], nominal, footage)
-            for frame, detection in detected(pool, footage, frames, postures.at):
+            believed = believed_in(step, footage.starts[index], nominal, footage)
+            for frame, detection in detected(pool, footage, frames, believed):
                 image_done()
                 audited.add(detection, frames[frame])
     compared = sum(step.compared for step in steps)
@@ -133,22 +132,19 @@ def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, fl
     return {frames[i]: float(np.clip(tau[i], 0.0, step.time)) for i in np.flatnonzero(inside)}
 
 
-@dataclass(frozen=True, eq=False)
-class Postures:
-    """Where the robot was, what it was commanded to hold, and where objects are, at times of a step."""
+def believed_in(step: Step, start: float, nominal: NominalStep, footage: Footage) -> Callable[[float], BelievedState]:
+    """What says where the robot was, what it was commanded to hold, and where objects are, at times of a step [s].
 
-    step: Step
-    start: float
-    """Of the step, by the robot's clock [s]."""
-    nominal: NominalStep
-    footage: Footage
+    start: of the step, by the robot's clock [s].
+    """
 
-    def at(self, t: float) -> BelievedState:
-        """At time t [s] of the step."""
-        primitive = next((p for p in self.step.primitives if t <= p.end), self.step.primitives[-1])
-        joints = {name: float(q[0]) for name, q in self.footage.joints(np.array([self.start + t])).items()}
+    def at(t: float) -> BelievedState:
+        primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
+        joints = {name: float(q[0]) for name, q in footage.joints(np.array([start + t])).items()}
         holding = primitive.held is not None or primitive.action == "Grasp"
-        return BelievedState(joints, holding, self.nominal.object_poses(t))
+        return BelievedState(joints, holding, nominal.object_poses(t))
+
+    return at
 
 
 def detected(

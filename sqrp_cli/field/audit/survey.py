@@ -26,7 +26,6 @@ from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, pose, transform
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.robot_body import RobotBody
 
@@ -48,30 +47,6 @@ SURE = 4.0
 """Standard deviations that an error must have to be one."""
 MEETS = 0.75
 """Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
-
-
-def _audited(camera: Camera, images: int, fit: CameraFit | None) -> AuditedCamera:
-    """What is said of a camera of the workspace by the fit of its images."""
-    if fit is None:
-        return AuditedCamera(images=images, clock=AuditedClock(offset=None, error=None, wrong=False), pose=None)
-    error = float(np.sqrt(fit.covariance[6, 6]))
-    offset = None if error > UNKNOWN else float(fit.change[6])
-    least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
-    change = fit.change[:6]
-    pose = AuditedPose(
-        turn=change[:3].tolist(),
-        turn_error=fit.deviations[:3].tolist(),
-        shift=change[3:].tolist(),
-        shift_error=fit.deviations[3:6].tolist(),
-        pixels=fit.pixels,
-        residual=fit.residual,
-        points=fit.points,
-        moved=float(change @ np.linalg.solve(fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0,
-        pose=(camera.X_FC @ _moved(fit.change)).tolist(),
-    )
-    wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
-    clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
-    return AuditedCamera(images=images, clock=clock, pose=pose)
 
 
 def _moved(change: Array) -> Array:
@@ -108,9 +83,30 @@ def survey(
     ):
         for camera in filmed:
             name = camera.name
-            fit = surveyor.fit(camera, kept[name], changes[name])
-            found[name] = _audited(camera, len(of_camera[name]), fit)
+            fit, images = surveyor.fit(camera, kept[name], changes[name]), len(of_camera[name])
             advance(1)
+            if fit is None:
+                clock = AuditedClock(offset=None, error=None, wrong=False)
+                found[name] = AuditedCamera(images=images, clock=clock, pose=None)
+                continue
+            error = float(np.sqrt(fit.covariance[6, 6]))
+            offset = None if error > UNKNOWN else float(fit.change[6])
+            least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
+            change = fit.change[:6]
+            seen = AuditedPose(
+                turn=change[:3].tolist(),
+                turn_error=fit.deviations[:3].tolist(),
+                shift=change[3:].tolist(),
+                shift_error=fit.deviations[3:6].tolist(),
+                pixels=fit.pixels,
+                residual=fit.residual,
+                points=fit.points,
+                moved=float(change @ np.linalg.solve(fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0,
+                pose=(camera.X_FC @ _moved(fit.change)).tolist(),
+            )
+            wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
+            clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
+            found[name] = AuditedCamera(images=images, clock=clock, pose=seen)
     return found
 
 
@@ -131,7 +127,7 @@ def _read(
     changes = {name: ImageChanges([], []) for name in workspace.cameras}
     for frame, image in footage.images(footage.frames):
         done()
-        gray = brightness(image.image)
+        gray = cv2.cvtColor(image.image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
         changes[frame.camera].add(frame.t, gray)
         if frame in wanted:
             kept[frame.camera].append(_Kept(frame, gray))
@@ -189,22 +185,18 @@ class _Surveyor:
     ) -> list[SeenEdges]:
         found = []
         for one in kept:
-            moment = self._moment(one.frame.t - offset)
-            if moment is not None:
-                edges = self._renderer.edges(camera.name, X_FC, moment)
-                found.append(SeenEdges.of(edges, projection, one.gray))
+            t = one.frame.t - offset  # by the robot's clock
+            index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
+            if index is None or not self._footage.as_planned(np.array([t]))[0]:
+                continue
+            step, tau = self._program.steps[index], t - self._spans[index][0]
+            joints = self._footage.joints(np.array([t, t + STEP]))
+            now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
+            held = next((p.held for p in step.primitives if tau <= p.end), None)
+            moment = PlannedMoment(now, later, self._nominal[index].object_poses(tau), held)
+            edges = self._renderer.edges(camera.name, X_FC, moment)
+            found.append(SeenEdges.of(edges, projection, one.gray))
         return found
-
-    def _moment(self, t: float) -> PlannedMoment | None:
-        """Where everything was at a time of the robot's clock [s]; None outside the steps."""
-        index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
-        if index is None or not self._footage.as_planned(np.array([t]))[0]:
-            return None
-        step, tau = self._program.steps[index], t - self._spans[index][0]
-        joints = self._footage.joints(np.array([t, t + STEP]))
-        now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
-        held = next((p.held for p in step.primitives if tau <= p.end), None)
-        return PlannedMoment(now, later, self._nominal[index].object_poses(tau), held)
 
 
 SPACING = 0.01
@@ -308,9 +300,3 @@ class MotionInImage:
             moved = np.linalg.norm(np.diff(pixels, axis=0), axis=-1) / camera.width
             total += (np.minimum(moved, FASTEST * SPACING) * (shown[1:] & shown[:-1])).sum(axis=1)
         return cls(t, np.append(0.0, np.cumsum(total)))
-
-
-def brightness(image: ImageArray) -> NDArray[np.uint8]:
-    """An image in grey, (height, width)."""
-    gray: NDArray[np.uint8] = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return gray

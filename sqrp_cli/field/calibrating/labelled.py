@@ -22,8 +22,8 @@ import numpy as np
 from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, expected_names
-from sqrp_cli.field.audit.footage import Footage, Frame, ImageSource, read_image
-from sqrp_cli.field.audit.frame_audit import Postures, detected, frames_of
+from sqrp_cli.field.audit.footage import Footage, Frame, ImageFiles, ImageSource
+from sqrp_cli.field.audit.frame_audit import believed_in, detected, frames_of
 from sqrp_cli.field.calibrating.fit import DetectorLooks
 from sqrp_cli.files.entries import completed
 from sqrp_cli.files.frames import frame_poses
@@ -35,7 +35,6 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.record import Program, ProgramTarget
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.monitor.nominal_step import SPACING, NominalStep, values_when_open
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
@@ -89,11 +88,11 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
     robot, first = RobotBody.load(workspace.robot), 0
     for index, step in enumerate(program.steps):
         nominal = NominalStep(step, program.joints, robot)
-        postures = Postures(step, footage.starts[index], nominal, footage)
+        believed = believed_in(step, footage.starts[index], nominal, footage)
         images = []
         for frame, t in frames_of(footage, index, step, {}).items():
             half = 0.5 * workspace.cameras[frame.camera].exposure
-            opens, closes = (postures.at(min(max(t + by, 0.0), step.time)) for by in (-half, half))
+            opens, closes = (believed(min(max(t + by, 0.0), step.time)) for by in (-half, half))
             # While the tool closes or opens nobody knows from when on an atom is that this changes.
             closing = [p for p in step.primitives if p.action in ("Grasp", "Release") and p.start <= t <= p.end]
             holds = {
@@ -101,7 +100,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
                 for atom in step.targets
                 if all(nominal.holds(atom, p.start) == nominal.holds(atom, p.end + SPACING) for p in closing)
             }
-            here = {"believed": postures.at(t), "opens": opens, "closes": closes}
+            here = {"believed": believed(t), "opens": opens, "closes": closes}
             images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
         first += int(step.time / SAME_POSE) + 1
         sought = DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step))
@@ -115,7 +114,7 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
     """
     by_file = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
     of_images = [list(labels) for _, labels in by_file]
-    source = _Files(folder, workspace, [labels[0].file for labels in of_images])
+    source = ImageFiles(folder, workspace, [labels[0].file for labels in of_images])
     resting, numbered = workspace.stated_world, []
     for number, labels in enumerate(of_images):
         targets, states, camera = {}, [], workspace.cameras[labels[0].camera]
@@ -143,20 +142,6 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
     for _, found in groupby(numbered, lambda one: tuple(one[0])):
         alike, images = zip(*found, strict=True)
         yield LabelledImages(source, DetectionTargets(alike[0], {}, {}), list(images))
-
-
-@dataclass(frozen=True, eq=False)
-class _Files:
-    """The PNG files of a folder, by the numbers of their frames."""
-
-    path: Path
-    workspace: Workspace
-    files: Sequence[Path]
-
-    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """As `ImageSource` says."""
-        for frame in frames:
-            yield frame, read_image(self.files[frame.number], self.workspace.cameras[frame.camera], frame.t)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

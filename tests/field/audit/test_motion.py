@@ -42,13 +42,13 @@ def position(runs: list[tuple[float, Any, float]], t: np.ndarray) -> np.ndarray:
 
 def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: float = 20.0) -> JointTracks:
     """Joint states, each joint on a topic of its own and a little later than the other."""
-    tracks, rng = JointTracks(), np.random.default_rng(0)
+    states, rng = [], np.random.default_rng(0)
     for column, name in enumerate(ARM):
         t = np.arange(0.0, end, 1.0 / rate) + 0.003 * column
         q = position(runs, t)[:, column] + rng.normal(0.0, 1e-4, len(t))
         for time, value in zip(t, q, strict=True):
-            tracks.add(f"/{name}", time, [name, "finger"], [value, float("nan")])
-    return tracks.sorted()
+            states.append((f"/{name}", time, [name, "finger"], [value, float("nan")]))
+    return JointTracks(states)
 
 
 def test_each_step_is_found_to_a_millisecond() -> None:
