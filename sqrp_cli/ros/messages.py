@@ -25,6 +25,8 @@ Message: TypeAlias = Any
 """A record of a type that the store made, with the fields that its definition names; arrays of numbers are NumPy's."""
 Ros = Literal[1, 2]
 """Which ROS: its types differ a little, its bytes much."""
+LONGEST_LOOK = 0.03
+"""Of the time between two looks for messages so much counts [s]; the rest is a pause of this process."""
 LONGEST_SEQUENCE = 1 << 26
 """Most elements of a sequence in a message that is read: an image of 64 million bytes."""
 _TF = "geometry_msgs/TransformStamped[] transforms"
@@ -187,6 +189,27 @@ class Inbox:
             data, t = self._waiting.popleft()
             found.append(Arrived(self._types.decode(self.topic.type, data), t))
         return found
+
+
+class Pauses:
+    """How long one has really waited for something, on any clock [s]: without pauses, as of a busy computer.
+
+    Only what was sent in the last pause may not have been received yet, so that who pauses again and again still
+    notices what stays out.
+    """
+
+    def __init__(self) -> None:
+        self._now = self._begin = self._end = 0.0
+
+    def look(self, t: float) -> None:
+        """It is looked for messages at time t [s]."""
+        if t > self._now + LONGEST_LOOK:
+            self._begin, self._end = self._now + LONGEST_LOOK, t
+        self._now = t
+
+    def waited(self, since: float) -> float:
+        """The time from then to the last look, without the last pause [s]; negative for times that are to come."""
+        return self._now - since - max(0.0, self._end - max(self._begin, since))
 
 
 class Transport(Protocol):

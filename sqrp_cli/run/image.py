@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import bad_input
 from sqrp_cli.records import dataclass
@@ -40,27 +39,24 @@ class CameraImage:
 
 def check_simulated(workspace: Workspace) -> None:
     """Raises InputError for cameras whose images are too large to be simulated."""
-    cameras = workspace.cameras.values()
-    for camera in cameras:
-        _check(workspace, camera, MOST_SIMULATED, "simulated")
-    together = sum(camera.width * camera.height for camera in cameras)
+    cameras = workspace.cameras
+    _check(workspace, cameras, MOST_SIMULATED, "simulated")
+    together = sum(camera.width * camera.height for camera in cameras.values())
     if together > MOST_SIMULATED_TOGETHER:
-        message = (
-            f"the images of all cameras have {together:,} pixels; simulated are at most {MOST_SIMULATED_TOGETHER:,}"
-        )
+        message = f"the images of all cameras have {together:,} pixels; "
+        message += f"simulated are at most {MOST_SIMULATED_TOGETHER:,}"
         raise bad_input("image-too-large", message, workspace.places.get("cameras"))
 
 
 def check_recorded(workspace: Workspace, names: Iterable[str]) -> None:
     """Raises InputError for cameras, of those named, whose images are too large to be looked at."""
-    for name in names:
-        _check(workspace, workspace.cameras[name], MOST_RECORDED, "looked at")
+    _check(workspace, names, MOST_RECORDED, "looked at")
 
 
-def _check(workspace: Workspace, camera: Camera, most: int, done: str) -> None:
-    if camera.width * camera.height > most:
-        message = f"the images of `{camera.name}` have {camera.width:,} x {camera.height:,} pixels"
-        message += f"; images of at most {most:,} pixels are {done}"
-        mend = "give the camera a smaller image, with the same field of view"
-        place = workspace.places.get(f"cameras.{camera.name}")
-        raise bad_input("image-too-large", message, place, mend=mend)
+def _check(workspace: Workspace, names: Iterable[str], most: int, done: str) -> None:
+    for camera in (workspace.cameras[name] for name in names):
+        if camera.width * camera.height > most:
+            message = f"the images of `{camera.name}` have {camera.width:,} x {camera.height:,} pixels"
+            message += f"; images of at most {most:,} pixels are {done}"
+            mend = "give the camera a smaller image, with the same field of view"
+            raise bad_input("image-too-large", message, workspace.places.get(f"cameras.{camera.name}"), mend=mend)

@@ -14,12 +14,11 @@ import numpy as np
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.ros.messages import Message, MessageError, Send, Topic, Transport, nanoseconds
+from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, Transport, nanoseconds
 from sqrp_cli.run.cell.interface import StoppableReference
 from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.pauses import Pauses
 from sqrp_cli.run.record.packed_image import image_of
 from sqrp_cli.run.record.report import Stopped
 

@@ -9,7 +9,6 @@ What is neither object nor background is not judged. Markers on fingers show how
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -148,22 +147,16 @@ class _Place:
     """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
 
 
-class ColorSight(NamedTuple):
-    """What is seen of the boxes in which an object may be, and where it is."""
-
-    boxes: list[BoxDetection]
-    position: Array | None
-    """[m]; None if unknown."""
-
-
 class ColorDetector:
     """The search for one coloured object in one image."""
 
     def __init__(self, view: ExpectedView, background: Background, obj: SceneObject) -> None:
         self._view, self._background, self._object = view, background, obj
         self._colored = color_mask(view.image, obj.color or "")
+        self.position: Array | None = None
+        """Where the object was seen in `detect` [m]; None if unknown."""
 
-    def detect(self, boxes: Sequence[TargetBox]) -> ColorSight:
+    def detect(self, boxes: Sequence[TargetBox]) -> list[BoxDetection]:
         """What is seen of the boxes in which the object may be."""
         view, places = self._view, [self._place(box) for box in boxes]
         poses, at_tool = [view.pose(box) for box in boxes], [view.is_at_tool(box) for box in boxes]
@@ -174,6 +167,7 @@ class ColorDetector:
                 most = detector.SHIFT_PIXELS + detector.SHIFT_SHARE * place.projected.box.area**0.5
                 held += [i] if np.hypot(*place.shift) <= most else []
         position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
+        self.position = position
         found = []
         for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
             if position is None:
@@ -194,7 +188,7 @@ class ColorDetector:
                 evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
             outline = NO_OUTLINE if place.projected is None else place.projected.box.polygon
             found.append(BoxDetection(box.name, evidence, place.share, outline, because))
-        return ColorSight(found, position)
+        return found
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
         """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere.

@@ -85,7 +85,7 @@ class ImageDetector:
         places: dict[str, Array] = {}
         by_object: dict[str, list[tuple[str, TargetBox]]] = {}
         asked: dict[str, list[tuple[str, TargetBox]]] = {kind: [] for kind in self._plugins}
-        for atom, box in view.boxes():
+        for atom, box in view.boxes:
             obj, kind = view.object_of(atom, box), view.cell.detectors[box.detector].kind
             if kind in asked:
                 asked[kind].append((atom, box))
@@ -97,14 +97,13 @@ class ImageDetector:
                 by_object.setdefault(obj.name, []).append((atom, box))
         for name, wanted in by_object.items():
             detector = ColorDetector(view, background, view.cell.objects[name])
-            found, place = detector.detect([box for _, box in wanted])
-            for (atom, _), detection in zip(wanted, found, strict=True):
-                boxes[atom].append(detection)
-            if place is not None:
-                places[name] = place
+            for (atom, _), found in zip(wanted, detector.detect([box for _, box in wanted]), strict=True):
+                boxes[atom].append(found)
+            if detector.position is not None:
+                places[name] = detector.position
         for kind, wanted in asked.items():
-            for (atom, _), detection in zip(wanted, self._plugins[kind].detect(view, wanted), strict=True):
-                boxes[atom].append(detection)
+            for (atom, _), found in zip(wanted, self._plugins[kind].detect(view, wanted), strict=True):
+                boxes[atom].append(found)
         seen = {atom: tuple(sights) for atom, sights in boxes.items()}
         return Detection(frame.camera, frame.t, False, seen, places, time.process_time() - began)
 

@@ -6,7 +6,7 @@ there or not: it is evidence of neither.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from sqrp_cli.run.perception.vision import (
     corners_of,
     filled,
     find_markers,
-    middle,
 )
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box
@@ -267,7 +266,9 @@ class ProjectedObject:
         if not covered.any():
             return cls(box, parts, 0.0, np.zeros(2))
         area = box.area * float(covered.sum() / outline.sum())
-        return cls(box, parts, area, (middle(covered) - middle(outline)) / scale)
+        return cls(
+            box, parts, area, (np.argwhere(covered).mean(axis=0) - np.argwhere(outline).mean(axis=0))[::-1] / scale
+        )
 
     def mask(self, crop: Crop) -> Mask:
         """The pixels of a crop that the parts cover."""
@@ -292,6 +293,8 @@ class ExpectedView:
         camera = projection.camera
         self.camera, self.cell, self.sought = camera, cell, sought
         self.image, self.believed = image, believed
+        self.boxes = [(atom, box) for atom, target in sought.targets.items() for box in target.boxes]
+        """All boxes to look at, each with its atom."""
         self._X_WL = cell.robot.link_poses(believed.joints)
         self._markers: dict[str, list[FoundMarker]] = {}
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
@@ -306,12 +309,6 @@ class ExpectedView:
         if dictionary not in self._markers:
             self._markers[dictionary] = find_markers(self.image, dictionary)
         return self._markers[dictionary]
-
-    def boxes(self) -> Iterator[tuple[str, TargetBox]]:
-        """All boxes to look at, each with its atom."""
-        for atom, target in self.sought.targets.items():
-            for box in target.boxes:
-                yield atom, box
 
     def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
         """The object that a box is for."""
@@ -370,7 +367,7 @@ class ExpectedView:
         what is behind it, which cannot be guessed from its surroundings where there is an edge, such as a table's.
         """
         anyway, of_tool = list[Corners](), dict[str, list[Corners]]()
-        for atom, box in self.boxes():
+        for atom, box in self.boxes:
             obj = self.object_of(atom, box)
             outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:

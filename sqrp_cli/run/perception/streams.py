@@ -15,8 +15,8 @@ from typing import Literal, TypeAlias
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.records import dataclass
+from sqrp_cli.ros.messages import Pauses
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.pauses import Pauses
 from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
 from sqrp_cli.run.record.events import listed

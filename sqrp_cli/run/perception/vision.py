@@ -149,12 +149,6 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     return canvas.astype(bool)
 
 
-def middle(mask: Mask) -> Array:
-    """Mean (x, y) of the pixels of a mask that has some."""
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])
-
-
 def displacement(shown: Mask, judged: Mask, expected: Callable[[int], Mask], reaches: Sequence[int]) -> Array:
     """By how much (x, y) something lies beside where it is expected, (2,) [pixels].
 
