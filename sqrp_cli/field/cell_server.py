@@ -15,8 +15,9 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Step
-from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, Transport, nanoseconds, transform_message
-from sqrp_cli.run.cell.interface import JointStates
+from sqrp_cli.ros.dds import DdsTransport
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, nanoseconds, transform_message
+from sqrp_cli.run.arm_motion import JointStates
 from sqrp_cli.run.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
 from sqrp_cli.run.cell.ros_cell import CLOCK
 from sqrp_cli.run.faults import InjectedFault
@@ -68,7 +69,7 @@ class CellServer:
         cell: SimulatedCell,
         workspace: Workspace,
         file: RobotFile,
-        transport: Transport,
+        transport: DdsTransport,
         faults: Faults,
         tell: Callable[[str], None],
     ) -> None:

@@ -53,7 +53,7 @@ class DdsTransport:
         self._thread.start()
 
     def publish(self, topic: Topic) -> Send:
-        """As `Transport` says."""
+        """Announce a topic; returns what sends on it."""
         from cyclonedds.pub import DataWriter
 
         entity = self._topic(topic)
@@ -69,7 +69,7 @@ class DdsTransport:
         return send
 
     def subscribe(self, topic: Topic) -> Inbox:
-        """As `Transport` says."""
+        """Read a topic from now on."""
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
@@ -81,11 +81,11 @@ class DdsTransport:
         return inbox
 
     def readers(self, topic: Topic) -> int:
-        """As `Transport` says."""
+        """How many read a topic that is published here."""
         return int(self._writers[topic.name].get_publication_matched_status().current_count)
 
     def senders(self) -> Mapping[str, Collection[str]]:
-        """As `Transport` says."""
+        """The types that others send, by the full name of their topic, as far as is known."""
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 
         if self._publications is None:
@@ -104,12 +104,12 @@ class DdsTransport:
         return types
 
     def wait(self, seconds: float) -> None:
-        """As `Transport` says."""
+        """Wait until a message comes, at most for some time [s]."""
         self._heard.wait(seconds)
         self._heard.clear()
 
     def close(self) -> None:
-        """As `Transport` says."""
+        """End it; nothing is sent any more."""
         self._ended = True
         self._wake.set(True)
         self._thread.join(2.0)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -210,29 +210,3 @@ class Pauses:
     def waited(self, since: float) -> float:
         """The time from then to the last look, without the last pause [s]; negative for times that are to come."""
         return self._now - since - max(0.0, self._end - max(self._begin, since))
-
-
-class Transport(Protocol):
-    """What carries messages between this process and others. `close` ends it."""
-
-    @property
-    def types(self) -> MessageTypes:
-        """Its types of messages."""
-
-    def publish(self, topic: Topic) -> Send:
-        """Announce a topic; returns what sends on it."""
-
-    def subscribe(self, topic: Topic) -> Inbox:
-        """Read a topic from now on."""
-
-    def readers(self, topic: Topic) -> int:
-        """How many read a topic that is published here."""
-
-    def senders(self) -> Mapping[str, Collection[str]]:
-        """The types that others send, by the full name of their topic, as far as is known."""
-
-    def wait(self, seconds: float) -> None:
-        """Wait until a message comes, at most for some time [s]."""
-
-    def close(self) -> None:
-        """End it; nothing is sent any more."""

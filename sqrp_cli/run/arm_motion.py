@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import ProgramPrimitive
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import JointLimits, StopLimits
-from sqrp_cli.run.cell.interface import JointStates
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
@@ -26,6 +26,17 @@ _RAMP = 0.4
 """Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero."""
 _ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
 """A clock that goes on at its usual rate."""
+
+
+class JointStates(NamedTuple):
+    """Where joints are, and how they move."""
+
+    positions: Array
+    """[rad or m]."""
+    velocities: Array
+    """[rad/s or m/s]."""
+    accelerations: Array
+    """[rad/s^2 or m/s^2]."""
 
 
 class ArmMotion:
@@ -57,17 +68,17 @@ class ArmMotion:
         self._offsets: list[Array] = []
         self._halts: dict[int, float] = {}
         self.revision = 0
-        """As `StoppableReference` says."""
+        """Another one whenever the states at any later time are others than before."""
 
     @property
     def rests_at(self) -> float:
-        """As `StoppableReference` says."""
+        """From when on it stands if nothing more is wanted of it [s]."""
         if not self._primitives:
             return -float("inf")
         return self._stops[-1].stands if self._stops else self._start + self._ends[-1]
 
     def stopped(self, t: float) -> ArmMotion:
-        """As `StoppableReference` says."""
+        """The same up to a time [s], from when on it stops as fast as a protective stop may."""
         other = copy(self)
         other._stops, other._offsets = [stop for stop in self._stops if stop.t < t], list(self._offsets)
         other._placed, other._halts = dict(self._placed), dict(self._halts)

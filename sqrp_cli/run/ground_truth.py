@@ -16,7 +16,8 @@ from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
-from sqrp_cli.run.cell.interface import CellState, RunnableCell, StoppableReference
+from sqrp_cli.run.arm_motion import ArmMotion
+from sqrp_cli.run.cell.interface import CellState, RunnableCell
 from sqrp_cli.run.monitor.nominal_step import NominalStep, Situation, holds, planned_joints
 from sqrp_cli.run.monitor.step_monitor import Attempt, StepMonitor
 from sqrp_cli.run.record.bag_recorder import BagRecorder
@@ -66,7 +67,7 @@ class GroundTruth:
         situation = Situation(self._body.link_poses(truth.joints), truth.X_WO, starts, truth.held, is_open)
         return {atom: holds(atom, target, situation, when_open=when_open[atom]) for atom, target in targets.items()}
 
-    def advance(self, t: float, reference: StoppableReference) -> float:
+    def advance(self, t: float, reference: ArmMotion) -> float:
         """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
         while self._publisher is not None and (due := self._number / RATE) <= t + 1e-9:
             self.now = self._cell.advance(due, reference)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.api.run_results import SimulatedRun
     from sqrp_cli.ask.requests import Progress
     from sqrp_cli.cell.workspace import Workspace, World
-    from sqrp_cli.field.audit.footage import Footage
+    from sqrp_cli.field.audit.bag_footage import Footage
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.run.faults import InjectedFault

@@ -5,13 +5,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, bad_option, expected_names, first_names
-from sqrp_cli.field.audit.footage import Frame, planned_at
+from sqrp_cli.field.audit.footage import FolderFootage, Frame, ImageFiles, planned_at
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import Program, Step
@@ -337,3 +337,9 @@ def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: 
         if abs(change) < 1e-6:
             break
     return _Fit(start, float(shares[best]), starts[good[fresh]].tolist())
+
+
+ImageSource: TypeAlias = ImageFiles | BagFootage
+"""Where images come from: `images` reads those of some frames."""
+Footage: TypeAlias = FolderFootage | BagFootage
+"""A recording of a program's run."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -31,42 +30,6 @@ class Frame:
     """When it was taken, by its camera's clock [s]."""
     number: int
     """Its place in the recording."""
-
-
-class ImageSource(Protocol):
-    """Where images come from."""
-
-    @property
-    def path(self) -> Path:
-        """The file or folder."""
-
-    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
-
-
-class Footage(ImageSource, Protocol):
-    """A recording of a program's run."""
-
-    frames: Sequence[Frame]
-    """All images with a time, in order."""
-    recorded: Collection[str]
-    """Cameras of the workspace that it has images of."""
-    other_topics: Sequence[str]
-    """Topics with images of no camera of the workspace."""
-    unplanned: int
-    """Images without a time: the step did not go as planned."""
-    damaged: dict[int, str]
-    """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
-    starts: Sequence[float]
-    """When the motion of each step of the program began, by the robot's clock [s]; of several runs in the first one."""
-    runs: int
-    """How often the program was run."""
-
-    def joints(self, t: Array) -> Mapping[str, Array]:
-        """Positions of joints at times t (m,) of the robot's clock [s]: (m,) each [rad or m]."""
-
-    def as_planned(self, t: Array) -> Mask:
-        """Whether the robot was where the program wants it, at times t (m,) of its clock [s]."""
 
 
 FARTHEST = 3.0
@@ -93,14 +56,18 @@ class FolderFootage(ImageFiles):
     """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
 
     other_topics: Sequence[str] = ()
+    """Topics with images of no camera of the workspace."""
     runs = 1
+    """How often the program was run."""
 
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""
         entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
         super().__init__(folder, workspace, [entry.file for entry in entries])
         self._program, self.damaged = program, dict[int, str]()
+        """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
         self.recorded: Collection[str] = {entry.camera for entry in entries}
+        """Cameras of the workspace that it has images of."""
         check_recorded(workspace, self.recorded)
         longest = max((step.time for step in program.steps), default=0.0)
         self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]

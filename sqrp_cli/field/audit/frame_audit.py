@@ -10,7 +10,8 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.field.audit.footage import FARTHEST, Footage, Frame, ImageSource
+from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
+from sqrp_cli.field.audit.footage import FARTHEST, Frame
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.field.audit.bag_footage import Footage
 from sqrp_cli.field.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
 from sqrp_cli.field.audit.expected_edges import STEP, EdgeRenderer, PlannedMoment
-from sqrp_cli.field.audit.footage import FARTHEST, Footage, Frame
+from sqrp_cli.field.audit.footage import FARTHEST, Frame
 from sqrp_cli.field.audit.report import AuditedCamera, AuditedClock, AuditedPose
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, pose, transform

@@ -22,7 +22,8 @@ import numpy as np
 from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, expected_names
-from sqrp_cli.field.audit.footage import Footage, Frame, ImageFiles, ImageSource
+from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
+from sqrp_cli.field.audit.footage import Frame, ImageFiles
 from sqrp_cli.field.audit.frame_audit import believed_in, detected, frames_of
 from sqrp_cli.field.calibrating.fit import DetectorLooks
 from sqrp_cli.files.entries import completed

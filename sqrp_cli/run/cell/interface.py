@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
+from sqrp_cli.run.arm_motion import ArmMotion, JointStates
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.report import Stopped
-
-
-class JointStates(NamedTuple):
-    """Where joints are, and how they move."""
-
-    positions: Array
-    """[rad or m]."""
-    velocities: Array
-    """[rad/s or m/s]."""
-    accelerations: Array
-    """[rad/s^2 or m/s^2]."""
 
 
 class ArmReference(Protocol):
@@ -36,28 +26,13 @@ class ArmReference(Protocol):
         """The joints at times t [s] of the cell's clock, (m,); shape (m, n) each."""
 
 
-class StoppableReference(ArmReference, Protocol):
-    """A motion of which it is known how it ends, and how it could be stopped."""
-
-    @property
-    def revision(self) -> int:
-        """Another one whenever the states at any later time are others than before."""
-
-    @property
-    def rests_at(self) -> float:
-        """From when on it stands if nothing more is wanted of it [s]."""
-
-    def stopped(self, t: float) -> StoppableReference:
-        """The same up to a time [s], from when on it stops as fast as a protective stop may."""
-
-
 class RunnableCell(Protocol):
     """What a run commands and observes, on a clock of its own in seconds.
 
     Perception gets its images alone.
     """
 
-    def advance(self, t: float, reference: StoppableReference) -> float:
+    def advance(self, t: float, reference: ArmMotion) -> float:
         """Let time pass until t [s] while the arm follows the reference; returns the time then, which may be later."""
 
     def grasp(self) -> None:

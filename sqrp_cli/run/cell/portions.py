@@ -17,7 +17,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.ros.messages import Message, MessageError
-from sqrp_cli.run.cell.interface import JointStates, StoppableReference
+from sqrp_cli.run.arm_motion import ArmMotion, JointStates
 
 AHEAD = 0.4
 """How much of the motion a portion holds before its stop [s]."""
@@ -55,11 +55,11 @@ class Portions:
         self._revision: int | None = None
         self._next = -float("inf")
         self._brakes_at = float("inf")
-        self._told: StoppableReference | None = None
+        self._told: ArmMotion | None = None
         self.over = False
         """Whether nothing is sent any more."""
 
-    def follow(self, reference: StoppableReference, now: float) -> None:
+    def follow(self, reference: ArmMotion, now: float) -> None:
         """Send what is due at a time [s], if anything is; where that would be a jump, it is `over`."""
         if self.over or (reference.revision == self._revision and now < self._next):
             return
@@ -79,11 +79,11 @@ class Portions:
         if ends:
             self._next = self._brakes_at = float("inf")
 
-    def begins(self, reference: StoppableReference, now: float) -> bool:
+    def begins(self, reference: ArmMotion, now: float) -> bool:
         """Whether a motion is due at a time [s], from where the robot has stood for so long that it has settled."""
         return reference.revision != self._revision and (self._told is None or now >= self._told.rests_at + SETTLES)
 
-    def begin(self, reference: StoppableReference, now: float) -> None:
+    def begin(self, reference: ArmMotion, now: float) -> None:
         """Nothing is to be sent until the reference changes: the robot stands where it begins."""
         self._revision, self._told = reference.revision, reference.stopped(now)
         self._next = self._brakes_at = float("inf")
@@ -102,7 +102,7 @@ class Portions:
         return max(now, self._told.rests_at)
 
 
-def _portion(reference: StoppableReference, now: float) -> Portion:
+def _portion(reference: ArmMotion, now: float) -> Portion:
     """A motion from `LEAD` after a time [s] on to its end."""
     first = now + LEAD
     last = max(first, reference.rests_at)

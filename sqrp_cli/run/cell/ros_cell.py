@@ -14,8 +14,9 @@ import numpy as np
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, Transport, nanoseconds
-from sqrp_cli.run.cell.interface import StoppableReference
+from sqrp_cli.ros.dds import DdsTransport
+from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, nanoseconds
+from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portion, Portions
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.image import CameraImage
@@ -44,7 +45,7 @@ _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 class RosClock:
     """The time of a cell: that of this computer, or of `/clock`."""
 
-    def __init__(self, transport: Transport, *, simulated: bool) -> None:
+    def __init__(self, transport: DdsTransport, *, simulated: bool) -> None:
         self.inbox = transport.subscribe(CLOCK) if simulated else None
         """What comes on `/clock`, where that is the time."""
         self._newest = 0
@@ -104,7 +105,9 @@ class ImageTimes(NamedTuple):
 class RosCell(AbstractContextManager["RosCell"]):
     """A cell behind topics; a context manager that leaves the robot standing."""
 
-    def __init__(self, file: RobotFile, joints: Mapping[str, str], workspace: Workspace, transport: Transport) -> None:
+    def __init__(
+        self, file: RobotFile, joints: Mapping[str, str], workspace: Workspace, transport: DdsTransport
+    ) -> None:
         """joints: that are moved, with their names in messages."""
         self.file, self.transport, self.cameras, self.moved = file, transport, workspace.cameras, tuple(joints)
         self._wire_names, fingers = tuple(joints.values()), workspace.robot.fingers
@@ -141,7 +144,7 @@ class RosCell(AbstractContextManager["RosCell"]):
         """When images were taken, and when they came, since `watch`."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
         self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
-        self._reference: StoppableReference | None = None
+        self._reference: ArmMotion | None = None
         self.malformed: Stopped | None = None
         """What is wrong with the messages themselves, or with the time that passes; the first counts."""
         self._pauses = Pauses()
@@ -165,7 +168,7 @@ class RosCell(AbstractContextManager["RosCell"]):
         for ages in self.ages.values():
             ages.clear()
 
-    def advance(self, t: float, reference: StoppableReference) -> float:
+    def advance(self, t: float, reference: ArmMotion) -> float:
         """As `RunnableCell` says; returns sooner where no time passes any more."""
         if self._reference is None and reference.rests_at < t:
             self._portions.begin(reference, t)
@@ -182,7 +185,7 @@ class RosCell(AbstractContextManager["RosCell"]):
                 return now
             self.transport.wait(TICK)
 
-    def _follow(self, reference: StoppableReference, now: float) -> None:
+    def _follow(self, reference: ArmMotion, now: float) -> None:
         """Send what is due; where that would be a jump, nothing more is sent, and that is trouble."""
         silent, paused = now - self._followed, (_steady_ns() - self._followed_ns) * 1e-9
         self._followed, self._followed_ns = now, _steady_ns()
