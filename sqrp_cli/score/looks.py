@@ -15,7 +15,7 @@ from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
-from sqrp_cli.search.sites import Verdicts, View, ViewBatch, installations, judged
+from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, seen_by
 from sqrp_cli.study.assessment import rehearsal
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
@@ -23,20 +23,20 @@ from sqrp_cli.task.feasibility import feasible_motion
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LookJob(Job):
-    """A batch of views, for a worker that plans the same motion again."""
+    """A batch of installations, for a worker that plans the same motion again."""
 
     task: str
     samples: Samples
-    views: tuple[View, ...]
+    places: Sequence[Installation]
 
     def done_in(self, cell: Cell) -> str:
-        """What the views show, as text."""
+        """What the installations see, as text."""
         motion = feasible_motion(cell, self.candidate, cell.initial_world)
         if isinstance(motion, Infeasible):
             raise ValueError(f"{self.candidate.name} was feasible a moment ago")
         scene = rehearsal(cell, self.candidate, cell.initial_world, motion)
         way = replace(judged(cell, self.task, self.candidate, scene), samples=self.samples)
-        return as_line(ViewBatch(way, self.views).seen(cell))
+        return as_line(seen_by(cell, way, self.places))
 
 
 def seen_by_cluster(
@@ -51,7 +51,7 @@ def seen_by_cluster(
             candidate=part.way.scene.candidate,
             task=part.way.task,
             samples=part.way.samples,
-            views=part.views,
+            places=part.places,
         )
         for part in parts
     ]
@@ -72,12 +72,12 @@ def seen_before(
     missing: list[tuple[int, str]] = []
     for number, part in enumerate(parts):
         way, places = part.way.scene.candidate, []
-        for one in installations(part.views):
+        for one in part.places:
             lens, own = one.lens, one.lens.intrinsics
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
             said = [lens.name, *size, own.matrix.tolist(), *distortion, sensing]
-            places.append([one.view.spot.frame, one.view.X_FC.tolist(), said])
+            places.append([one.spot.frame, one.X_FC.tolist(), said])
         vias = {name: via.tolist() for name, via in way.vias.items()}
         motion = [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
         samples = (part.way.samples.piece.tolist(), part.way.samples.t.tolist())
@@ -95,7 +95,7 @@ def seen_before(
 def _mask_in(text: str, part: ViewBatch) -> Mask:
     """What a batch shows, of a text. Raises ValueError for any other text."""
     sees = from_line(text)
-    expected = (len(installations(part.views)), len(part.way.items.sample))
+    expected = (len(part.places), len(part.way.items.sample))
     if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
         raise ValueError("no verdicts of these views")
     return sees

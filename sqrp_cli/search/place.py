@@ -363,7 +363,7 @@ class CameraPlacer:
         moved = []
         found = refined(table, [placed.place for placed in cameras], selection.ways, value)
         for placed, there in zip(cameras, found, strict=True):
-            distance = float(np.linalg.norm(there.view.spot.position - placed.place.view.spot.position))
+            distance = float(np.linalg.norm(there.spot.position - placed.place.spot.position))
             about: dict[str, Any] = {"mount": placed.mount, "alone": placed.alone, "loss": placed.loss}
             moved.append(CameraPlaced.at(there, placed.name, **about, moved=distance))
         better = self._studies([*(placed.camera for placed in moved), *stay], selection)

@@ -58,10 +58,10 @@ class CameraPlaced(Record):
         cls, place: Installation, name: str, *, alone: float, loss: float, mount: str = "", moved: float = 0.0
     ) -> CameraPlaced:
         """The camera of an installation; for the others see the fields. mount: by default the place's own."""
-        at, camera = place.view.at, place.camera(name)
+        at, camera = place.at, place.camera(name)
         return cls(
             name=name,
-            mount=mount or place.view.spot.name,
+            mount=mount or place.spot.name,
             lens=place.lens.name,
             pose=camera.X_FC.tolist(),
             frame=camera.frame,

@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.search.aiming import looking_at
-from sqrp_cli.search.sites import Installation, View, blocked, hidden_by, pairs_apart, seen_by
+from sqrp_cli.search.sites import Installation, blocked, hidden_by, pairs_apart, seen_by
 from sqrp_cli.search.visibility_table import VisibilityTable
 
 Pair = tuple[float | None, float | None]  # q_eoi and Q_avg of a way, in 0..1; None where undefined
@@ -50,8 +50,8 @@ def refined(
         return round(first, 6), round(rest, 6)
 
     def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
-        spot = place.view.spot
-        apart = not any(True for other in rest for _ in pairs_apart([spot, other.view.spot]))
+        spot = place.spot
+        apart = not any(True for other in rest for _ in pairs_apart([spot, other.spot]))
         return apart and not any(blocked(cell, way.swept, [spot])[0] for way in ways)
 
     present = worth(seen)
@@ -69,14 +69,14 @@ def refined(
     for one, other in permutations(range(len(best)), 2):
         for way, sees in zip(ways, seen[other], strict=True):
             moved = min(one, other) < len(places)
-            if moved and (hidden_by(way, best[one].view.spot, best[other].view.spot) & sees).any():
+            if moved and (hidden_by(way, best[one].spot, best[other].spot) & sees).any():
                 return tuple(places)
     return tuple(best[: len(places)])
 
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:
     """The camera a share of a step away along its mount, and turned by a share of a step of its cone."""
-    view, spot, entry = place.view, place.view.spot, place.view.spot.entry
+    spot, entry = place.spot, place.spot.entry
     laid = entry.rail or entry.grid
     if laid is not None:
         start, end = np.array(laid.start), np.array(laid.end)
@@ -87,25 +87,23 @@ def _around(place: Installation, share: float) -> Iterator[Installation]:
             position = np.round(inside, 3) + 0.0
             if np.abs(position - spot.position).max() >= _FINEST:
                 name = f"{spot.name.removesuffix(', moved')}, moved"
-                moved = replace(view, spot=replace(spot, name=name, position=read_only(position)))
-                yield replace(place, view=_looking(moved, view.at))
+                yield _looking(replace(place, spot=replace(spot, name=name, position=read_only(position))), place.at)
     cone = None if entry.aims is None else entry.aims.cone
-    if cone is None or view.at is None or share * cone.step < np.radians(1):
+    if cone is None or place.at is None or share * cone.step < np.radians(1):
         return
-    axis, forward = np.array(cone.axis) / np.linalg.norm(cone.axis), view.X_FC[:3, 2]
-    for side in (view.X_FC[:3, 0], view.X_FC[:3, 1]):
+    axis, forward = np.array(cone.axis) / np.linalg.norm(cone.axis), place.X_FC[:3, 2]
+    for side in (place.X_FC[:3, 0], place.X_FC[:3, 1]):
         for sign in (-1.0, 1.0):
             turned = np.cos(share * cone.step) * forward + sign * np.sin(share * cone.step) * side
             if turned @ axis >= np.cos(cone.angle) - 1e-9:
-                point = np.round(spot.position + float(np.linalg.norm(view.at - spot.position)) * turned, 6)
-                yield replace(place, view=_looking(view, point))
+                point = np.round(spot.position + float(np.linalg.norm(place.at - spot.position)) * turned, 6)
+                yield _looking(place, point)
 
 
-def _looking(view: View, point: Array | None) -> View:
-    """A view from its place at a point, or in the same direction where it has none."""
-    eye = view.spot.position
+def _looking(place: Installation, point: Array | None) -> Installation:
+    """The camera turned to a point, or in the same direction where there is none."""
+    eye, X_FC = place.spot.position, place.X_FC.copy()
     if point is not None:
-        return replace(view, X_FC=read_only(looking_at(eye[None], point[None], view.up)[0]), at=point)
-    X_FC = view.X_FC.copy()
+        return replace(place, X_FC=read_only(looking_at(eye[None], point[None], place.up)[0]), at=point)
     X_FC[:3, 3] = eye
-    return replace(view, X_FC=read_only(X_FC))
+    return replace(place, X_FC=read_only(X_FC))

@@ -30,7 +30,7 @@ from sqrp_cli.task.task import Candidate
 
 EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
 MOST_WAYS = 6  # most ways of a candidate to choose from
-_VIEWS_TOGETHER = 24  # poses judged as one piece of work
+_TOGETHER = 48  # installations judged as one piece of work
 _PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
 
 
@@ -107,37 +107,32 @@ def middle_of(ways: Sequence[JudgedWay]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """A pose of a camera at a place of a mount."""
+class Installation:
+    """A camera somewhere on its mount: one that may be chosen."""
 
     spot: Spot
     X_FC: Array  # pose of the optical frame in the frame that carries it, shape (4, 4)
     at: Array | None  # the point that it looks at, in that frame, if its aim says one, shape (3,)
     up: Array  # what is up in the image then, shape (3,)
-
-
-@dataclass(frozen=True, eq=False)
-class Installation:
-    """A camera somewhere on its mount: one that may be chosen."""
-
-    view: View
     lens: LensChoice
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
-        view = self.view
-        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=view.spot.frame, X_FC=view.X_FC)
+        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.X_FC)
 
     @property
     def price(self) -> float:
         """Of the camera and of mounting it there."""
-        return self.view.spot.entry.price + self.lens.price
+        return self.spot.entry.price + self.lens.price
 
 
-def views_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[View]:
-    """The poses at a place. middle: of all that has to be seen, (3,); middles: of what each candidate shows."""
+def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[Installation]:
+    """Every pose at a place with every lens that fits its mount.
+
+    middle: of all that has to be seen, (3,); middles: of what each candidate shows.
+    """
     aims, eye = spot.entry.aims or AimsEntry(targets="middle"), spot.position
-    up, known = np.array(aims.up, dtype=float), list[Array]()
+    up, known, poses = np.array(aims.up, dtype=float), list[Array](), list[tuple[Array, Array | None]]()
     points = [np.array(point, dtype=float) for point in aims.at]
     if aims.targets is not None and spot.frame == WORLD:
         points += [middle, *(middles if aims.targets == "each" else ())]
@@ -146,42 +141,33 @@ def views_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[Vi
     for point in points:
         if np.linalg.norm(point - eye) > SAME and not any(np.linalg.norm(point - one) < SAME for one in known):
             known.append(point)
-            yield View(spot, read_only(looking_at(eye[None], point[None], up)[0]), point, up)
-    for one in aims.fixed:
-        yield View(spot, read_only(pose(one.matrix()[:3, :3], eye)), None, up)
+            poses.append((looking_at(eye[None], point[None], up)[0], point))
+    poses += [(pose(one.matrix()[:3, :3], eye), None) for one in aims.fixed]
+    for X_FC, at in poses:
+        X_FC = read_only(X_FC)
+        yield from (Installation(spot, X_FC, at, up, lens) for lens in spot.lenses)
 
 
-def installations(views: Sequence[View]) -> list[Installation]:
-    """Every pose with every lens that fits its mount."""
-    return [Installation(view, lens) for view in views for lens in view.spot.lenses]
-
-
-@dataclass(frozen=True, eq=False)
-class ViewBatch:
-    """A piece of the work: what some poses, with all of their lenses, see in a way."""
+class ViewBatch(NamedTuple):
+    """A piece of the work: what some installations see in a way."""
 
     way: JudgedWay
-    views: tuple[View, ...]
-
-    def seen(self, cell: Cell) -> Mask:
-        """Whether each installation sees each item of the way, shape (installations, items)."""
-        return seen_by(cell, self.way, installations(self.views))
+    places: Sequence[Installation]
 
 
-def view_batches(way: JudgedWay, views: Sequence[View]) -> list[ViewBatch]:
+def view_batches(way: JudgedWay, places: Sequence[Installation]) -> list[ViewBatch]:
     """All of the work for a way."""
-    starts = range(0, len(views), _VIEWS_TOGETHER)
-    return [ViewBatch(way, tuple(views[first : first + _VIEWS_TOGETHER])) for first in starts]
+    return [ViewBatch(way, places[first : first + _TOGETHER]) for first in range(0, len(places), _TOGETHER)]
 
 
 Verdicts = Callable[[Sequence[ViewBatch]], Iterable[tuple[int, Mask]]]
 """Where verdicts come from, processes, a cluster, or a run before this one: of every batch its number, in any order,
-and what it shows."""
+and what it shows, as `seen_by`."""
 
 
 def seen_locally(cell: Cell, jobs: int, parts: Sequence[ViewBatch]) -> Iterator[tuple[int, Mask]]:
     """See `Verdicts`: by as many processes of this machine."""
-    yield from enumerate(in_processes(lambda part: part.seen(cell), parts, min(jobs, len(parts))))
+    yield from enumerate(in_processes(lambda part: seen_by(cell, *part), parts, min(jobs, len(parts))))
 
 
 def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
@@ -190,17 +176,14 @@ def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
     Those with one pose are looked at together, as what hides a box does not depend on the lens.
     """
     sees = np.zeros((len(places), len(way.items.sample)), dtype=bool)
-    if not sees.size:
-        return sees
-    for frame in dict.fromkeys(one.view.spot.frame for one in places):
-        rows = [row for row, one in enumerate(places) if one.view.spot.frame == frame]
-        views = {id(places[row].view): places[row].view for row in rows}
+    for frame in dict.fromkeys(one.spot.frame for one in places) if sees.size else ():
+        rows = [row for row, one in enumerate(places) if one.spot.frame == frame]
+        poses = {id(places[row].X_FC): places[row].X_FC for row in rows}
         lenses = {id(places[row].lens): places[row] for row in rows}
         cameras = [one.camera(one.lens.name) for one in lenses.values()]
-        X_FC = np.stack([view.X_FC for view in views.values()])
-        found = cell.observer.seen_from(cameras, X_FC, way.scene.targets, way.states, *way.items)
-        of_lens, of_view = ({key: number for number, key in enumerate(known)} for known in (lenses, views))
-        sees[rows] = [found[of_lens[id(places[row].lens)], of_view[id(places[row].view)]] for row in rows]
+        found = cell.observer.seen_from(cameras, np.stack([*poses.values()]), way.scene.targets, way.states, *way.items)
+        of_lens, of_pose = ({key: number for number, key in enumerate(known)} for known in (lenses, poses))
+        sees[rows] = [found[of_lens[id(places[row].lens)], of_pose[id(places[row].X_FC)]] for row in rows]
     return sees
 
 

@@ -24,17 +24,15 @@ from sqrp_cli.search.sites import (
     Installation,
     JudgedWay,
     Verdicts,
-    View,
     blocked,
     hidden_by,
-    installations,
+    installations_at,
     judged,
     middle_of,
     pairs_apart,
     seen_locally,
     varied,
     view_batches,
-    views_at,
 )
 from sqrp_cli.study.assessment import Study, Watched, all_watched, with_delays
 from sqrp_cli.study.fault_sights import least_fault_delays
@@ -72,7 +70,7 @@ class VisibilityTable:
         """Nothing is planned or seen yet. progress: shows how far it is."""
         self.question, self._progress = question, progress
         self.spots = list(question.mounts.spots)  # the sites: places on mounts, then those of the cameras that stay
-        self.views, self.options, self.kept = list[View](), list[Installation](), list[int]()
+        self.options, self.kept = list[Installation](), list[int]()
         """Every pose at every site; with every lens that fits; of these, by index, the cameras that stay."""
         self.site: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
         self.ways: list[JudgedWay] = []
@@ -116,8 +114,7 @@ class VisibilityTable:
                 aimed_at.append(self.ways[-1] if same else judged(cell, task.text, candidate, of_first_grip))
         mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
         if self.ways:
-            self.views = [view for spot in self.spots for view in views_at(spot, middle, middles)]
-        self.options = installations(self.views)
+            self.options = [one for spot in self.spots for one in installations_at(spot, middle, middles)]
         for name in question.keep:
             camera = cell.workspace.cameras[name]
             lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
@@ -126,10 +123,9 @@ class VisibilityTable:
             spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
             self.kept.append(len(self.options))
             self.spots.append(spot)
-            self.views.append(View(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
-            self.options.append(Installation(self.views[-1], lens))
+            self.options.append(Installation(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), lens))
         number = {id(spot): index for index, spot in enumerate(self.spots)}
-        self.site = np.array([number[id(option.view.spot)] for option in self.options], dtype=np.int64)
+        self.site = np.array([number[id(option.spot)] for option in self.options], dtype=np.int64)
         self.beside = {one: self.spots[other].name for one, other in pairs_apart(self.spots) if one < mounted <= other}
 
     def judge(self) -> None:
@@ -219,7 +215,7 @@ class VisibilityTable:
         """The camera of an option; one that stays has its name."""
         there = self.options[option]
         kept = option in self.kept
-        return self.question.cell.workspace.cameras[there.view.spot.name] if kept else there.camera(f"at {option}")
+        return self.question.cell.workspace.cameras[there.spot.name] if kept else there.camera(f"at {option}")
 
     def cell_with(self, cameras: Iterable[Camera]) -> Cell:
         """The cell with these cameras and no others."""
@@ -304,7 +300,7 @@ class VisibilityTable:
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
         verdicts = self.question.verdicts or partial(seen_locally, self.question.cell, 1)
-        batches = [view_batches(way, self.views) for way in ways]
+        batches = [view_batches(way, self.options) for way in ways]
         found: dict[int, Mask] = {}
         with self._progress("Looking from every mount", sum(map(len, batches))) as advance:
             for number, sees in verdicts([batch for of_way in batches for batch in of_way]):

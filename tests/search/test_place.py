@@ -110,8 +110,8 @@ def test_one_camera_less_is_as_good_as_the_best_of_all_mounts(pair):
 def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts(pair):
     asked, found, _ = pair
     cameras = [option.camera(f"c{n}") for n, option in enumerate(asked.table.options)]
-    names = [option.view.spot.name for option in asked.table.options]
-    chosen = [cameras[names.index(placed.place.view.spot.name.removesuffix(", moved"))] for placed in found.cameras]
+    names = [option.spot.name for option in asked.table.options]
+    chosen = [cameras[names.index(placed.place.spot.name.removesuffix(", moved"))] for placed in found.cameras]
     (way,) = asked.table.ways
     seen = observed(asked.table.cell_with(chosen), way.scene, Adaptive(), full=False).assessment("")
     assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
@@ -141,8 +141,8 @@ def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path
     found = asked.place()
     assert found.met
     brute = BruteForce(asked)
-    places = [camera.place.view.spot.name for camera in found.cameras]
-    names = [option.view.spot.name for option in asked.table.options]
+    places = [camera.place.spot.name for camera in found.cameras]
+    names = [option.spot.name for option in asked.table.options]
     chosen = [names.index(place) for place in places]
     for lost in chosen:
         assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0, abs=1e-3)
@@ -161,7 +161,7 @@ def test_ways_that_are_chosen_too_are_never_worse(cell, tmp_path, pair):
 def test_what_cameras_aim_at_does_not_depend_on_a_choice_of_ways(cell, tmp_path, pair):
     free = placer(cell, tmp_path, FORTY, Requirements(most=2), fastest=False)
     free.table.plan()
-    assert [view.at.tolist() for view in free.table.views] == [view.at.tolist() for view in pair[0].table.views]
+    assert [one.at.tolist() for one in free.table.options] == [one.at.tolist() for one in pair[0].table.options]
 
 
 def test_ctrl_c_after_the_choice_does_not_lose_it(cell, tmp_path, pair, monkeypatch):

@@ -43,10 +43,10 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
     agree: list[bool] = []
     shown = 0
     for option, there in enumerate(asked.table.options):
-        view, camera = there.view, there.camera("here")
+        camera = there.camera("here")
         sample, target = way.items
         (within,) = cell.cell.observer.seen_from(
-            [camera], view.X_FC[None], scene.targets, states, sample, target, limits_only=True
+            [camera], there.X_FC[None], scene.targets, states, sample, target, limits_only=True
         )[0]
         assert not sees[option][~within].any()
         for item in np.flatnonzero(within).tolist():
@@ -54,7 +54,7 @@ def test_six_cameras_see_what_a_renderer_shows(tmp_path: Path) -> None:
             stage.move(dict(zip(scene.motion.joint_names, q[state], strict=True)))
             stage.place(held.parent, _at(states.X_WF[carried], state))
             stage.show([i for i, name in enumerate(stage.names) if name in box.encloses])
-            share = _share(stage, view.X_FC, _at(states.box_poses(box), state), box)
+            share = _share(stage, there.X_FC, _at(states.box_poses(box), state), box)
             agree.append((share >= box.limits.min_visible) == bool(sees[option][item]))
             shown += share >= box.limits.min_visible
     stage.close()

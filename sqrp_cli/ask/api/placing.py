@@ -77,8 +77,8 @@ def find_placement(
     file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
     if not found.cameras:
         return replace(found, file=file, content=file.content)
-    places = [(one.camera, one.place.lens.image, one.place.view) for one in found.cameras]
-    patched = with_cameras(file, keep, [NewCamera(camera, image, view.at, view.up) for camera, image, view in places])
+    added = [NewCamera(one.camera, one.place.lens.image, one.place.at, one.place.up) for one in found.cameras]
+    patched = with_cameras(file, keep, added)
     return replace(found, file=file, content=patched, patch=patch(file, patched))
 
 
