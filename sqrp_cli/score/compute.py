@@ -155,11 +155,11 @@ class Computer:
         if results cannot be kept.
         """
         missing = {self._key(one): one for one in wanted if self.outcome(one) is None and not self.why_not(one)}
-        packed: dict[str, PackedWorkspace] = {}
+        packed = {id(one.workspace): one.workspace for one in missing.values()}
+        workspaces = {name: PackedWorkspace.of(workspace) for name, workspace in packed.items()}
         jobs = [
             ScoreJob(
-                workspace=packed.get(one.workspace.digest)
-                or packed.setdefault(one.workspace.digest, PackedWorkspace.of(one.workspace)),
+                workspace=workspaces[id(one.workspace)],
                 seed=self._means.seed,
                 candidate=one.candidate,
                 sampling=self.sampling,

@@ -1,7 +1,7 @@
 """Kept results: outcomes of candidates and of searches, in a folder from which a run can resume, by their keys.
 
 They are lines of JSON, the same for the same figures; damage and edits are noticed. A key is the digest of everything
-that an outcome depends on.
+that an outcome depends on, but for the program.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def code_digest(root: Path) -> str:
 
 
 def key_of(*about: object) -> str:
-    """The key of what depends on some JSON values, and on the program."""
-    return hashlib.sha256(json.dumps([program_digest(), *about], ensure_ascii=True).encode()).hexdigest()
+    """The key of what depends on some JSON values."""
+    return hashlib.sha256(json.dumps(about, ensure_ascii=True).encode()).hexdigest()
 
 
 def as_line(value: object) -> str:
@@ -231,18 +231,24 @@ class Results:
     def get(self, key: str) -> str | None:
         """What is kept under a key, if anything; the reader checks for damage."""
         if key not in self._texts and self.folder is not None:
-            path = self.folder / key[:2] / f"{key}.json"
+            path = self.path(self.folder, key)
             if path.is_file():
                 with suppress(InputError):
                     self._texts[key] = read_text(path, MAX_BYTES)
         return self._texts.get(key)
+
+    @staticmethod
+    def path(folder: Path, key: str) -> Path:
+        """The file of a key; results of different programs are never mixed."""
+        name = key_of(program_digest(), key)
+        return folder / name[:2] / f"{name}.json"
 
     def keep(self, key: str, text: str) -> None:
         """Keep an outcome. Raises InputError where it cannot be written."""
         self._texts[key] = text
         if self.folder is None:
             return
-        path = self.folder / key[:2] / f"{key}.json"
+        path = self.path(self.folder, key)
         with naming(self.folder, "results cannot be kept in this folder"):
             path.parent.mkdir(exist_ok=True)
             if path.is_dir():

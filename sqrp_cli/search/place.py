@@ -241,7 +241,7 @@ class CameraPlacer:
             unseen = [_candidate(table.ways[number], one.assessment("")) for number, one in pairs]
             why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
             return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
-        cameras = self._cameras(selection)
+        cameras = self._cameras(checked, selection)
         studies: Sequence[Study] = self._studies([*(placed.camera for placed in cameras), *stay], selection)
         if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
             cameras, studies = self._unless_stopped(
@@ -325,7 +325,7 @@ class CameraPlacer:
     def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
         return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
 
-    def _cameras(self, selection: Selection) -> tuple[CameraPlaced, ...]:
+    def _cameras(self, checked: Checked, selection: Selection) -> tuple[CameraPlaced, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
 
@@ -336,9 +336,10 @@ class CameraPlacer:
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []
+        whole = (not wanted.failure_tolerance and checked.value) or quality(*everyone)
         for option, name in zip(selection.options, names, strict=False):
             rest = (one for one in everyone if one != option)
-            loss = max(0.0, quality(*everyone) - quality(*rest))
+            loss = max(0.0, whole - quality(*rest))
             placed.append(CameraPlaced.at(table.options[option], name, alone=quality(option), loss=loss))
         return tuple(placed)
 

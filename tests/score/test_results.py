@@ -30,8 +30,9 @@ IN_THE_WAY: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("what", IN_THE_WAY)
 def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path) -> None:
-    (tmp_path / KEY[:2]).mkdir()
-    IN_THE_WAY[what](tmp_path / KEY[:2] / f"{KEY}.json")
+    file = Results.path(tmp_path, KEY)
+    file.parent.mkdir()
+    IN_THE_WAY[what](file)
     with closing(Results(tmp_path)) as results:
         assert results.get(KEY) is None
         results.keep(KEY, "text")
