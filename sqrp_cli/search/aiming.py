@@ -120,7 +120,9 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
     axes = X_FP[:, :3, :3] @ solid.half_axes.T  # columns
     half = np.linalg.norm(solid.half_axes, axis=1)
     center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
-    gap = np.abs(np.einsum("pmi,mij->pmj", places[:, None] - center, axes / half)) - half
+    units = axes / half
+    along = places @ units.swapaxes(0, 1).reshape(3, -1) - (center[:, None] @ units).reshape(-1)  # one product of all
+    gap = np.abs(along).reshape(len(places), -1, 3) - half
     found = np.zeros(len(places), dtype=bool)
     ball = _ball(radius)
     for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
