@@ -70,16 +70,7 @@ def step(
         q_eoi=None,
         faults={},
         verdict="",
-        primitives=(
-            ProgramPrimitive(
-                name="a1",
-                action="Wait",
-                start=0.0,
-                end=time,
-                held=None,
-                trajectory=still,
-            ),
-        ),
+        primitives=(ProgramPrimitive(name="a1", action="Wait", start=0.0, end=time, held=None, trajectory=still),),
         formulas=tuple(formulas),
         targets={
             atom: ProgramTarget(cameras=1, boxes=(box(),), seen={name: tuple(spans) for name, spans in cameras.items()})

@@ -24,7 +24,6 @@ TOTAL, START = 2.0, 0.5
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 SHOWN = {T: Truth.TRUE, F: Truth.FALSE, U: Truth.UNKNOWN}
 SLIP = formula(f"eventually[{START}, {TOTAL}] (not held)", "retry", "slip")
-
 Vote = Callable[[str, float], Truth]
 """What the image of a camera, taken at a time [s], shows of `held`."""
 

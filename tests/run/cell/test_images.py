@@ -30,7 +30,6 @@ from tests.run.cell.scenes import TABLE, camera, cell, empty, thing, workspace, 
 
 AWAY = (2.0, 0.6, 0.5)
 """Seen from where cameras stand, there is no robot in this direction."""
-
 LENSES = {
     "pinhole": camera(target=AWAY),
     "decentred": camera(target=AWAY, center=(280.3, 261.8), focal=(590.0, 610.0)),

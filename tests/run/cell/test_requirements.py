@@ -107,8 +107,6 @@ class Missing:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing)
 """
-
-
 INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 

@@ -35,7 +35,6 @@ from tests.run.cell.scenes import camera, cell, empty, thing, world
 FOCAL = 600.0
 PLACE = (4.0, 0.0, 0.02)
 """Of the cube, far from the robot."""
-
 CUBE, SCREEN = thing("cube", PLACE, color="green"), thing("screen", (4.0, 2.0, 0.5), (0.4, 0.4, 0.004), color="black")
 OTHER_SCREEN = thing("other", (4.0, 2.5, 0.5), SCREEN.size, color="black")
 GROUND = thing("ground", (4.0, 0.0, -0.02), (20.0, 20.0, 0.04), color="grey", fixed=True)

@@ -21,9 +21,7 @@ from sqrp_cli.skill.target_box import TargetBox
 
 OPEN, CLOSED, SIDE = 100.0, 160.0, 20.0
 """Where the marker's middle is seen along the image's rows with the fingers open and closed, and its side [pixels]."""
-
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-
 BOX = TargetBox(
     name="left", detector="aruco", frame=FrameName("finger"), size=(0.02, 0.02, 0.001), X_FB=np.eye(4), normal=None,
     encloses=("finger",),

@@ -70,8 +70,6 @@ def test_a_finger_that_stands_up_behind_a_part_is_not_before_it() -> None:
 
 WIDE = camera("beside", (0.3, 0.4, 0.5), (0.0, 0.0, 0.0), size=(160, 120), focal=(150.0, 150.0))
 WIDE_VIEW = PosedCamera(Projection.of(WIDE), WIDE.X_FC)
-
-
 FINE = 5
 """Rays across a pixel: what a link shows may be thinner."""
 

@@ -11,10 +11,7 @@ from sqrp_cli.run.record.images import read_frames
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        (
-            "frames.csv",
-            "this file is no recording; expected an MCAP file, a bag of ROS, or a folder with frames.csv",
-        ),
+        ("frames.csv", "this file is no recording; expected an MCAP file, a bag of ROS, or a folder with frames.csv"),
         (".", "the columns are others, expected `camera, file, step, t`"),
         ("nowhere", "no such file or folder"),
     ],
