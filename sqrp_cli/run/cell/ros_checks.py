@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -121,7 +121,16 @@ def _connections(cell: RosCell) -> Iterator[CellCheck]:
     for inbox in (cell.states, *cell.images.values(), *(() if clock is None else (clock,))):
         if not inbox.count:
             topic = inbox.topic
-            yield CellCheck(topic.name, "messages", "none", topic.type, _nothing_on(topic, offered))
+            types = set(offered.get("/" + topic.name.lstrip("/"), ()))
+            alike = [name for name, kinds in offered.items() if topic.type in kinds]
+            why = f"nothing comes on `{topic.name}`"
+            if types - {topic.type}:
+                why = f"`{topic.name}` carries {', '.join(sorted(types))}, not {topic.type}"
+            elif types and topic.reliable:
+                why += "; its sender may not be reliable: set `reliable: false`"
+            elif not types and alike:
+                why = f"nobody sends on `{topic.name}`; {expected_names(topic.name, alike)}"
+            yield CellCheck(topic.name, "messages", "none", topic.type, why)
     for topic in cell.commands:
         if cell.transport.readers(topic) == 0:
             yield CellCheck(topic.name, "readers", "none", "1", f"nobody reads `{topic.name}` to follow it")
@@ -129,19 +138,6 @@ def _connections(cell: RosCell) -> Iterator[CellCheck]:
     if others > 0:
         problem = "another `sqrp run` is connected to this robot, or was killed within the last 10 s"
         yield CellCheck("robot", "commanded by", f"{others} more", "", problem)
-
-
-def _nothing_on(topic: Topic, offered: Mapping[str, Collection[str]]) -> str:
-    """Why no message comes on a topic, as far as what others send tells."""
-    types = set(offered.get("/" + topic.name.lstrip("/"), ()))
-    if types - {topic.type}:
-        return f"`{topic.name}` carries {', '.join(sorted(types))}, not {topic.type}"
-    if types and topic.reliable:
-        return f"nothing comes on `{topic.name}`; its sender may not be reliable: set `reliable: false`"
-    alike = [name for name, kinds in offered.items() if topic.type in kinds]
-    if not types and alike:
-        return f"nobody sends on `{topic.name}`; {expected_names(topic.name, alike)}"
-    return f"nothing comes on `{topic.name}`"
 
 
 def _joints(cell: RosCell, start: Mapping[str, float], seen: list[Mapping[str, float]]) -> Iterator[CellCheck]:

@@ -212,7 +212,7 @@ class Physics:
             held = self._hold.held() if isinstance(self._hold, SuctionGrip) else None
             self._controller.drive(velocity, acceleration, None if held is None else self.model.body(held).id)
             mujoco.mj_step2(self.model, self._data)
-            error = self._data.xpos[self._carrier] - self._controller.wanted_position()
+            error = self._data.xpos[self._carrier] - self._controller.scratch.xpos[self._carrier]
             self.squared_error += float(error @ error)
             self.steps += 1
         mujoco.mj_kinematics(self.model, self._data)
@@ -272,8 +272,8 @@ class Physics:
         return body_pose(self._data, self._carrier)
 
     def torques(self) -> Array:
-        """What each motor gave in the last time step [Nm or N], shape (motors,)."""
-        return self._controller.torques()
+        """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""
+        return np.array(self._data.qfrc_actuator[self._controller.dofs])
 
     def object_poses(self) -> dict[str, Array]:
         """X_WO of every object, shape (4, 4) each."""
@@ -358,15 +358,17 @@ class Controller:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> None:
         """data: at the start, with everything computed. carrier: the body that carries what the tool holds."""
-        self._model, self._data, self._scratch, self._carrier = model, data, mujoco.MjData(model), carrier
+        self._model, self._data, self._carrier = model, data, carrier
+        self.scratch = mujoco.MjData(model)
+        """As if every motor were where it is wanted, at the last `drive`."""
         self.joints = tuple(model.actuator(i).name for i in range(model.nu))
         joint_ids = model.actuator_trnid[:, 0]
         self._joint_ids, self._efforts = joint_ids, model.jnt_actfrcrange[joint_ids].copy()
-        self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
+        self._position, self.dofs = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
         self._followers = followers(model)
         # How fast each degree of freedom moves with each motor, (nv, motors): followers as their leaders do.
         self._moved = np.zeros((model.nv, model.nu))
-        self._moved[self._velocity, np.arange(model.nu)] = 1.0
+        self._moved[self.dofs, np.arange(model.nu)] = 1.0
         for one in self._followers:
             leader = model.jnt_dofadr[one.leader]
             self._moved[model.jnt_dofadr[one.joint]] = one.multiplier * self._moved[leader]
@@ -408,16 +410,6 @@ class Controller:
         led = self.wanted + (torque + self._damping * velocity) / self._stiffness
         self._data.ctrl[:] = np.where(np.isnan(self._force), np.clip(led, -FURTHEST, FURTHEST), self._force)
 
-    def torques(self) -> Array:
-        """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""
-        given: Array = self._data.qfrc_actuator[self._velocity]
-        return given
-
-    def wanted_position(self) -> Array:
-        """Position of the carrier if every motor were where it is wanted [m], at the last `drive`."""
-        wanted: Array = self._scratch.xpos[self._carrier]
-        return wanted
-
     def _weight(self) -> Array:
         """Torque of each motor that holds the robot where it is wanted."""
         still = np.zeros(self._model.nu)
@@ -425,7 +417,7 @@ class Controller:
 
     def _inverse_dynamics(self, velocity: Array, acceleration: Array, payload: int | None) -> Array:
         """Torque of each motor that the wanted motion takes; everything else stands still where it now is."""
-        model, scratch = self._model, self._scratch
+        model, scratch = self._model, self.scratch
         scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
         scratch.qpos[self._position] = self.wanted
         move_followers(model, self._followers, scratch.qpos)

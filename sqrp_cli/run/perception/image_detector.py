@@ -75,12 +75,16 @@ class ImageDetector:
         view = ExpectedView(self._cell, self._projection, self._sought, frame.image, believed)
         background = self._background
         if background is None:
-            masks = (view.robot.mask(view.whole), view.sought_mask(), view.movables_mask())
+            objects = [(self._cell.objects[name], X) for name, X in believed.X_WO.items()]
+            outlines = [view.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed]
+            movables = filled(view.whole, [outline.corners for outline in outlines if outline is not None])
+            masks = (view.robot.mask(view.whole), view.sought_mask(), movables)
             moving = self._camera.frame != WORLD
             background = Background(view.image, *masks, moving=moving, shadows=self._cell.shadows)
             self._background = background
         elif not background.is_complete:
-            background.learn(view.image, dilated(view.robot.cover(view.whole) | view.sought_mask(), 3))
+            robot = filled(view.whole, [part.hull for part in view.robot.parts])  # all of it, and a little more
+            background.learn(view.image, dilated(robot | view.sought_mask(), 3))
         boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
         places: dict[str, Array] = {}
         by_object: dict[str, list[tuple[str, TargetBox]]] = {}

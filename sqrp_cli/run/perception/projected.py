@@ -6,7 +6,8 @@ there or not: it is evidence of neither.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache, partial
 
 import numpy as np
 
@@ -121,10 +122,6 @@ class ProjectedParts:
             chosen.append(part.corners[touching])
         return filled(crop, chosen)
 
-    def cover(self, crop: Crop) -> Mask:
-        """Pixels of a crop that hold all of the robot, and a little more: the hull of each part."""
-        return filled(crop, [part.hull for part in self.parts])
-
 
 class PosedCamera:
     """One camera at one moment."""
@@ -194,16 +191,6 @@ class PosedCamera:
                 )
                 parts.append(part)
         return ProjectedParts(tuple(parts))
-
-    def hides(self, X_WB: Array, size: Sequence[float], points_W: Array) -> bool:
-        """Whether a box of full extents `size` stands between the camera and any of some points (n, 3) [m]."""
-        X_BW = inverse(X_WB)
-        start = transform(X_BW, self.X_WC[:3, 3][None])[0]
-        steps = transform(X_BW, points_W) - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
-        enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
-        return bool(((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any())
 
 
 def _before_lens(points: Array) -> Array:
@@ -296,19 +283,14 @@ class ExpectedView:
         self.boxes = [(atom, box) for atom, target in sought.targets.items() for box in target.boxes]
         """All boxes to look at, each with its atom."""
         self._X_WL = cell.robot.link_poses(believed.joints)
-        self._markers: dict[str, list[FoundMarker]] = {}
+        self.markers: Callable[[str], list[FoundMarker]] = cache(partial(find_markers, image))
+        """The markers of a dictionary in the image."""
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
         self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
         self.whole = self.posed_camera.whole
         """All of the image."""
         self.robot: ProjectedParts = self.posed_camera.silhouette(cell.robot.surfaces, self._X_WL)
         """The silhouette that the robot has in it, by its encoders."""
-
-    def markers(self, dictionary: str) -> list[FoundMarker]:
-        """The markers of a dictionary in the image."""
-        if dictionary not in self._markers:
-            self._markers[dictionary] = find_markers(self.image, dictionary)
-        return self._markers[dictionary]
 
     def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
         """The object that a box is for."""
@@ -346,8 +328,14 @@ class ExpectedView:
         obj, X_WO = self.cell.objects[name], self.believed.X_WO[name]
         found = []
         for part, surface in zip(obj.parts, self.cell.surfaces[name], strict=True):
-            box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
-            if self.posed_camera.hides(*box, points_W):
+            X_WB, size = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
+            X_BW = inverse(X_WB)
+            start = transform(X_BW, self.posed_camera.X_WC[:3, 3][None])[0]
+            steps = transform(X_BW, points_W) - start
+            with np.errstate(divide="ignore", invalid="ignore"):
+                bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
+            enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+            if ((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any():
                 found.append(surface)
         if found and self.posed_camera.outline(X_WO, obj.size) is None:
             return None
@@ -378,9 +366,3 @@ class ExpectedView:
         for color, corners in of_tool.items():
             mask |= filled(self.whole, corners) & color_mask(self.image, color)
         return mask
-
-    def movables_mask(self) -> Mask:
-        """The pixels that movable objects cover where they are believed to be."""
-        objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
-        outlines = (self.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed)
-        return filled(self.whole, [outline.corners for outline in outlines if outline is not None])
