@@ -10,7 +10,7 @@ from __future__ import annotations
 import colorsys
 from collections.abc import Mapping, Sequence
 from functools import cache
-from math import cos, inf, radians
+from math import inf, radians
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -85,17 +85,6 @@ Intensity = Annotated[float, In(None, 0.0, MOST_INTENSITY)]
 Beam = Annotated[float, In(ANGLE, radians(1.0), radians(160.0))]
 
 
-class Rays(NamedTuple):
-    """What reaches n points from a light, if nothing is in the way."""
-
-    towards: Array
-    """Unit vectors to the light, shape (n, 3)."""
-    distance: Array
-    """To the light, infinite from a directional one, shape (n,) [m]."""
-    strength: Array
-    """Intensity of the light there, shape (n,)."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Light(Stored):
     """A light: from everywhere, from a direction, as of the sun, or a lamp in a place."""
@@ -134,17 +123,6 @@ class Light(Stored):
         """Unit vector in which it shines, (3,)."""
         return self._way / np.linalg.norm(self._way)
 
-    def rays(self, points: Array) -> Rays:
-        """What reaches points, shape (n, 3): of a lamp less with the square of the distance."""
-        if self.position is None:
-            count = len(points)
-            return Rays(np.tile(-self.heading, (count, 1)), np.full(count, inf), np.full(count, self.intensity))
-        to_light = np.subtract(self.position, points)
-        distance = np.maximum(np.linalg.norm(to_light, axis=1), 1e-6)
-        towards = to_light / distance[:, None]
-        within = -(towards @ self.heading) >= cos(self.half_beam)
-        return Rays(towards, distance, np.where(within, self.intensity / distance**2, 0.0))
-
     @property
     def _way(self) -> Array:
         if self.direction is not None:
@@ -159,10 +137,7 @@ class Brightness(NamedTuple):
     most: float
 
 
-_ROUNDED = 0.5 / 255  # by how much a pixel's value may be rounded up
-
 ANY_BRIGHTNESS = Brightness(0.0, inf)
-
 MARKER = Brightness(0.2, inf)
 """Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""
 
@@ -173,7 +148,8 @@ def brightness_of(color: str | None) -> Brightness:
     paint = COLORS.get((color or "").lower())
     if paint is None or not detected_as(color or "", paint):
         return ANY_BRIGHTNESS
+    # Pixels are rounded, by up to half a step.
     brighter: Array = np.geomspace(1.0, 2 * MOST_INTENSITY, 4000)
     seen = np.minimum(np.outer(brighter, paint), 1.0).tolist()
     lost = (light for light, pixel in zip(brighter.tolist(), seen, strict=True) if not detected_as(color or "", pixel))
-    return Brightness((LEAST_VALUE - _ROUNDED) / max(paint), next(lost, inf))
+    return Brightness((LEAST_VALUE - 0.5 / 255) / max(paint), next(lost, inf))

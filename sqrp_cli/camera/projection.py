@@ -61,10 +61,26 @@ class Projection:
 
         Points beyond the radius stay where they are; so does NaN.
         """
+        x, y = plane[..., 0], plane[..., 1]
+        square = x * x + y * y
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
         if self.camera.distortion_model == "none":
             return ImagePoints(plane, inside)
-        return ImagePoints(np.where(inside[..., None], _distort(self.camera, plane), plane), inside)
+        if self.camera.distortion_model == "equidistant":
+            k1, k2, k3, k4 = self.camera.distortion
+            radius = np.sqrt(square)
+            angle = np.arctan(radius)
+            u = angle * angle
+            bent = angle * (1 + u * (k1 + u * (k2 + u * (k3 + u * k4))))
+            moved = plane * np.where(radius > 1e-9, bent / np.maximum(radius, 1e-9), 1.0)[..., None]
+        else:
+            k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(self.camera.distortion, (0, 8 - len(self.camera.distortion)))
+            radial = 1 + square * (k1 + square * (k2 + square * k3))
+            radial = radial / (1 + square * (k4 + square * (k5 + square * k6)))
+            across = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+            down = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+            moved = np.stack([across, down], axis=-1)
+        return ImagePoints(np.where(inside[..., None], moved, plane), inside)
 
 
 def monotonic_radius(camera: Camera) -> float:
@@ -84,8 +100,7 @@ def monotonic_radius(camera: Camera) -> float:
     return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
 
 
-_NEVER = 1e-12
-"""Values of 1 / u below this mean that u is infinite: the radius 1e6 is within 1e-6 rad of 90 degrees off the axis."""
+_NEVER = 1e-12  # 1 / u below it means infinite u: the radius 1e6 is within 1e-6 rad of 90 degrees off the axis
 
 
 def _smallest_root(coefficients: Array | list[float]) -> float:
@@ -98,25 +113,3 @@ def _smallest_root(coefficients: Array | list[float]) -> float:
     real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
     largest = float(np.max(real, initial=0.0))
     return largest**-0.5 if largest > _NEVER else float("inf")
-
-
-def _distort(camera: Camera, plane: Array) -> Array:
-    """Where the lens moves points (..., 2) of the plane z = 1."""
-    x, y = plane[..., 0], plane[..., 1]
-    square = x * x + y * y
-    if camera.distortion_model == "equidistant":
-        k1, k2, k3, k4 = camera.distortion
-        radius = np.sqrt(square)
-        angle = np.arctan(radius)
-        u = angle * angle
-        bent = angle * (1 + u * (k1 + u * (k2 + u * (k3 + u * k4))))
-        return plane * np.where(radius > 1e-9, bent / np.maximum(radius, 1e-9), 1.0)[..., None]
-    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(camera.distortion, (0, 8 - len(camera.distortion)))
-    radial = (1 + square * (k1 + square * (k2 + square * k3))) / (1 + square * (k4 + square * (k5 + square * k6)))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
-            y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )

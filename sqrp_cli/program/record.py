@@ -6,7 +6,7 @@ camera covers what when, and the world before and after.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
@@ -268,14 +268,6 @@ class Program(Entry):
     def skills(self) -> tuple[str, ...]:
         """The skills of its steps, each once."""
         return tuple(dict.fromkeys(step.skill for step in self.steps))
-
-    def with_steps(self, steps: Sequence[Step]) -> Program:
-        """The program with more steps at its end."""
-        return self.model_copy(update={"steps": (*self.steps, *steps)})
-
-    def without_last_step(self) -> Program:
-        """The program without its last step; it must have one."""
-        return self.model_copy(update={"steps": self.steps[:-1]})
 
 
 class Replanner(Protocol):

@@ -448,10 +448,12 @@ def lighting(scene: Scene) -> tuple[float, float, str | None, bool]:
             if light.is_ambient:
                 strength[name], reached[name] = light.intensity, 1.0
                 continue
-            ray = light.rays(center[None])
-            strength[name] = float(ray.strength[0] * max(ray.towards[0] @ out, 0.0))
-            reached[name], distance = 1.0, float(ray.distance[0])
-            forward = -ray.towards[0]
+            forward, distance, arrives = light.heading, np.inf, light.intensity
+            if light.position is not None:  # a lamp, weaker with the square of the distance
+                distance = max(float(np.linalg.norm(np.subtract(light.position, center))), 1e-6)
+                forward = np.subtract(center, light.position) / distance
+                arrives = light.intensity / distance**2 if forward @ light.heading >= np.cos(light.half_beam) else 0.0
+            strength[name], reached[name] = float(arrives * max(-forward @ out, 0.0)), 1.0
             across = np.cross(forward, [0, 0, 1] if abs(forward[2]) < 0.9 else [1, 0, 0])
             across = across / np.linalg.norm(across)
             X_WL = np.eye(4)

@@ -106,7 +106,7 @@ def _program(cell: Cell, way: Study) -> Program:
     step = make_step(TASK, full, full.assessment(verdict(cell, full)), tuple(cell.workspace.cameras))
     stops = [formula.model_copy(update={"response": ProgramResponse(action="stop")}) for formula in step.formulas]
     program = new_program(cell.workspace, cell.model.joints, cell.workspace.path.parent / "program.yaml")
-    return program.with_steps([step.model_copy(update={"formulas": tuple(stops)})])
+    return program.model_copy(update={"steps": (*program.steps, step.model_copy(update={"formulas": tuple(stops)}))})
 
 
 def _cell(folder: Path, seed: int) -> Path:

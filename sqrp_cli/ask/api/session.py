@@ -262,7 +262,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
             check_program(program, path, cell.workspace)
         else:
             program = new_program(cell.workspace, cell.model.joints, path)
-        program = program.with_steps(added)
+        program = program.model_copy(update={"steps": (*program.steps, *added)})
         if any(flaws(program)):
             message = "this program has changed meanwhile, and the new step does not begin where it ends now"
             raise bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")

@@ -79,7 +79,7 @@ def program(ask: _Program) -> ExitCode:
         if not found.steps:
             raise bad_input("no-steps", "this program has no step that could be dropped", Place(file))
         notes.append(f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}")
-        found = made_for(found.without_last_step(), file, cell)
+        found = made_for(found.model_copy(update={"steps": found.steps[:-1]}), file, cell)
         save_program(found, file)
     if ask.export is not None and cell is not None:
         notes.append(_export(found, cell, file, ask.export, ask.rate or DEFAULT_RATE))
