@@ -46,10 +46,7 @@ _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
 @dataclass(kw_only=True)
 class CellReader(EntryReader):
-    """Reads the parts of a workspace file besides the robot and the skills.
-
-    links: of robot and tool.
-    """
+    """Reads the parts of a workspace file besides the robot and the skills. links: of robot and tool."""
 
     file: WorkspaceFile
     links: Sequence[str]

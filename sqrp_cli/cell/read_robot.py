@@ -80,10 +80,7 @@ class EntryReader:
         return RobotDescription(file, RobotSource((*self.roots, self.document.folder), entry.args))
 
     def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
-        """Add a mesh file to the digest; place: where it is named.
-
-        Raises as `read_mesh`.
-        """
+        """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
         try:
             self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
             read_mesh(mesh.path, mesh.scale)

@@ -131,10 +131,7 @@ PoseMatrix = Annotated[
 
 
 def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
-    """Raises PydanticCustomError unless data is a mapping with only these keys.
-
-    keys: whether each is required.
-    """
+    """Raises PydanticCustomError unless data is a mapping with only these keys. keys: whether each is required."""
     if not isinstance(data, dict):
         needed = [key for key, required in keys.items() if required]
         raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
