@@ -28,12 +28,12 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_389),
-    "files": ("files", 2_229),
+    "files": ("files", 2_231),
     "robot": ("robot", 3_017),
-    "camera": ("camera", 2_176),
-    "cell": ("cell", 3_375),
+    "camera": ("camera", 2_155),
+    "cell": ("cell", 3_356),
     "logic": ("logic", 2_946),
-    "skill, program": ("skill program", 1_896),
+    "skill, program": ("skill program", 1_883),
     "task": ("task", 1_092),
     "motion": ("motion", 2_958),
     "sight": ("kernel sight", 1_507),

@@ -7,21 +7,27 @@ What a format says of a camera is a `StatedLens`; all the rest is common to them
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.camera.camera import DISTORTION_LENGTHS, CalibrationFile, DistortionModel, Intrinsics, PixelSize
+from sqrp_cli.camera import calibration_formats as formats
+from sqrp_cli.camera.camera import (
+    DISTORTION_LENGTHS,
+    CalibrationFile,
+    DistortionModel,
+    Intrinsics,
+    PixelSize,
+    check_count,
+    check_principal_point,
+)
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.geometry import read_only
-
-if TYPE_CHECKING:
-    from sqrp_cli.camera import calibration_formats as formats
 
 _MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
     "plumb_bob": ("plumb_bob", (5,)),
@@ -77,8 +83,6 @@ def read_calibration(
     their lens. Raises InputError, with the line, for missing keys, unknown models, wrong lengths, impossible matrices,
     and where file and workspace contradict each other.
     """
-    from sqrp_cli.camera import calibration_formats as formats
-
     wanted = wanted or CalibrationFile(file=str(path))
     text = formats.read_calibration_text(path)
     part, known, name = _chosen(text.document, wanted, asked)
@@ -106,7 +110,7 @@ def read_calibration(
         distortion=read_only(coefficients),
         lens_file=title if name is None else f"{title}: {name}",
     )
-    _check_principal_point(part, stated.K_at, intrinsics)
+    check_principal_point(part, stated.K_at, intrinsics)
     return CameraCalibration(intrinsics, text.document, part)
 
 
@@ -114,7 +118,6 @@ def _chosen(
     document: SourceDocument, wanted: CalibrationFile, asked: str
 ) -> tuple[SourceDocument, type[formats.StatedCamera], str | None]:
     """The wanted camera of a file, its format, and its name if the file has several."""
-    from sqrp_cli.camera import calibration_formats as formats
 
     def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, type[formats.StatedCamera]]]:
         if isinstance(data, dict) and (known := formats.format_of(data)) is not None:
@@ -207,28 +210,6 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
         yield replace(document.problem("doubtful-projection", (key,), message, mend), severity="warning")
 
 
-def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
-    """Raises InputError where the image that a workspace states at `path` is of no camera."""
-    coefficients, model = (*path, "distortion", "coefficients"), image.distortion_model
-    _check_count(document, coefficients, model, len(image.distortion), (DISTORTION_LENGTHS[model],))
-    _check_principal_point(document, path, image)
-
-
-def _check_principal_point(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
-    cx, cy = image.matrix[:2, 2]
-    if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
-        message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"
-        mend = "check `cx` and `cy`; is the calibration that of another image size?"
-        raise document.error("principal-point-outside", path, message, mend)
-
-
-def _check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
-    if count not in expected:
-        counts = " or ".join(map(str, expected))
-        message = f"found {count} distortion coefficients, expected {counts} for `{name}`"
-        raise document.error("wrong-length", path, message)
-
-
 def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
     """The distortion model and all of its coefficients."""
     _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
@@ -252,5 +233,5 @@ def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[D
         message = f"found `{stated.model}`, which is no known distortion model; {expected}"
         raise document.error("unknown-distortion-model", stated.model_at, message)
     model, counts = _MODELS[stated.model.lower()]
-    _check_count(document, stated.D_at, stated.model, count, counts)
+    check_count(document, stated.D_at, stated.model, count, counts)
     return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]

@@ -5,7 +5,7 @@ Numbers are in SI units and angles in radians, whatever the unit in a file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from math import radians, tan
 from pathlib import Path
@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time, Written
+from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.records import dataclass
@@ -90,6 +91,11 @@ class Sensing(Stored):
 
     gain: Gain | None = None
     """Brightness of its images in the light that the cell states; default 1."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an empty range."""
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
 
     @property
     def brightness(self) -> float:
@@ -211,6 +217,30 @@ def image_of(camera: Intrinsics) -> ImageEntry:
     )
 
 
+def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    """Raises InputError where the image that a workspace states at `path` is of no camera."""
+    model, count = image.distortion_model, len(image.distortion)
+    check_count(document, (*path, "distortion", "coefficients"), model, count, (DISTORTION_LENGTHS[model],))
+    check_principal_point(document, path, image)
+
+
+def check_principal_point(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
+    """Raises InputError for a principal point outside the image."""
+    cx, cy = image.matrix[:2, 2]
+    if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
+        message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"
+        mend = "check `cx` and `cy`; is the calibration that of another image size?"
+        raise document.error("principal-point-outside", path, message, mend)
+
+
+def check_count(document: SourceDocument, path: KeyPath, name: str, count: int, expected: Sequence[int]) -> None:
+    """Raises InputError unless a distortion model has one of the expected numbers of coefficients."""
+    if count not in expected:
+        counts = " or ".join(map(str, expected))
+        message = f"found {count} distortion coefficients, expected {counts} for `{name}`"
+        raise document.error("wrong-length", path, message)
+
+
 @dataclass(frozen=True, kw_only=True)
 class CalibrationFile(Stored):
     """A camera of a calibration file."""
@@ -270,12 +300,11 @@ class CameraEntry(Sensing):
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for keys that contradict each other."""
+        super().__post_init__()
         if (self.pose is None) == (self.hand_eye is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
         if (self.image is None) == (self.calibration is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
-        if self.near >= self.far:
-            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
         if self.convention == "body" and self.pose is not None and self.pose.look_at is not None:
             raise PydanticCustomError(
                 "conflicting-keys",

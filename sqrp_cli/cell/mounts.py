@@ -13,22 +13,20 @@ from numpy.typing import NDArray
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.camera.calibration import check_image
-from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue
+from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue, check_image
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files.entries import Direction, Entry, In, Name, Pose, Position, Size, Stored, Text, completed, one_of
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.input_file import missing_file
 from sqrp_cli.files.source import SourceDocument
-from sqrp_cli.files.units import ANGLE
+from sqrp_cli.files.units import ANGLE, SHORTEST_DIRECTION
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.records import dataclass
 
 PLACE_FILE = "place.yaml"  # name of the file beside a workspace
-LEAST_LENGTH = 1e-9  # a direction whose components are all smaller has no length
 SAME = 1e-6  # points that are closer to each other are one [m]
 MOST_SPOTS = 20_000  # most places for a camera in one file
 MOST_AIMS = 200  # most directions at one of them
@@ -59,7 +57,7 @@ class SpanEntry(Stored):
         """How the places of a rail, or of a grid, are laid out; without making them."""
         way = np.subtract(self.end, self.start)
         lengths = np.array([np.linalg.norm(way)]) if is_line else np.abs(way)
-        axes = way[None] / max(float(lengths[0]), LEAST_LENGTH) if is_line else np.diag(np.sign(way))
+        axes = way[None] / max(float(lengths[0]), SHORTEST_DIRECTION) if is_line else np.diag(np.sign(way))
         return Laid(axes, np.floor(lengths / self.step + 1e-9).astype(int) + 1)
 
 
@@ -73,11 +71,6 @@ class ConeEntry(Stored):
     """Largest angle from the axis."""
     step: Step
     """Between neighbouring directions."""
-
-    def __post_init__(self) -> None:
-        """Raises PydanticCustomError for an axis of length 0."""
-        if max(map(abs, self.axis)) < LEAST_LENGTH:
-            raise PydanticCustomError("not-a-rotation", "`axis` has length 0")
 
     def directions(self) -> Array:
         """Unit vectors, the axis first, shape (n, 3)."""
@@ -110,9 +103,7 @@ class AimsEntry(Stored):
     """What is up in the image, as with `look_at`."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError for no direction, one without length, and a position."""
-        if max(map(abs, self.up)) < LEAST_LENGTH:
-            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
+        """Raises PydanticCustomError for no direction, and a position."""
         if not (self.targets or self.at or self.fixed or self.cone):
             raise PydanticCustomError(
                 "ambiguous-entry", "expected at least one of the keys `targets`, `at`, `fixed`, `cone`"
@@ -193,11 +184,6 @@ class LensEntry(Sensing):
     """Size and field of view or focal lengths of the image."""
     price: Price = 0.0
     """In any currency."""
-
-    def __post_init__(self) -> None:
-        """Raises PydanticCustomError for an empty range."""
-        if self.near >= self.far:
-            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
 
 
 _AnyLens = Annotated[

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sqrp_cli.camera.calibration import check_image, doubtful_projection, read_calibration
-from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat
+from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat, check_image
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
@@ -59,6 +58,8 @@ class CellReader(EntryReader):
                 path: KeyPath = ("cameras", name)
                 seat = self._seat(path, entry)
                 if entry.calibration is not None:
+                    from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
+
                     at = (*path, "calibration")
                     file = self._resolve(entry.calibration.file, self._place_of_file(at))
                     calibration = read_calibration(file, entry.calibration, dotted(at))

@@ -8,6 +8,7 @@ from typing import Annotated, Any, LiteralString, TypeVar, cast
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -273,9 +274,15 @@ def _of_length(*lengths: int) -> BeforeValidator:
     return BeforeValidator(validate)
 
 
+def _with_length(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if max(map(abs, vector)) < units.SHORTEST_DIRECTION:
+        raise PydanticCustomError("not-a-rotation", "found a vector of length 0, expected a direction")
+    return vector
+
+
 Position = Annotated[tuple[Length, Length, Length], _of_length(3)]
 Extents = Annotated[tuple[Size, Size, Size], _of_length(3)]
-Direction = Annotated[tuple[Number, Number, Number], _of_length(3)]
+Direction = Annotated[tuple[Number, Number, Number], _of_length(3), AfterValidator(_with_length)]
 Rotation = Annotated[tuple[Angle, Angle, Angle], _of_length(3)]
 Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
 Range = Annotated[tuple[Distance, Distance], _of_length(2)]
@@ -329,8 +336,6 @@ class CameraPose(Pose):
             raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
         if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
             raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
-        if max(map(abs, self.up)) < units.SHORTEST_DIRECTION:
-            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
         return self
 
     def matrix(self) -> Array:

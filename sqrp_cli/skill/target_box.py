@@ -12,16 +12,13 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import Direction, Entry, Extents, Finite, Length, Name, Pose, PoseMatrix, Stored, Text
 from sqrp_cli.files.frames import TOOL, FrameName, StoredFrame
-from sqrp_cli.files.units import SHORTEST_DIRECTION
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 
 
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The vector at length 1; one that is too short stays as it is, and its owner refuses it."""
-    if max(map(abs, vector)) < SHORTEST_DIRECTION:
-        return vector
+    """The vector at length 1."""
     x, y, z = np.asarray(vector) / np.linalg.norm(vector)
     return float(x), float(y), float(z)
 
@@ -57,8 +54,6 @@ class BoxSpec(Entry):
             raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
         if self.at is None and self.fits is not None and self.frame == TOOL:
             raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
-        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
-            raise PydanticCustomError("wrong-value", "`normal` has length 0")
         if self.size is not None and min(self.size) < 0.002 and self.normal is None:
             raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")
         return self
