@@ -196,7 +196,7 @@ class Outcome(NamedTuple):
     """A computed candidate."""
 
     assessment: CandidateResult
-    coverage: Coverage | None  # none if it was not requested, or the candidate is infeasible
+    coverage: Coverage | None  # None if it was not requested, or the candidate is infeasible
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""

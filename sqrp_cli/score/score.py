@@ -42,7 +42,7 @@ class ScoredCell:
     """A workspace to be scored."""
 
     name: str  # its name in the output
-    workspace: Workspace | None  # none if `problems` has an error
+    workspace: Workspace | None  # None if `problems` has an error
     tasks: tuple[ScoredTask, ...] = ()
     problems: tuple[Problem, ...] = ()
 

@@ -54,7 +54,7 @@ class Checked:
 
     problem: Problem  # at the last samples
     requirements: Requirements
-    selection: Selection | None = None  # none where none is possible, or none was found in time
+    selection: Selection | None = None  # None where none is possible, or none was found in time
     value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
     bound: float = 0.0  # no selection has a greater one
     proven: bool = False  # whether no other one is better, in every aim; or that there is none

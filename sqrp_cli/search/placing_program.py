@@ -179,7 +179,7 @@ def _until_interrupted(
 class SolveResult:
     """The best selection of a problem."""
 
-    selection: Selection | None  # none if there is none, or none was found in time
+    selection: Selection | None  # None if there is none, or none was found in time
     bound: float  # no selection has a greater quality, least or mean, in 0..1
     proven: bool  # whether nothing is better, in every aim; or that there is no selection at all
     fewest: int = 0  # with a goal: no fewer cameras than this meet it
