@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field
 
 from sqrp_cli.document import Record
-from sqrp_cli.files.entries import Stored, completed
+from sqrp_cli.files.entries import FileRecord, from_fields
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.records import dataclass
 
@@ -31,7 +31,7 @@ def falls_short(quality: float, least: float) -> bool:
 
 
 @dataclass(frozen=True)
-class FaultMetrics(Stored):
+class FaultMetrics(FileRecord):
     """The cost of a fault at a time x, uniform over its interval."""
 
     delay_mean: Seconds | None
@@ -120,4 +120,4 @@ class AdvisedFigures(Qualities):
     @classmethod
     def of(cls, found: Figures) -> AdvisedFigures:
         """The figures of a candidate."""
-        return completed(AdvisedFigures, found)
+        return from_fields(AdvisedFigures, found)

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import CameraPose, In, MappingOr, Name, Number, Size, Stored, Text, Time, Written
+from sqrp_cli.files.entries import CameraPose, FileRecord, In, MappingOr, Name, Number, SerializedAs, Size, Text, Time
 from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
@@ -79,7 +79,7 @@ class Intrinsics:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Sensing(Stored):
+class Sensing(FileRecord):
     """Range, frame rate and latency of a camera, taken unchanged from the workspace file."""
 
     near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
@@ -146,7 +146,7 @@ class Camera(Seat, Sensing, Intrinsics):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistortionEntry(Stored):
+class DistortionEntry(FileRecord):
     """Lens distortion as in ROS camera calibration files."""
 
     model: DistortionModel
@@ -156,7 +156,7 @@ class DistortionEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageEntry(Stored):
+class ImageEntry(FileRecord):
     """The image of a camera: its size, and either a field of view or the focal lengths."""
 
     width: PixelCount
@@ -242,7 +242,7 @@ def check_count(document: SourceDocument, path: KeyPath, name: str, count: int, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationFile(Stored):
+class CalibrationFile(FileRecord):
     """A camera of a calibration file."""
 
     file: Text
@@ -263,7 +263,7 @@ class CalibrationFile(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseFile(Stored):
+class PoseFile(FileRecord):
     """A camera's pose in a file."""
 
     file: Text
@@ -272,10 +272,10 @@ class PoseFile(Stored):
     """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
 
 
-def _or_path(record: type[PoseFile] | type[CalibrationFile]) -> Written:
+def _or_path(record: type[PoseFile] | type[CalibrationFile]) -> SerializedAs:
     """Marks a field for which a file writes such a record, or the path alone."""
     form: Any = MappingOr[record, Text]  # type: ignore[misc, valid-type]
-    return Written(form | None, lambda stated: record(file=stated) if isinstance(stated, str) else stated)
+    return SerializedAs(form | None, lambda stated: record(file=stated) if isinstance(stated, str) else stated)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

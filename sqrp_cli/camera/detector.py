@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.camera.camera import Intrinsics
 from sqrp_cli.camera.markers import DICTIONARIES, Marker
 from sqrp_cli.errors import expected_names
-from sqrp_cli.files.entries import In, Number, Pixels, Range, Stored, completed, refused
+from sqrp_cli.files.entries import FileRecord, In, Number, Pixels, Range, from_fields, refused
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import ANGLE, LARGEST_LENGTH, SHARE
 from sqrp_cli.geometry import Array
@@ -60,7 +60,7 @@ class BoxSights(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curve(Stored):
+class Curve(FileRecord):
     """How likely a detector sees a box: most / (1 + exp(-z)), where z is `bias` plus the terms below.
 
     A limit of the detector counts where the curve has no term for what it limits; without terms, all do.
@@ -198,7 +198,7 @@ VisibleShare = Annotated[float, In(SHARE, LEAST_VISIBLE, 1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectorTraits(Stored):
+class DetectorTraits(FileRecord):
     """What a workspace file says of a detection algorithm, and what is taken unchanged."""
 
     kind: DetectorKind
@@ -260,7 +260,7 @@ class Detector(DetectorTraits):
             smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
             distance = distance or (min(one.near for one in reads), max(one.far for one in reads))
             least = smallest if least is None else least
-        return completed(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
+        return from_fields(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
 
     @property
     def usual(self) -> Detector:

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import Direction, In, Position, Stored
+from sqrp_cli.files.entries import Direction, FileRecord, In, Position
 from sqrp_cli.files.units import ANGLE, SHORTEST_DIRECTION
 from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
@@ -86,7 +86,7 @@ Beam = Annotated[float, In(ANGLE, radians(1.0), radians(160.0))]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Light(Stored):
+class Light(FileRecord):
     """A light: from everywhere, from a direction, as of the sun, or a lamp in a place."""
 
     intensity: Intensity

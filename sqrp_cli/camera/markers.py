@@ -9,7 +9,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
-from sqrp_cli.files.entries import MappingOr, Size, Stored, refused
+from sqrp_cli.files.entries import FileRecord, MappingOr, Size, refused
 from sqrp_cli.records import dataclass
 
 
@@ -68,7 +68,7 @@ MarkerNumber = Annotated[int, Field(strict=True, ge=0, le=max(one.ids for one in
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Code(Stored):
+class _Code(FileRecord):
     """What a marker shows."""
 
     id: Annotated[MarkerNumber, Field(description="Its number in the dictionary.")]

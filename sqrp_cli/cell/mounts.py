@@ -16,7 +16,19 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue, check_image
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
-from sqrp_cli.files.entries import Direction, Entry, In, Name, Pose, Position, Size, Stored, Text, completed, one_of
+from sqrp_cli.files.entries import (
+    Direction,
+    Entry,
+    FileRecord,
+    In,
+    Name,
+    Pose,
+    Position,
+    Size,
+    Text,
+    from_fields,
+    one_of,
+)
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.input_file import missing_file
 from sqrp_cli.files.source import SourceDocument
@@ -45,7 +57,7 @@ class Laid(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpanEntry(Stored):
+class SpanEntry(FileRecord):
     """Places at equal steps: on a rail along a line; on a grid along the axes of the frame, between two corners."""
 
     start: Annotated[Position, Field(alias="from", description="Where it begins; one corner.")]
@@ -62,7 +74,7 @@ class SpanEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConeEntry(Stored):
+class ConeEntry(FileRecord):
     """Directions up to an angle from an axis, on rings."""
 
     axis: Direction
@@ -88,7 +100,7 @@ class ConeEntry(Stored):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AimsEntry(Stored):
+class AimsEntry(FileRecord):
     """In which directions a camera may look; all that are named."""
 
     targets: Literal["middle", "each"] | None = None
@@ -113,7 +125,7 @@ class AimsEntry(Stored):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MountEntry(Stored):
+class MountEntry(FileRecord):
     """Places for a camera: points, a rail or a grid, in the world or on a link."""
 
     frame: Text = WORLD
@@ -167,7 +179,7 @@ class MountEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CatalogueLens(Stored):
+class CatalogueLens(FileRecord):
     """A camera with its lens from the catalogue that comes with the package."""
 
     catalogue: Name
@@ -276,7 +288,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     lenses = {}
     for name, one in file.lenses.items():
         known = catalogue()[one.catalogue] if isinstance(one, CatalogueLens) else one
-        lenses[name] = completed(LensChoice, known, name=name, price=one.price)
+        lenses[name] = from_fields(LensChoice, known, name=name, price=one.price)
         check_image(document, ("lenses", name, "image"), lenses[name].intrinsics)
     spots, aimless = list[Spot](), list[Problem]()
     for name, entry in file.mounts.items():

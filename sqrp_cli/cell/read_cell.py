@@ -21,7 +21,7 @@ from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
 from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, WORLD, link_called
 from sqrp_cli.files.source import KeyPath, dotted
 from sqrp_cli.files.units import SMALLEST_SIZE
@@ -71,7 +71,7 @@ class CellReader(EntryReader):
                     assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
                     intrinsics = entry.image.intrinsics()
                     check_image(self.document, (*path, "image"), intrinsics)
-                cameras[name] = completed(Camera, entry, intrinsics, seat, name=name)
+                cameras[name] = from_fields(Camera, entry, intrinsics, seat, name=name)
         return cameras
 
     def _place_of_file(self, path: KeyPath) -> Place:
@@ -179,14 +179,14 @@ class CellReader(EntryReader):
                     parts.append(Part(f"{name}/{part.name}", name, part.shape, X_OG))
         if entry.size != NO_SIZE:
             parts = parts or [Part(name, name, Box(entry.size), read_only(pose()))]
-            return completed(SceneObject, entry, name=name, parts=tuple(parts))
+            return from_fields(SceneObject, entry, name=name, parts=tuple(parts))
         if parts:
             return self._sized(name, entry, parts)
         if not (entry.parts or entry.urdf):  # else their problems are reported
             place = self.document.key_place(("objects", name))
             mend = "state it, or `parts` or a `urdf` from which it is taken"
             self.problems.append(Problem("missing-key", f"`objects.{name}` lacks the key `size`", place, mend=mend))
-        return completed(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
+        return from_fields(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
 
     def _sized(self, name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
         """An object of the size of its parts, in the middle of them. Raises InputError for a mesh that is damaged."""
@@ -205,7 +205,7 @@ class CellReader(EntryReader):
         moved = tuple(replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts)
         size = tuple((high - low).tolist())
         X_WO = read_only(entry.pose @ X_FO) if isinstance(entry.pose, np.ndarray) else entry.pose
-        return completed(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
+        return from_fields(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
 
     def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
         """The objects of a scene or world, under their names as far as those are free."""

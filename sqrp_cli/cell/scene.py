@@ -19,13 +19,13 @@ from sqrp_cli.files.entries import (
     Distance,
     Entry,
     Extents,
+    FileRecord,
     Name,
     Pose,
     Scale,
+    SerializedAs,
     Size,
-    Stored,
     Text,
-    Written,
     refused,
 )
 from sqrp_cli.files.source import describe
@@ -65,7 +65,7 @@ BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]  # a side of a box, by its
 
 
 @dataclass(frozen=True, kw_only=True)
-class Held(Stored):
+class Held(FileRecord):
     """In the tool from the beginning: the tool frame in the centre of one side, as in a waypoint of a skill."""
 
     held: BoxSide
@@ -100,7 +100,7 @@ def _placement(stated: Pose | Held | str) -> Array | Held | None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ObjectTraits(Stored):
+class ObjectTraits(FileRecord):
     """The properties of an object, taken unchanged from the workspace file."""
 
     type: Name
@@ -110,7 +110,7 @@ class ObjectTraits(Stored):
     """What a task calls it, and what detectors of colours look for."""
     attributes: Annotated[tuple[Name, ...], Field(description="Further words that a task may use for it.")] = ()
     size: Annotated[Extents, Field(description="Full extents of the box around it, along its own axes.")]
-    pose: Annotated[Array | Held | None, Written(_StatedPose, _placement)]
+    pose: Annotated[Array | Held | None, SerializedAs(_StatedPose, _placement)]
     """Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`."""
     fixed: Annotated[bool, Field(description="Whether it never moves.")] = False
     on: Annotated[Name | None, Field(description="The object that it stands on.")] = None
@@ -119,7 +119,7 @@ class ObjectTraits(Stored):
     does."""
     marker: Annotated[
         ObjectMarker | None,
-        Written(StatedMarker | None, lambda stated: None if stated is None else object_marker(stated)),
+        SerializedAs(StatedMarker | None, lambda stated: None if stated is None else object_marker(stated)),
         Field(description="The marker on it: its id in `aruco_original`, or {id, dictionary, side}."),
     ] = None
 

@@ -20,7 +20,7 @@ from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, di
 from sqrp_cli.cell.fixture_file import FixturesEntry
 from sqrp_cli.cell.scene import ObjectEntry, SceneObject
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.files.entries import Entry, Finite, In, Name, PoseMatrix, Share, Stored, Text, Written, refused
+from sqrp_cli.files.entries import Entry, FileRecord, Finite, In, Name, PoseMatrix, SerializedAs, Share, Text, refused
 from sqrp_cli.files.input_file import SourceFile, digest_of
 from sqrp_cli.files.source import LeafValue
 from sqrp_cli.files.units import LARGEST, LENGTH, TIME
@@ -38,7 +38,7 @@ Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExpectedTask(Stored):
+class ExpectedTask(FileRecord):
     """A task that the cell must support, with requirements on its best candidate."""
 
     task: str = ""
@@ -91,13 +91,15 @@ def _fact(text: str) -> Atom:
 
 Facts = Annotated[
     frozenset[Atom],
-    Written(tuple[Annotated[Atom, Written(str, _fact, str)], ...], frozenset, lambda facts: sorted(map(str, facts))),
+    SerializedAs(
+        tuple[Annotated[Atom, SerializedAs(str, _fact, str)], ...], frozenset, lambda facts: sorted(map(str, facts))
+    ),
 ]
 """Atoms that hold, which a file writes as text in alphabetical order."""
 
 
 @dataclass(frozen=True, eq=False)
-class World(Stored):
+class World(FileRecord):
     """The facts, the poses of objects and the joint positions at one moment."""
 
     facts: Facts

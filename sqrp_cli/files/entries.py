@@ -36,7 +36,7 @@ from sqrp_cli.files.source import describe
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.records import dataclass
 
-Completed = TypeVar("Completed")
+Made = TypeVar("Made")
 
 
 class Entry(BaseModel):
@@ -56,7 +56,7 @@ class Entry(BaseModel):
         return data
 
 
-class Stored:
+class FileRecord:
     """A frozen dataclass that a file holds as a mapping of its fields, by their aliases, and no other keys.
 
     Pydantic checks a file by the annotations of the fields, and accepts an existing record unchanged.
@@ -80,15 +80,15 @@ class Stored:
         return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
 
 
-class AsStored:
-    """Marks a field whose type is a frozen dataclass that a file holds as a `Stored` one, but that knows no files."""
+class AsFileRecord:
+    """Marks a field whose type is a frozen dataclass that a file holds as a `FileRecord`, but that knows no files."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        make: Callable[..., CoreSchema] = vars(Stored)["__get_pydantic_core_schema__"].__func__
+        make: Callable[..., CoreSchema] = vars(FileRecord)["__get_pydantic_core_schema__"].__func__
         return make(source, source, handler)
 
 
-def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
+def from_fields(record: Callable[..., Made], *known: object, **found: object) -> Made:
     """A new record: each field from `found`, otherwise from the last of the known records that has it or tells it."""
     names = [field.name for field in fields(cast("Any", record)) if field.name not in found]
     told = ((name, getattr(other, name)) for other in known for name in names if hasattr(other, name))
@@ -97,7 +97,7 @@ def completed(record: Callable[..., Completed], *known: object, **found: object)
 
 
 @dataclass(frozen=True)
-class Written:
+class SerializedAs:
     """Marks a field of a record that a file writes in another form, such as an array as nested lists.
 
     form: the type that Pydantic checks. read: from that form to the field, write: from the field to the form; None in
@@ -126,7 +126,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
 
 PoseMatrix = Annotated[
-    Array, Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
+    Array, SerializedAs(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
 ]
 """A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
 

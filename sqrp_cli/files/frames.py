@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.files.entries import Text, Written
+from sqrp_cli.files.entries import SerializedAs, Text
 from sqrp_cli.geometry import Array, read_only
 
 WORLD = "world"  # the cell's world, wherever a frame is named
@@ -47,7 +47,7 @@ class FrameName(str):
         return self.removesuffix(_START)
 
 
-StoredFrame = Annotated[FrameName, Written(Text, FrameName, str)]  # a frame as a field of a record that a file holds
+FrameField = Annotated[FrameName, SerializedAs(Text, FrameName, str)]  # a field of a record that a file holds
 
 
 def link_called(name: str, links: Collection[str]) -> str:

@@ -13,7 +13,7 @@ from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationErr
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.figures import Seconds, Share
-from sqrp_cli.files.entries import Stored, refused
+from sqrp_cli.files.entries import FileRecord, refused
 from sqrp_cli.files.input_file import missing_file, read_text
 from sqrp_cli.files.json_file import json_document, parse_json
 from sqrp_cli.files.source import LeafValue, describe
@@ -64,7 +64,7 @@ def _scalar(value: object) -> LeafValue:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WayRecord(Stored):
+class WayRecord(FileRecord):
     """The best candidate for a choice of objects."""
 
     candidate: str
@@ -100,7 +100,7 @@ class WayRecord(Stored):
 
 
 @dataclass(frozen=True)
-class TaskRecord(Stored):
+class TaskRecord(FileRecord):
     """A task with every way of doing it."""
 
     best: str | None
@@ -109,7 +109,7 @@ class TaskRecord(Stored):
 
 
 @dataclass(frozen=True)
-class WorkspaceRecord(Stored):
+class WorkspaceRecord(FileRecord):
     """A workspace with its tasks by their text."""
 
     digest: str
@@ -120,7 +120,7 @@ class WorkspaceRecord(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Baseline(Stored):
+class Baseline(FileRecord):
     """Scores of workspaces by name."""
 
     format: Literal["sqrp baseline 1"] = "sqrp baseline 1"

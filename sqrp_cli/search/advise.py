@@ -9,7 +9,7 @@ from typing import Protocol
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import AdvisedFigures
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import (
     AdviceFound,
@@ -103,7 +103,7 @@ class Adviser:
         start = self.before if kind in MOTION else _figures(self.way, self.study)
         near = min(found.near, key=lambda one: goal.shortfall(one.study.assessment))
         reached = near.study.assessment
-        nearest = completed(
+        nearest = from_fields(
             NearestChange,
             _change_found(near.change, reached),
             missing=goal.missed(reached),
@@ -155,7 +155,7 @@ class Adviser:
                 effects.append(TaskEffect.of(task.text, pairs))
         worse = tuple(one.task for one in effects if any(candidate.worse for candidate in one.candidates))
         said = _change_found(change, found)
-        return completed(
+        return from_fields(
             AdviceFound, said, margin=met.margin, tasks=tuple(effects), worse=worse, patch="", unwritten=None
         )
 
@@ -175,7 +175,7 @@ def _figures(way: Candidate, found: WholeStudy | Infeasible) -> CandidateResult:
 
 def _change_found(change: ProposedChange, found: CandidateResult) -> ChangeFound:
     values = change.values if change.parameters is None else dict(change.parameters)
-    return completed(ChangeFound, AdvisedFigures.of(found), change, change=values, proposed=change, found=found)
+    return from_fields(ChangeFound, AdvisedFigures.of(found), change, change=values, proposed=change, found=found)
 
 
 _SEARCHES: Mapping[Kind, Callable[[Adviser], Found]] = {

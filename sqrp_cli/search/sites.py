@@ -14,7 +14,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.mounts import SAME, AimsEntry, LensChoice, Spot
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, pose, read_only, transform
 from sqrp_cli.motion.cell import Cell
@@ -118,7 +118,7 @@ class Installation:
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
-        return completed(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.X_FC)
+        return from_fields(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.X_FC)
 
     @property
     def price(self) -> float:

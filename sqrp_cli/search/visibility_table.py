@@ -13,7 +13,7 @@ from sqrp_cli.camera.camera import Camera, image_of
 from sqrp_cli.cell.mounts import LensChoice, MountEntry, Mounts, Spot
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import Progress
@@ -117,7 +117,7 @@ class VisibilityTable:
             self.options = [one for spot in self.spots for one in installations_at(spot, middle, middles)]
         for name in question.keep:
             camera = cell.workspace.cameras[name]
-            lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
+            lens = from_fields(LensChoice, camera, image=image_of(camera), price=0.0)
             position = camera.X_FC[:3, 3]
             entry = MountEntry(points=[tuple(position.tolist())])
             spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))

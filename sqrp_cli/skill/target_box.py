@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import Direction, Entry, Extents, Finite, Length, Name, Pose, PoseMatrix, Stored, Text
-from sqrp_cli.files.frames import TOOL, FrameName, StoredFrame
+from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
+from sqrp_cli.files.frames import TOOL, FrameField, FrameName
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -30,7 +30,7 @@ class BoxSpec(Entry):
     """A box of a target: where to look for what."""
 
     name: Name = Field(description="What output calls it.")
-    frame: StoredFrame
+    frame: FrameField
     """`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with `@start` (where it
     was when the skill began)."""
     fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
@@ -73,13 +73,13 @@ class TargetSpec(Entry):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TargetBox(Stored):
+class TargetBox(FileRecord):
     """A box to look at."""
 
     name: str
     detector: str
     """The name of its detector."""
-    frame: StoredFrame
+    frame: FrameField
     """`world`, a link, an object, or `OBJECT@start`."""
     size: tuple[Finite, Finite, Finite]
     """Full extents [m]."""

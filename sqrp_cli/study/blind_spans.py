@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PlainSerializer
 
 from sqrp_cli.figures import Seconds
-from sqrp_cli.files.entries import Stored, Written
+from sqrp_cli.files.entries import FileRecord, SerializedAs
 from sqrp_cli.geometry import Array, Indices
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.motion.cell import Cell
@@ -144,12 +144,12 @@ def _ends(stretch: Stretch) -> tuple[float, float]:
     return round(stretch.start, 3), round(stretch.end, 3)
 
 
-_Ends = Annotated[Stretch, Written(tuple[Seconds, Seconds], lambda ends: Stretch(*ends), _ends)]
+_Ends = Annotated[Stretch, SerializedAs(tuple[Seconds, Seconds], lambda ends: Stretch(*ends), _ends)]
 """A file has start and end of a stretch, to 1 ms."""
 
 _Span = Annotated[
     BlindSpan,
-    Written(
+    SerializedAs(
         tuple[Seconds, Seconds, CauseLabel, str | None],
         lambda said: BlindSpan(Stretch(*said[:2]), Cause[said[2].upper()], said[3]),
         lambda span: (*_ends(span.stretch), span.cause.label, span.by),
@@ -159,7 +159,7 @@ _Span = Annotated[
 
 
 @dataclass(frozen=True)
-class TargetCoverage(Stored):
+class TargetCoverage(FileRecord):
     """The coverage of an atom's target."""
 
     needed: Annotated[int, Field(ge=1)]
@@ -205,7 +205,7 @@ class TargetCoverage(Stored):
 
 
 @dataclass(frozen=True)
-class Coverage(Stored):
+class Coverage(FileRecord):
     """The coverage of a candidate over time."""
 
     primitives: Mapping[str, Annotated[Seconds, PlainSerializer(lambda end: round(end, 3))]]

@@ -12,7 +12,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_option
 from sqrp_cli.figures import Qualities
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
@@ -261,7 +261,7 @@ def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:
             (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one
         )
     return tuple(
-        completed(
+        from_fields(
             WayFigures,
             way,
             parameters=way.candidate.parameters,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.ground_primitives import SkillUse
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
@@ -38,7 +38,7 @@ def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible 
 
 def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:
     """The skill of a candidate with all that its motion depends on."""
-    return completed(SkillUse, candidate, objects=cell.workspace.objects, world=world)
+    return from_fields(SkillUse, candidate, objects=cell.workspace.objects, world=world)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

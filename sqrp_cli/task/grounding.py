@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.formula import Formula
@@ -120,7 +120,7 @@ class TargetGrounder:
             parts = self.model.parts if TOOL in spec.encloses else ()
             enclosed |= {part.name for part in parts if part.parent in self.model.hand_links}
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
-        return completed(
+        return from_fields(
             SoughtBox,
             spec,
             limits=self.detectors[spec.detector],

@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from sqrp_cli.cell.mounts import PlaceFile
 from sqrp_cli.cell.workspace import WorkspaceFile
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.files.entries import Entry, Pose, Stored, Written
+from sqrp_cli.files.entries import Entry, FileRecord, Pose, SerializedAs
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import read_yaml
@@ -71,15 +71,15 @@ def alias_of(hint: Any) -> str | None:
 def as_written(owner: object, name: str, data: object) -> object:
     """A field in the form that a file has it in."""
     for mark in get_args(get_type_hints(type(owner), include_extras=True)[name]):
-        if isinstance(mark, Written):
+        if isinstance(mark, SerializedAs):
             return TypeAdapter(mark.form).validate_python(data)
     return getattr(owner, name)
 
 
 def models_in(kind: Any, found: set[type]) -> set[type]:
     """The models that a file of a kind is made of, besides those that were found."""
-    kind = kind.form if isinstance(kind, Written) else kind
-    if isinstance(kind, type) and issubclass(kind, Entry | Stored) and kind not in found:
+    kind = kind.form if isinstance(kind, SerializedAs) else kind
+    if isinstance(kind, type) and issubclass(kind, Entry | FileRecord) and kind not in found:
         found.add(kind)
         for hint in get_type_hints(kind, include_extras=True).values():
             models_in(hint, found)

@@ -26,7 +26,7 @@ from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
 from sqrp_cli.field.audit.footage import Frame, ImageFiles
 from sqrp_cli.field.audit.frame_audit import believed_in, detected, frames_of
 from sqrp_cli.field.calibrating.fit import DetectorLooks
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import frame_poses
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import LARGEST, as_number
@@ -248,7 +248,7 @@ def _of_camera(
     targets, unlimited = [], []  # the latter with a curve in place of every limit
     for name, stated in sought.targets.items():
         boxes = [
-            completed(SoughtBox, box, limits=workspace.detectors[box.detector]).with_color(name, workspace.objects)
+            from_fields(SoughtBox, box, limits=workspace.detectors[box.detector]).with_color(name, workspace.objects)
             for box in stated.boxes
         ]
         targets.append(Target(Atom.of(name), stated.cameras, tuple(boxes)))

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
-from sqrp_cli.files.entries import Angle, Distance, Entry, In, Name, Number, Share, Stored, Text, Time
+from sqrp_cli.files.entries import Angle, Distance, Entry, FileRecord, In, Name, Number, Share, Text, Time
 from sqrp_cli.files.input_file import missing_file
 from sqrp_cli.files.source import SourceDocument, describe
 from sqrp_cli.files.units import TIME
@@ -43,7 +43,7 @@ TopicName = Annotated[str, AfterValidator(_topic_name)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryEntry(Stored):
+class TrajectoryEntry(FileRecord):
     """Where joint trajectories go."""
 
     topic: TopicName
@@ -51,7 +51,7 @@ class TrajectoryEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageTopicEntry(Stored):
+class ImageTopicEntry(FileRecord):
     """The topics of a camera."""
 
     image: TopicName
@@ -67,7 +67,7 @@ class ImageTopicEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToolTopicEntry(Stored):
+class ToolTopicEntry(FileRecord):
     """The topic that has the tool hold and let go."""
 
     topic: TopicName
@@ -81,7 +81,7 @@ class ToolTopicEntry(Stored):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TolerancesEntry(Stored):
+class TolerancesEntry(FileRecord):
     """How far the cell may be from the program and its workspace."""
 
     start: Angle = 0.00873

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.figures import Qualities
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class ReportedProblem(Record):
     def of(cls, problem: Problem) -> ReportedProblem:
         """A problem as a finding."""
         place = problem.place
-        return completed(
+        return from_fields(
             cls,
             problem,
             file=None if place is None else str(place.file),
@@ -68,7 +68,7 @@ class PlannedStep(Qualities):
     def of(cls, step: SuggestedStep) -> PlannedStep:
         """A step of a suggestion."""
         figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi", "time")}
-        return completed(cls, step, reasons=list(step.reasons), **figures)
+        return from_fields(cls, step, reasons=list(step.reasons), **figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class CheckedCandidate(Record):
     def of(cls, found: Feasibility) -> CheckedCandidate:
         """What was found about a candidate."""
         steps, last = found.suggestion.steps, found.suggestion.last
-        return completed(
+        return from_fields(
             cls,
             found,
             parameters=found.candidate.parameters,

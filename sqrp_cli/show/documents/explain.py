@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sqrp_cli.camera.camera import assumed_latency
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import (
@@ -52,7 +52,7 @@ def study_shown(
         target.atom: TargetBoxes(
             k=target.cameras,
             boxes=[
-                completed(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
+                from_fields(ExplainedBox, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
                 for box in target.boxes
             ],
         )
@@ -73,7 +73,7 @@ def study_shown(
             for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
         ],
         formulas=[
-            completed(Formula, one, one.operator, literals=[str(literal) for literal in one.operator.literals])
+            from_fields(Formula, one, one.operator, literals=[str(literal) for literal in one.operator.literals])
             for one in study.formulas
         ],
         cameras={one.name: CameraTiming(rate=one.rate, latency=one.lag) for one in cell.observer.cameras},

@@ -12,7 +12,7 @@ from typing import Literal
 from sqrp_cli.cell.workspace_file import shortest_path, workspace_name
 from sqrp_cli.document import Document, Record, how_many
 from sqrp_cli.figures import FaultMetrics, Qualities
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import Program
@@ -124,7 +124,7 @@ class ProgramDocument(Document):
                 for one in step.primitives
             ]
             span = {"start": start, "end": start + step.time, "primitives": primitives, "label": step.short_task}
-            steps.append(completed(ListedStep, step, parameters=dict(step.parameters), **span))
+            steps.append(from_fields(ListedStep, step, parameters=dict(step.parameters), **span))
             start += step.time
 
         def mean(name: str) -> float | None:

@@ -17,7 +17,7 @@ from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.errors import Problem
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import robot
@@ -45,7 +45,7 @@ class JointScene(Record):
     @classmethod
     def of(cls, limits: robot.JointLimits) -> JointScene:
         """The limits of a joint."""
-        return completed(cls, limits, lower=_finite(limits.lower), upper=_finite(limits.upper))
+        return from_fields(cls, limits, lower=_finite(limits.lower), upper=_finite(limits.upper))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,7 @@ class RobotScene(Record):
     def of(cls, cell: Cell) -> RobotScene:
         """The robot of a cell."""
         own, model = cell.workspace.robot, cell.model
-        return completed(
+        return from_fields(
             cls,
             own,
             urdf=str(own.urdf.path),
@@ -160,7 +160,7 @@ class CameraScene(Record):
         """A camera of a cell."""
         frame, X_FC = on_robot(cell.workspace.robot, cell.model, seen_by.frame, seen_by.X_FC)
         straight = seen_by.distortion_model == "none"
-        return completed(
+        return from_fields(
             cls,
             seen_by,
             K=seen_by.matrix.tolist(),
@@ -199,7 +199,7 @@ class DetectorScene(Record):
     def of(cls, found: detector.Detector, workspace: Workspace) -> DetectorScene:
         """The limits of a detector."""
         ranges = marker_ranges(workspace.cameras, workspace.markers) if found.kind == "aruco" else {}
-        return completed(cls, found, ranges=ranges if any(ranges.values()) else None)
+        return from_fields(cls, found, ranges=ranges if any(ranges.values()) else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,7 +382,7 @@ class NewCell(Document):
 def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:
     X_WO = cell.initial_world.X_WO
     return {
-        name: completed(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
+        name: from_fields(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
         for name, one in workspace.objects.items()
     }
 

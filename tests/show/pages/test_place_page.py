@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.ask.values import silent
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.files.entries import completed
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import look_at
 from sqrp_cli.show.pages.search_pages import write_placement
 from sqrp_cli.sight.observer import Observer
@@ -68,7 +68,7 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
     assert list(shown) == [spot.name for spot in mounts.spots]
     assert shown["inside"]["seen"] is None
     for spot in mounts.spots[:-1]:
-        camera = completed(
+        camera = from_fields(
             Camera,
             mounts.lenses[0],
             mounts.lenses[0].intrinsics,
