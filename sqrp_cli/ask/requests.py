@@ -320,10 +320,7 @@ class PlaceRequest(Computed):
         default=None,
     )
     objective: Objective = option(
-        "--objective",
-        "Which quality of all candidates counts first.",
-        values.one_of("least", "mean"),
-        default="least",
+        "--objective", "Which quality of all candidates counts first.", values.one_of("least", "mean"), default="least"
     )
     survive: int = option("--survive", "1: any one camera may fail.", values.count(0, 1), default=0)
     keep: Sequence[str] = option(

@@ -51,10 +51,7 @@ class _Run(requests.RunRequest, requests.Paged, requests.Seeded, requests.Printe
     dry_run: bool = flag("--dry-run", "With --robot: check and look, but command nothing.")
     yes: bool = flag("--yes", "With --robot: do not ask before it moves.")
     speed: float | None = option(
-        "--speed",
-        "With --robot: share of the program's speed, such as 10%.",
-        values.share(LEAST_SPEED),
-        default=None,
+        "--speed", "With --robot: share of the program's speed, such as 10%.", values.share(LEAST_SPEED), default=None
     )
     sweep: str | None = option(
         "--sweep [STEP:]slip@PRIMITIVE",
@@ -261,10 +258,7 @@ class _Cell(requests.Seeded, requests.CellCommand):
         "--network NAME", "Interface or address of ROS 2; loopback by default.", values.text("a name"), default=None
     )
     pace: float = option(
-        "--pace FACTOR",
-        "How fast its time may pass; 0.1 on a busy computer.",
-        values.number(1e-3, 100.0),
-        default=1.0,
+        "--pace FACTOR", "How fast its time may pass; 0.1 on a busy computer.", values.number(1e-3, 100.0), default=1.0
     )
 
 

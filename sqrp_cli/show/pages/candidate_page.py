@@ -110,11 +110,7 @@ def candidate_rows(ranking: Sequence[CandidateResult], details: Sequence[str | N
 
 def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
     best = score.best
-    labels = {
-        "workspace": score.workspace,
-        "task": score.task or "",
-        "best": "" if best is None else best.name,
-    }
+    labels = {"workspace": score.workspace, "task": score.task or "", "best": "" if best is None else best.name}
     return PageRow(
         ", ".join(filter(None, labels.values())),
         score.status,

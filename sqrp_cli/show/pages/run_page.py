@@ -143,10 +143,7 @@ def _detail(
         "marks": marks,
         "moments": _moments(report, events),
         "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
-        "samples": [
-            *(_sample(cell.cameras, seen[t]) for t in times),
-            {"t": over, "covered": None, "literals": {}},
-        ],
+        "samples": [*(_sample(cell.cameras, seen[t]) for t in times), {"t": over, "covered": None, "literals": {}}],
         "track": None if track is None else track_shown(track),
     }
 

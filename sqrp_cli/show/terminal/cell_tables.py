@@ -24,9 +24,7 @@ from sqrp_cli.show.terminal.console import (
     say_command,
     say_line,
 )
-from sqrp_cli.show.terminal.console import (
-    Cell as Shown,
-)
+from sqrp_cli.show.terminal.console import Cell as Shown
 from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
 
 if TYPE_CHECKING:

@@ -172,10 +172,7 @@ def _camera_failures(found: CandidateStudy) -> str:
     for name, without in found.without_camera.items():
         losses = [
             f"{label} to {100 * left:.1f} %"
-            for label, left, now in (
-                ("Q_eoi", without.q_eoi, found.q_eoi),
-                ("Q_avg", without.q_avg, found.q_avg),
-            )
+            for label, left, now in (("Q_eoi", without.q_eoi, found.q_eoi), ("Q_avg", without.q_avg, found.q_avg))
             if left is not None and now is not None and round(left, 3) < round(now, 3)
         ]
         if losses:
