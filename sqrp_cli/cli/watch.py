@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.cli.command import line
 from sqrp_cli.errors import ExitCode, bad_option
-from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.document import Document
     from sqrp_cli.figures import Figures
-    from sqrp_cli.show.documents.explanation import CandidateStudy, Sample
+    from sqrp_cli.show.documents.explanation import CandidateStudy
     from sqrp_cli.study.result import CandidateResult
 
 execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")
@@ -40,31 +38,22 @@ class AnswerView(NamedTuple):
     said: str = ""
 
 
-@dataclass
-class _Watcher:
-    """Shows the first answer as the command does, and each later one against the one before."""
-
-    before: AnswerView | None = None
-
-    def show(self, answer: Document) -> None:
-        """Show an answer."""
-        now = view_of(answer)
-        if self.before is None:
-            answer.show()
-        else:
-            print_changes(self.before, now)
-        self.before = now
-
-
-_watcher: ContextVar[_Watcher | None] = ContextVar("watcher", default=None)
+_shown: ContextVar[list[AnswerView] | None] = ContextVar("shown", default=None)
+"""While a command runs again and again: the last answer, once there is one."""
 
 
 def is_shown_again(answer: Document) -> bool:
-    """Whether a command runs again and again, and has shown this answer."""
-    watcher = _watcher.get()
-    if watcher is not None:
-        watcher.show(answer)
-    return watcher is not None
+    """Whether a command runs again and again, and has shown this answer: the first as it does, then what differs."""
+    shown = _shown.get()
+    if shown is None:
+        return False
+    now = view_of(answer)
+    if shown:
+        print_changes(shown[0], now)
+    else:
+        answer.show()
+    shown[:] = [now]
+    return True
 
 
 def watched(refused: Mapping[str, object]) -> ExitCode:
@@ -79,52 +68,32 @@ def watched(refused: Mapping[str, object]) -> ExitCode:
     if given := [name for name, value in refused.items() if value]:
         raise bad_option(f"--watch and {given[0]} exclude each other; give one of them")
     again = [word for word in line.get() if word != "--watch"]
-    files: set[Path] = set()
+    stamps: dict[Path, tuple[int, ...]] = {}
     told = False
-    shown = _watcher.set(_Watcher())
+    shown = _shown.set([])
     try:
         while True:
-            stamps = _Stamps(files)
+            # As files were before the command reads them: what is saved meanwhile is not missed.
+            stamps = {path: _stamp(path) for path in stamps}
             with noted_files() as read:
                 code = execute.get()(again)
             if code == ExitCode.INTERRUPTED:
                 return ExitCode.INTERRUPTED
-            stamps.add(read)
-            files |= read
+            stamps = {path: _stamp(path) for path in read} | stamps
             if not told or code not in (ExitCode.OK, ExitCode.NONE_FEASIBLE):
-                note(f"watching {len(files)} files; Ctrl-C ends")
+                note(f"watching {len(stamps)} files; Ctrl-C ends")
             told = True
-            saved = stamps.wait()
+            saved: set[Path] = set()
+            while True:  # until files that were saved stay as they are for a moment
+                changed = {path: now for path, stamp in stamps.items() if (now := _stamp(path)) != stamp}
+                if saved and not changed:
+                    break
+                saved.update(changed)
+                stamps |= changed
+                time.sleep(INTERVAL)
             say(f"\n{', '.join(sorted(path.name for path in saved))} saved", "dim")
     finally:
-        _watcher.reset(shown)
-
-
-@dataclass
-class _Stamps:
-    """How files were before a command read them: what is saved meanwhile is not missed."""
-
-    files: Iterable[Path]
-    stamps: dict[Path, tuple[int, ...]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.add(self.files)
-
-    def add(self, files: Iterable[Path]) -> None:
-        """Watch further files."""
-        for path in files:
-            self.stamps.setdefault(path, _stamp(path))
-
-    def wait(self) -> list[Path]:
-        """The files that were saved, once they stay as they are for a moment."""
-        saved: set[Path] = set()
-        while True:
-            changed = [path for path, stamp in self.stamps.items() if _stamp(path) != stamp]
-            if saved and not changed:
-                return sorted(saved)
-            saved.update(changed)
-            self.stamps.update((path, _stamp(path)) for path in changed)
-            time.sleep(INTERVAL)
+        _shown.reset(shown)
 
 
 def _stamp(path: Path) -> tuple[int, ...]:
@@ -143,10 +112,15 @@ def print_changes(before: AnswerView, now: AnswerView) -> None:
     if before == now:
         say("No figure has changed.")
         return
+
+    def against(old: Iterable[str], new: Iterable[str]) -> list[str]:
+        return [one if one == was else f"{was}{_ARROW}{one}" for was, one in zip(old, new, strict=True)]
+
     names = {**now.rows, **before.rows}
     shown = [name for name in names if len(names) <= MOST_ROWS or before.rows.get(name) != now.rows.get(name)]
-    cells = ((name, [_against(*pair) for pair in _pairs(before, now, name)]) for name in shown)
-    titles = [_against(*pair) for pair in zip(before.columns, now.columns, strict=True)]
+    nothing = ("–",) * (len(now.columns) - 1)
+    cells = ((name, against(before.rows.get(name, nothing), now.rows.get(name, nothing))) for name in shown)
+    titles = against(before.columns, now.columns)
     columns = [Column(title, right=title in _TITLES, shrink=title in _TEXTS) for title in titles]
     print_table(columns, [[name, *(plain(text, "bold" * (_ARROW in text)) for text in row)] for name, row in cells])
     if left := len(names) - len(shown):
@@ -160,16 +134,6 @@ _TEXTS = ("finding", "verdict")
 """Titles of columns that may be folded."""
 
 
-def _pairs(before: AnswerView, now: AnswerView, name: str) -> Iterator[tuple[str, str]]:
-    """The cells of a row, old and new."""
-    nothing = ("–",) * (len(now.columns) - 1)
-    return zip(before.rows.get(name, nothing), now.rows.get(name, nothing), strict=True)
-
-
-def _against(old: str, new: str) -> str:
-    return new if old == new else f"{old}{_ARROW}{new}"
-
-
 def view_of(answer: Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.score.result import Scorecard
@@ -179,12 +143,10 @@ def view_of(answer: Document) -> AnswerView:
 
     match answer:
         case Ranking():
-            rows = {one.name: _candidate(one) for one in answer.candidates}
-            return AnswerView(
-                ("candidate", "#", *_TITLES), rows, _why(answer.candidates[0]) if answer.candidates else ""
-            )
+            why = _why(answer.candidates[0]) if answer.candidates else ""
+            return AnswerView(("candidate", "#", *_TITLES), _ranked(answer.candidates), why)
         case ExplainedAll():
-            return AnswerView(("candidate", "#", *_TITLES), {one.name: _candidate(one) for one in answer.candidates})
+            return AnswerView(("candidate", "#", *_TITLES), _ranked(answer.candidates))
         case Explanation():
             return AnswerView(("", answer.name), _study(answer), _why(answer))
         case Check():
@@ -205,9 +167,9 @@ _TITLES = ("Q_eoi [%]", "Q_avg [%]", "time [s]", "seen [s]", "at worst")
 _SHOWN_NONE = ("–",) * len(_TITLES)
 
 
-def _candidate(found: CandidateResult) -> tuple[str, ...]:
-    """Place and figures."""
-    return ("infeasible" if found.rank is None else f"{found.rank}", *_figures(found))
+def _ranked(found: Sequence[CandidateResult]) -> dict[str, tuple[str, ...]]:
+    """Place and figures of each."""
+    return {one.name: ("infeasible" if one.rank is None else f"{one.rank}", *_figures(one)) for one in found}
 
 
 def _figures(found: Figures) -> tuple[str, ...]:
@@ -234,20 +196,12 @@ def _study(study: CandidateStudy) -> dict[str, tuple[str, ...]]:
     """The figures of a candidate, and for which share of the time each camera sees each literal."""
     rows: dict[str, tuple[str, ...]] = {title: (text,) for title, text in zip(_TITLES, _figures(study), strict=True)}
     for atom in dict.fromkeys(name.removeprefix("not ") for name in study.targets):
+        literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in study.samples]
         for camera in study.cameras:
-            rows[f"{atom}, {camera} [%]"] = (_percent(_share(study.samples, atom, camera)),)
+            seen = [None if one is None else one.cameras[camera].covered for one in literals]
+            asked = covered = 0.0  # between neighbouring samples
+            for before, after, first, then in zip(study.samples, study.samples[1:], seen, seen[1:], strict=False):
+                asked += after.t - before.t if None not in (first, then) else 0.0
+                covered += after.t - before.t if first and then else 0.0
+            rows[f"{atom}, {camera} [%]"] = (_percent(covered / asked if asked else None),)
     return rows
-
-
-def _share(samples: Sequence[Sample], atom: str, camera: str) -> float | None:
-    """The share of the time in which a literal is asked for, and a camera covers it; between neighbouring samples."""
-    seen = [
-        next(
-            (one.literals[name].cameras[camera].covered for name in (atom, f"not {atom}") if name in one.literals), None
-        )
-        for one in samples
-    ]
-    pairs = list(zip(samples, samples[1:], seen, seen[1:], strict=False))
-    asked = sum(after.t - before.t for before, after, first, then in pairs if None not in (first, then))
-    covered = sum(after.t - before.t for before, after, first, then in pairs if first and then)
-    return covered / asked if asked else None
