@@ -9,21 +9,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sqrp_cli.camera import camera, detector
-from sqrp_cli.camera.camera import DistortionModel
+from sqrp_cli.camera.camera import Camera, DistortionModel
 from sqrp_cli.camera.detector import Curve, DetectorKind, marker_ranges
-from sqrp_cli.camera.light import Light
 from sqrp_cli.cell.mesh import mesh_unit
-from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.errors import Problem
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot import robot
 from sqrp_cli.robot.robot import Fingers, Marker
 from sqrp_cli.run.record.report import Outcome
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from sqrp_cli.task.grounding import on_robot
 
 
@@ -42,11 +38,6 @@ class JointScene(Record):
     jerk: float
     """Greatest jerk [rad/s^3 or m/s^3]."""
 
-    @classmethod
-    def of(cls, limits: robot.JointLimits) -> JointScene:
-        """The limits of a joint."""
-        return from_fields(cls, limits, lower=_finite(limits.lower), upper=_finite(limits.upper))
-
 
 @dataclass(frozen=True, kw_only=True)
 class ToolScene(Record):
@@ -58,11 +49,6 @@ class ToolScene(Record):
     """The link of the robot that carries it."""
     pose: Pose
     """Of the tool's root in that link."""
-
-    @classmethod
-    def of(cls, tool: robot.Tool) -> ToolScene:
-        """The tool of a robot."""
-        return cls(urdf=None if tool.file is None else str(tool.file), link=tool.link, pose=tool.X_LT.tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,25 +86,6 @@ class RobotScene(Record):
     unchecked_pairs: list[list[str]]
     """Pairs of links that are not checked for contact, besides neighbours."""
 
-    @classmethod
-    def of(cls, cell: Cell) -> RobotScene:
-        """The robot of a cell."""
-        own, model = cell.workspace.robot, cell.model
-        return from_fields(
-            cls,
-            own,
-            urdf=str(own.urdf.path),
-            expanded=own.urdf.expanded,
-            srdf=None if own.srdf is None else str(own.srdf),
-            package_roots=[str(root) for root in own.package_roots],
-            base=own.X_WB.tolist(),
-            tool=None if own.tool is None else ToolScene.of(own.tool),
-            joints={name: JointScene.of(limits) for name, limits in own.limits.items()},
-            home=model.joint_values(model.home),
-            held=cell.initial_world.held,
-            unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class CameraScene(Record):
@@ -155,25 +122,6 @@ class CameraScene(Record):
     pose_file: str | None = field(default=None, metadata=LEFT_OUT)
     """Format of the file with the pose; left out if the workspace states it."""
 
-    @classmethod
-    def of(cls, cell: Cell, seen_by: camera.Camera) -> CameraScene:
-        """A camera of a cell."""
-        frame, X_FC = on_robot(cell.workspace.robot, cell.model, seen_by.frame, seen_by.X_FC)
-        straight = seen_by.distortion_model == "none"
-        return from_fields(
-            cls,
-            seen_by,
-            K=seen_by.matrix.tolist(),
-            # ROS has no name for the absence of distortion; it writes five zeros.
-            distortion_model="plumb_bob" if straight else seen_by.distortion_model,
-            D=[0.0] * 5 if straight else seen_by.distortion.tolist(),
-            frame=frame,
-            pose=X_FC.tolist(),
-            far=_finite(seen_by.far),
-            latency=seen_by.lag,
-            exposure=seen_by.exposure or None,
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorScene(Record):
@@ -194,12 +142,6 @@ class DetectorScene(Record):
     ranges: Mapping[str, Mapping[str, tuple[float, ...]]] | None = field(default=None, metadata=LEFT_OUT)
     """Of `aruco`: nearest and farthest distance at which each camera reads each marker that faces it, by the names of
     cameras and of what carries the markers [m]; left out in a cell without markers."""
-
-    @classmethod
-    def of(cls, found: detector.Detector, workspace: Workspace) -> DetectorScene:
-        """The limits of a detector."""
-        ranges = marker_ranges(workspace.cameras, workspace.markers) if found.kind == "aruco" else {}
-        return from_fields(cls, found, ranges=ranges if any(ranges.values()) else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,17 +173,6 @@ class LightScene(Record):
     beam: float | None = field(default=None, metadata=LEFT_OUT)
     """Opening angle of a lamp's beam [rad]."""
 
-    @classmethod
-    def of(cls, light: Light) -> LightScene:
-        """A light of a cell."""
-        lamp = light.position is not None
-        return cls(
-            intensity=light.intensity,
-            direction=None if light.is_ambient else light.heading.tolist(),
-            position=list(light.position) if light.position is not None else None,
-            beam=2.0 * light.half_beam if lamp else None,
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class OpaquePart(Record):
@@ -261,12 +192,6 @@ class OpaquePart(Record):
     """Of a mesh along x, y and z, from the file's numbers to metres."""
     pose: Pose
     """Of the shape in `parent`."""
-
-    @classmethod
-    def of(cls, cell: Cell, part: Part) -> OpaquePart:
-        """A part of a cell."""
-        parent, X_PG = on_robot(cell.workspace.robot, cell.model, part.parent, part.X_PG)
-        return cls(name=part.name, parent=parent, **_shape(part.shape), pose=X_PG.tolist())
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -301,17 +226,35 @@ class ShowDocument(WorkspaceDocument):
     @classmethod
     def of(cls, cell: Cell) -> ShowDocument:
         """What was understood of a cell."""
-        workspace = cell.workspace
+        workspace, X_WO = cell.workspace, cell.initial_world.X_WO
+        ranges = marker_ranges(workspace.cameras, workspace.markers)
+        detectors = {}
+        for name, one in workspace.detectors.items():
+            known = ranges if one.kind == "aruco" and any(ranges.values()) else None
+            detectors[name] = from_fields(DetectorScene, one, ranges=known)
+        objects = {
+            name: from_fields(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
+            for name, one in workspace.objects.items()
+        }
+        lights = {
+            name: LightScene(
+                intensity=one.intensity,
+                direction=None if one.is_ambient else one.heading.tolist(),
+                position=None if one.position is None else list(one.position),
+                beam=None if one.position is None else 2.0 * one.half_beam,
+            )
+            for name, one in workspace.lights.items()
+        }
         return cls(
             cell=cell,
             workspace=workspace.name,
             digest=workspace.digest,
-            robot=RobotScene.of(cell),
-            cameras={name: CameraScene.of(cell, one) for name, one in workspace.cameras.items()},
-            detectors={name: DetectorScene.of(one, workspace) for name, one in workspace.detectors.items()},
-            objects=_objects(workspace, cell),
-            lights={name: LightScene.of(one) for name, one in workspace.lights.items()} or None,
-            opaque=[OpaquePart.of(cell, part) for part in _opaque_parts(cell)],
+            robot=_robot(cell),
+            cameras={name: _camera(cell, one) for name, one in workspace.cameras.items()},
+            detectors=detectors,
+            objects=objects,
+            lights=lights or None,
+            opaque=_opaque_parts(cell),
             state=sorted(map(str, workspace.state)),
             skills=list(workspace.skills),
             tasks=[expected.task for expected in workspace.tasks],
@@ -379,36 +322,71 @@ class NewCell(Document):
         return f"{self.path}: {self.task or 'nothing within reach'}"
 
 
-def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:
-    X_WO = cell.initial_world.X_WO
-    return {
-        name: from_fields(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
-        for name, one in workspace.objects.items()
-    }
+def _robot(cell: Cell) -> RobotScene:
+    own, model = cell.workspace.robot, cell.model
+    tool = None
+    if own.tool is not None:
+        urdf = None if own.tool.file is None else str(own.tool.file)
+        tool = ToolScene(urdf=urdf, link=own.tool.link, pose=own.tool.X_LT.tolist())
+    return from_fields(
+        RobotScene,
+        own,
+        urdf=str(own.urdf.path),
+        expanded=own.urdf.expanded,
+        srdf=None if own.srdf is None else str(own.srdf),
+        package_roots=[str(root) for root in own.package_roots],
+        base=own.X_WB.tolist(),
+        tool=tool,
+        joints={
+            name: from_fields(JointScene, one, lower=_finite(one.lower), upper=_finite(one.upper))
+            for name, one in own.limits.items()
+        },
+        home=model.joint_values(model.home),
+        held=cell.initial_world.held,
+        unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
+    )
 
 
-def _opaque_parts(cell: Cell) -> list[Part]:
-    tool = [part for part in cell.model.parts if part.parent in cell.model.tool_links]
-    shaped = [
-        one
-        for one in cell.workspace.objects.values()
-        if not (
-            len(one.parts) == 1 and one.parts[0].shape == Box(one.size) and np.array_equal(one.parts[0].X_PG, np.eye(4))
-        )
-    ]
-    return [*tool, *(part for one in shaped for part in one.parts)]
+def _camera(cell: Cell, one: Camera) -> CameraScene:
+    frame, X_FC = on_robot(cell.workspace.robot, cell.model, one.frame, one.X_FC)
+    straight = one.distortion_model == "none"
+    return from_fields(
+        CameraScene,
+        one,
+        K=one.matrix.tolist(),
+        # ROS has no name for the absence of distortion; it writes five zeros.
+        distortion_model="plumb_bob" if straight else one.distortion_model,
+        D=[0.0] * 5 if straight else one.distortion.tolist(),
+        frame=frame,
+        pose=X_FC.tolist(),
+        far=_finite(one.far),
+        latency=one.lag,
+        exposure=one.exposure or None,
+    )
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
-    match shape:
-        case Mesh(path, scale):
-            return {"mesh": str(path), "scale": [mesh_unit(path) * along for along in scale]}
-        case Box(size):
-            return {"shape": "box", "size": list(size)}
-        case Sphere(radius):
-            return {"shape": "sphere", "size": radius}
-        case Cylinder() | Capsule():
-            return {"shape": type(shape).__name__.lower(), "size": [shape.radius, shape.length]}
+def _opaque_parts(cell: Cell) -> list[OpaquePart]:
+    """The parts of the tool, and those of objects that are not just their boxes."""
+    parts = [part for part in cell.model.parts if part.parent in cell.model.tool_links]
+    for one in cell.workspace.objects.values():
+        own = one.parts
+        if not (len(own) == 1 and own[0].shape == Box(one.size) and np.array_equal(own[0].X_PG, np.eye(4))):
+            parts += own
+    found = []
+    for part in parts:
+        parent, X_PG = on_robot(cell.workspace.robot, cell.model, part.parent, part.X_PG)
+        shown: dict[str, Any]
+        match part.shape:
+            case Mesh(path, scale):
+                shown = {"mesh": str(path), "scale": [mesh_unit(path) * along for along in scale]}
+            case Box(size):
+                shown = {"shape": "box", "size": list(size)}
+            case Sphere(radius):
+                shown = {"shape": "sphere", "size": radius}
+            case Cylinder() | Capsule() as round_one:
+                shown = {"shape": type(round_one).__name__.lower(), "size": [round_one.radius, round_one.length]}
+        found.append(OpaquePart(name=part.name, parent=parent, **shown, pose=X_PG.tolist()))
+    return found
 
 
 def _finite(value: float) -> float | None:
