@@ -104,7 +104,7 @@ NOTEBOOK_WIDTH = 100
 """Columns of results in a notebook."""
 
 
-def as_plainplain(show: Callable[[], None]) -> str:
+def as_plain_text(show: Callable[[], None]) -> str:
     """The results that a function prints, without styles, in the width of the terminal."""
     width = terminal_width()
     captured = _captured_by(show, Console(file=io.StringIO(), width=width, highlight=False, emoji=False, no_color=True))
