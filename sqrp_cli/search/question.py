@@ -18,7 +18,7 @@ from sqrp_cli.study.assessment import observed_again
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.verdict import HELP, verdict
+from sqrp_cli.study.verdict import verdict, without_remedy
 from sqrp_cli.study.whole_study import WholeStudy, reasons_of_step, worst_seen
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
@@ -120,4 +120,4 @@ class Question:
         worst = worst_seen([step.assessment("") for step in steps])
         sentence = verdict(one.change.in_cell(self.cell), steps[worst])
         said = reasons_of_step(one.study.candidate, worst + 1, [sentence])[0]
-        return reached.why_late if said.endswith(NOTHING_MISSING) else said.split(HELP)[0]
+        return reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)

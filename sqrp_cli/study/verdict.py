@@ -32,12 +32,11 @@ _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
 of them."""
 
-_MOST_TURN, _TURNS = 30, 3
-"""By how much a camera may be turned to close a gap [deg], and how many cameras are tried, the least turn first."""
+_MOST_TURN, _MOST_SHIFT, _TRIED = 30, 1.0, 3
+"""By how much a camera may be turned [deg] or moved [m] to close a gap, and how many are tried, the least first."""
 
-
-HELP = ". It would help to "
-"""Separates the sentence about the loss from the one about the remedy."""
+_HELP, _MAY_HELP = ". It would help to ", ". It may help to "
+"""Begin the sentence about the remedy: a change with which all that is lost is seen, or one that is not tried."""
 
 _SENTENCES = {
     Cause.BEHIND: "{camera} looks away from {target}",
@@ -56,11 +55,11 @@ _SENTENCES = {
 
 _ADVICE = {
     Cause.BEHIND: "turn {camera} round, or say `convention: body`",
-    Cause.TOO_NEAR: "move {camera} {figure} back",
-    Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
+    Cause.TOO_NEAR: "move {camera} back",
+    Cause.TOO_FAR: "move {camera} closer or raise its far range",
     Cause.OUT_OF_IMAGE: "",  # no turn that is tried shows all of it
-    Cause.DETECTOR_NEAR: "move {camera} {figure} back",
-    Cause.DETECTOR_FAR: "move {camera} {figure} closer",
+    Cause.DETECTOR_NEAR: "move {camera} back",
+    Cause.DETECTOR_FAR: "move {camera} closer",
     Cause.OBLIQUE: "move {camera} round to face it",
     Cause.TOO_SMALL: "move {camera} closer or narrow its view",
     Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
@@ -96,7 +95,18 @@ class Turn:
     def __str__(self) -> str:
         sides = ((self.right, "to the right", "to the left"), (self.up, "up", "down"))
         words = [back if value < 0 else forth for value, forth, back in sides if abs(value) > 0.1 * self.angle]
-        return f"{self.angle:.0f} deg {' and '.join(words)}"
+        return f"turn {{camera}} {self.angle:.0f} deg {' and '.join(words)}"
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A move of a camera along its optical axis, whole centimetres."""
+
+    back: float
+    """[m]; negative: closer."""
+
+    def __str__(self) -> str:
+        return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
 
 
 @dataclass(frozen=True)
@@ -113,8 +123,8 @@ class CameraCause:
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
     """Whether the camera sees the target for a part of the stretch."""
-    turn: Turn | None = None
-    """With which it would see the target in every sample of the stretch that was looked at, where that is known."""
+    change: Turn | Shift | None = None
+    """With which enough cameras see the target in all samples of the stretch in which it is lost, if one was found."""
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
@@ -184,10 +194,14 @@ class BlindStretch:
         if not self.causes:
             return "add a camera"
         nearest = self.causes[0]
-        if nearest.turn is None:
+        if nearest.change is None:
             return nearest.sentence(_ADVICE, self.atom)
-        wider = " or widen its view" if nearest.cause is Cause.OUT_OF_IMAGE else ""
-        return f"turn {nearest.camera} {nearest.turn}{wider}"
+        return str(nearest.change).format(camera=nearest.camera)
+
+    @property
+    def tried(self) -> bool:
+        """Whether the advice was tried, and closes the gap."""
+        return bool(self.causes) and self.causes[0].change is not None
 
 
 def _see(cameras: Sequence[str]) -> str:
@@ -216,9 +230,14 @@ def verdict(cell: Cell, study: Study) -> str:
         stated = any(not parameter.implicit for parameter in skill.motion_parameters)
         tried = study.candidate.branch or not (skill.waypoints or stated)
         advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
-        sentences = f"{lost}{advice and HELP}{advice}."
+        sentences = f"{lost}{advice and (_HELP if lost.tried else _MAY_HELP)}{advice}."
     ways = ", ".join(study.motion.remarks)
     return sentences + (f" On the way {ways}." if ways else "")
+
+
+def without_remedy(sentences: str) -> str:
+    """The sentence of a verdict about the loss alone, without its full stop where a remedy follows."""
+    return sentences.split(_HELP)[0].split(_MAY_HELP)[0]
 
 
 def stretches(blind: Mask) -> Iterator[Indices]:
@@ -248,12 +267,11 @@ def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
         for some in (sees[:start], sees[end + 1 :])
     )
     causes = _causes(cell, loss)
-    outside = {cause.camera for cause in causes if cause.cause in (Cause.BEHIND, Cause.OUT_OF_IMAGE)}
-    turned = _least_turn(cell, study, loss, [camera for camera in cell.observer.cameras if camera.name in outside])
-    # A turn that closes the gap is the least change; else one who sees it before or after is nearest to seeing it.
+    changed = _least_change(cell, study, loss, rows, causes)
+    # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
-        (replace(cause, turn=turned.get(cause.camera)) for cause in causes),
-        key=lambda one: (one.turn is None, one.partly, one.camera not in (*before, *after), -one.cause),
+        (replace(cause, change=changed.get(cause.camera)) for cause in causes),
+        key=lambda one: (one.change is None, one.partly, one.camera not in (*before, *after), -one.cause),
     )
     blind = {cause.camera for cause in causes}
     return BlindStretch(
@@ -329,38 +347,70 @@ def _angles_of_view(camera: Camera) -> tuple[float, ...]:
     return tuple(float(angles[max(row.sum() - 1, 0)]) for row in shown)
 
 
-def _least_turn(cell: Cell, study: Study, loss: _Loss, cameras: Sequence[Camera]) -> dict[str, Turn]:
-    """Of some cameras, the one that sees all the lost samples after the least turn; empty if none does.
+def _least_change(
+    cell: Cell, study: Study, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
+) -> dict[str, Turn | Shift]:
+    """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 
-    The turn brings the corners of all boxes within the image; whether it then shows them is asked of the observer.
+    A turn brings the corners of all boxes within the image, a move brings them within the range. Whether enough cameras
+    then see the target is asked of the observer, in all samples of the run `rows` in which too few do.
     """
-    rows = loss.look[loss.few][loss.lost]
+    target, of_cause = loss.target, {cause.camera: cause.cause for cause in causes}
+
+    def with_cause(*some: Cause) -> list[Camera]:
+        return [camera for camera in cell.observer.cameras if of_cause.get(camera.name) in some]
+
+    outside = with_cause(Cause.BEHIND, Cause.OUT_OF_IMAGE)
+    aside = with_cause(Cause.TOO_NEAR, Cause.TOO_FAR, Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR)
+    if not (outside or aside):
+        return {}
+    rows = rows[study.timeline.observation.required[rows, loss.column]]
     states = study.stage.states(study.timeline.samples.some(rows))
-    corners = [transform(states.box_poses(box), box_corners(box.size)) for box in loss.target.boxes]
-    corners_W = np.concatenate([np.broadcast_to(of_box, (len(rows), 8, 3)) for of_box in corners], axis=1)
-    X_WC = [np.broadcast_to(states.camera_poses(camera), (len(rows), 4, 4)) for camera in cameras]
-    x, y, z = np.moveaxis(transform(inverse(np.array(X_WC).reshape(-1, len(rows), 4, 4)), corners_W), -1, 0)
-    right, left, top, bottom = np.array([_angles_of_view(camera) for camera in cameras]).reshape(-1, 4).T
+    (present,) = cell.observer.verdicts([target], states, shares=False)
+    sees = sees_all(present)
+    lost = sees.sum(axis=1) < target.cameras
+    poses = [np.broadcast_to(states.box_poses(box), (len(rows), 4, 4))[lost] for box in target.boxes]
+    corners_W = np.concatenate(
+        [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)], 1
+    )
 
-    def beyond(seen: Array, upper: Array, lower: Array) -> Array:
-        """By how much angles (c, m, n) exceed those that are within each image, (c,) [rad]."""
-        over = np.maximum(seen.max(axis=(1, 2)) - upper, 0.0)
-        found: Array = np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
-        return found
+    def inside(camera: Camera) -> Array:
+        """The world in the camera, shape (m, 4, 4)."""
+        X_CW: Array = np.broadcast_to(inverse(states.camera_poses(camera)), (len(rows), 4, 4))[lost]
+        return X_CW
 
-    aside = np.arctan2(x, z)
-    pan = beyond(aside, right, left)
-    above = np.arctan2(-y, np.hypot(x, z) * np.cos(aside - pan[:, None, None]))
-    turns = []
-    for camera, angles in zip(cameras, np.degrees([beyond(above, top, bottom), pan]).T.tolist(), strict=True):
-        least = Turn(*angles)
+    tried: list[tuple[float, Camera, Turn | Shift, Array]] = []
+    for camera in outside:
+        right, left, top, bottom = _angles_of_view(camera)
+        x, y, z = np.moveaxis(transform(inside(camera), corners_W), -1, 0)
+        pan = np.arctan2(x, z)
+        pan = max(pan.max() - right, 0.0) or min(pan.min() + left, 0.0)
+        above = np.arctan2(-y, np.hypot(x, z) * np.cos(np.arctan2(x, z) - pan))
+        tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
+        least = Turn(*np.degrees([tilt, pan]).tolist())
         if 0.0 < least.angle <= _MOST_TURN:
             whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
-            turns.append((camera, Turn(whole * least.up, whole * least.right)))
-    turns = sorted(turns, key=lambda turn: turn[1].angle)[:_TURNS]
-    if not turns:
+            turn = Turn(whole * least.up, whole * least.right)
+            tried.append((turn.angle, camera, turn, pose(turn.rotation)))
+    for camera in aside:
+        z = transform(inside(camera), corners_W)[..., 2]
+        back, closer = camera.near - z.min(), z.max() - camera.far
+        for X, box in zip(poses, target.boxes, strict=True):
+            x, y, depth = np.moveaxis(transform(inside(camera), X[:, None, :3, 3])[:, 0], -1, 0)
+            near, far = (np.sqrt(np.maximum(edge**2 - x**2 - y**2, 0.0)) - depth for edge in box.limits.distance)
+            back, closer = max(back, near.max()), max(closer, -far.min())
+        shift = Shift(float(np.ceil(100 * back - 1e-6) / 100 if back > 0 else -np.ceil(100 * closer - 1e-6) / 100))
+        if 0.0 < abs(shift.back) <= _MOST_SHIFT:
+            moved = pose(position=np.array([0.0, 0.0, -shift.back]))
+            tried.append((_MOST_TURN + abs(shift.back), camera, shift, moved))  # a turn is less than any move
+    tried = sorted(tried, key=lambda one: one[0])[:_TRIED]
+    if not tried:
         return {}
-    moved = tuple(replace(camera, X_FC=camera.X_FC @ pose(turn.rotation)) for camera, turn in turns)
-    (found,) = replace(cell.observer, cameras=moved, memory=None).verdicts([loss.target], states, shares=False)
-    closes: list[bool] = np.all(sees_all(found), axis=0).tolist()
-    return next(({camera.name: turn} for (camera, turn), sees in zip(turns, closes, strict=True) if sees), {})
+    cameras = tuple(replace(camera, X_FC=camera.X_FC @ X_CD) for _, camera, _, X_CD in tried)
+    (then,) = replace(cell.observer, cameras=cameras, memory=None).verdicts([target], states, shares=False)
+    names = [camera.name for camera in cell.observer.cameras]
+    for number, (_, camera, change, _) in enumerate(tried):
+        others = sees.sum(axis=1) - sees[:, names.index(camera.name)]
+        if bool(np.all(others + sees_all(then)[:, number] >= target.cameras)):
+            return {camera.name: change}
+    return {}

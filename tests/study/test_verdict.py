@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Study, observed_again, study
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import (
@@ -28,6 +29,7 @@ from sqrp_cli.study.verdict import (
 from sqrp_cli.task.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
+CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5", "cam6")
 
 
 @pytest.fixture(scope="module")
@@ -151,10 +153,57 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
 
 def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
     cause = CameraCause("eye", Cause.OUT_OF_IMAGE, "left", 0.0, partly=False)
-    for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down or widen its view")):
-        blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, turn=turn),), (), 1)
+    for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down")):
+        blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, change=turn),), (), 1)
         assert "eye has seen outside its image (left)" in str(blind)
         assert blind.advice == advice
+
+
+RANGES = [(0.2, 4.0), (0.5, 4.0), (0.8, 4.0), (1.2, 4.0), (0.2, 0.7), (0.2, 0.9), (0.2, 1.15)]
+
+
+def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_be_untried(
+    cell: Cell, studies: dict[str, Study]
+) -> None:
+    """Each camera alone, with other ranges: the change that the sentence names is made, and all is looked at again."""
+    said = set[str]()
+    for name, (camera, near, far) in product(("g2", "g3", "g4"), ((c, *r) for c in CAMERAS for r in RANGES)):
+        alone = replace(cell.workspace.cameras[camera], near=near, far=far)
+        before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
+        found = observed_again(before, studies[name], Adaptive(), full=False)
+        blind = found.timeline.monitored & ~found.timeline.covered
+        rows = list(
+            stretches(blind & found.timeline.interesting if (blind & found.timeline.interesting).any() else blind)
+        )
+        if not rows:
+            continue
+        t = found.timeline.samples.t
+        stretch = explain_stretch(before, found, max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+        sentence = verdict(before, found)
+        assert (f"It would help to {stretch.advice}." in sentence) == stretch.tried
+        assert stretch.tried or "would help" not in sentence
+        if not stretch.tried:
+            continue
+        words = re.fullmatch(r"(turn|move) (\w+) (\d+) (deg|cm) (.+)", stretch.advice)
+        assert words is not None
+        assert words[2] == camera
+        change = stretch.causes[0].change
+        if isinstance(change, Turn):
+            X_CD = np.eye(4)
+            X_CD[:3, :3] = change.rotation
+        else:
+            X_CD = np.eye(4)
+            X_CD[2, 3] = 0.01 * int(words[3]) * {"back": -1, "closer": 1}[words[5]]
+        said.add(words[1] if words[1] == "turn" else words[5])
+        changed = replace(alone, X_FC=alone.X_FC @ X_CD)
+        after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
+        again = observed_again(after, studies[name], Adaptive(), full=False).timeline
+        column = again.atoms.index(stretch.atom)
+        inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
+        lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside
+        others = np.delete(again.observation.required & ~again.observation.covered, column, axis=1).any(axis=1)
+        assert not (lost & ~others).any()
+    assert said == {"turn", "back", "closer"}
 
 
 def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
@@ -187,10 +236,10 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
         return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
 
     nearest = stretch.causes[0]
-    assert nearest.turn is not None
-    assert nearest.camera in closing(nearest.turn.angle)
-    assert not closing(nearest.turn.angle - 1.5)
-    assert f"turn {nearest.camera} {nearest.turn.angle:.0f} deg " in stretch.advice
+    assert isinstance(nearest.change, Turn)
+    assert nearest.camera in closing(nearest.change.angle)
+    assert not closing(nearest.change.angle - 1.5)
+    assert f"turn {nearest.camera} {nearest.change.angle:.0f} deg " in stretch.advice
 
     # Whoever sees it on either side of the whole gap is named.
     lost = timeline.observation.required[:, column] & ~timeline.observation.covered[:, column]
