@@ -318,9 +318,9 @@ class Request:
     """A scene in m states: what a call is about."""
 
     def __init__(self, scene: Scene, states: int, X_WF: Sequence[Array]) -> None:
-        """X_WF: poses of every frame, by number, (m, 4, 4) each, or (1, 4, 4) where it never moves, finite; states: m.
+        """X_WF: poses of every frame, by number, (m, 4, 4) each, or (1, 4, 4) where it never moves; states: m.
 
-        Raises ValueError for shapes that do not fit, and where a frame is missing.
+        Raises ValueError for shapes that do not fit, where a frame is missing, and for poses that are not finite.
         """
         self._scene, self._states = scene, states
         self._count = np.array(list(map(len, X_WF)), dtype=np.int64)
@@ -331,6 +331,8 @@ class Request:
         if len(X_WF) < scene.frames or any(X.shape != (states, 4, 4) for X in moving):
             raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
         self._X = [resting, *moving]
+        if not np.isfinite(sum(X.sum() for X in self._X)):
+            raise ValueError("the poses of a frame are not finite")
         self._places = np.empty(len(X_WF), dtype=np.uint64)
         self._places[still] = resting.ctypes.data + np.arange(len(resting)) * resting[:1].nbytes
         self._places[~still] = [X.ctypes.data for X in moving]
@@ -357,14 +359,16 @@ class Request:
         state, first, count = items
         self._call("cover", len(state), state, first, count, needed, len(tiers), ends, order, sights)
 
-    def judge(self, box: Indices, state: Indices, *, shares: bool) -> Verdicts:
-        """What all cameras make of boxes in states, shape (n,) each; shares: whether visible shares are measured."""
+    def judge(self, box: Indices, state: Indices, *, shares: bool, culprits: bool) -> Verdicts:
+        """What all cameras make of boxes in states, shape (n,) each.
+
+        shares, culprits: whether visible shares are measured, and what is in the way is named.
+        """
         box, state = self._looks(box, state)
         shape = self._scene.cameras, len(box)
-        found = Verdicts(
-            np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int64), np.empty(shape), np.full(shape, np.nan)
-        )
-        self._call("judge", len(box), box, state, *found[:3], found.visible if shares else None, None)
+        found = Verdicts(np.empty(shape, dtype=np.int8), np.full(shape, -1), np.empty(shape), np.full(shape, np.nan))
+        by, visible = found.by if culprits else None, found.visible if shares else None
+        self._call("judge", len(box), box, state, found.cause, by, found.figure, visible, None)
         return found
 
     def measure(self, box: Indices, state: Indices) -> Aspects:

@@ -20,7 +20,6 @@ void solid_free(void* solid) {
     free(solid);
 }
 
-constexpr uint8_t WITHIN = 1, VISIBLE = 2;
 constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
 
 // Whether cameras see all boxes of the targets of questions, as far as it matters: replaces what is unknown in `sights`
@@ -78,7 +77,7 @@ void cover(const Request* request, int questions, const int64_t* state, const in
     }
 }
 
-// What every camera makes of n boxes in states, (cameras, n) each. visible: shares, not measured if it is null. facing: if it
+// What every camera makes of n boxes in states, (cameras, n) each. by, visible: not found out if they are null. facing: if it
 // is not null, only limits count that do not depend on the scene, and it becomes the distance, the incidence and the size of
 // the boxes, (3, cameras, n); sizes are NAN behind a camera.
 void judge(const Request* request, int n, const int64_t* box, const int64_t* state, int8_t* cause, int64_t* by, double* figure,
@@ -96,8 +95,9 @@ void judge(const Request* request, int n, const int64_t* box, const int64_t* sta
             view.look(scene, request->cameras[c], request->cameras[c].X_FC, int(box[i]), state[i]);
             Verdict found = view.limit;
             if (facing) view.face(scene, facing[at], facing[all + at], facing[2 * all + at]);
-            else if (found.cause == NONE) view.find_near(scene), found = view.judge(scene, lit, visible);
-            cause[at] = int8_t(found.cause), by[at] = found.by, figure[at] = found.figure;
+            else if (found.cause == NONE) view.find_near(scene), found = view.judge(scene, lit, by, visible);
+            cause[at] = int8_t(found.cause), figure[at] = found.figure;
+            if (by) by[at] = found.by;
             if (visible) visible[at] = found.visible;
         }
     }
@@ -125,7 +125,8 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
     int lenses = int(request->camera_count);
     List<View> views;    // (lenses, boxes) of the present pose
     List<LitBox> lit;
-    views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count));
+    List<uint8_t> within;  // the limits of each lens
+    views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count)), within.resize(lenses);
     for (int p = 0; p < poses; p++) {
         for (View& view : views) view.forget();
         bool given_up = false;
@@ -133,32 +134,25 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
             int last = int(first[i] + count[i]);
             auto view = [&](int lens, int b) -> View& { return views[lens * int(request->box_count) + b]; };
             auto found = [&](int lens) -> uint8_t& { return sees[(size_t(lens) * poses + p) * items + i]; };
+            given_up = decisive && decisive[i];
             for (int lens = 0; lens < lenses; lens++) {
                 const Camera& camera = request->cameras[lens];
                 bool good = true;
+                int same = -1;  // another lens from which the same hides it
                 for (int b = int(first[i]); good && b < last; b++) {
                     view(lens, b).look(scene, camera, Pose::of(X_FC + 16 * p), b, state[i]);
                     good = view(lens, b).limit.cause == NONE;
                 }
+                within[lens] = good;
                 // What hides a box does not depend on the lens; what light and the image's edge leave of it does.
-                found(lens) = good ? WITHIN : 0;
-                if (!good || limits_only) continue;
-                int same = -1;
-                for (int other = 0; same < 0 && other < lens; other++)
-                    same = found(other) & WITHIN && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
+                for (int other = 0; good && !limits_only && same < 0 && other < lens; other++)
+                    same = within[other] && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
                 for (int b = int(first[i]); b < last; b++) same = request->boxes[b].judges_rest ? -1 : same;
-                if (same >= 0) { found(lens) |= found(same) & VISIBLE; continue; }
-                for (int b = int(first[i]); good && b < last; b++) {
-                    View& v = view(lens, b);
-                    v.find_near(scene);
-                    good = v.sees(scene, v.needed(scene, lit[b]));
+                for (int b = int(first[i]); good && same < 0 && !limits_only && b < last; b++) {
+                    view(lens, b).find_near(scene);
+                    good = view(lens, b).sees(scene, view(lens, b).needed(scene, lit[b]));
                 }
-                found(lens) |= good ? VISIBLE : 0;
-            }
-            given_up = decisive && decisive[i];
-            for (int lens = 0; lens < lenses; lens++) {
-                found(lens) = found(lens) == (limits_only ? WITHIN : WITHIN | VISIBLE);
-                given_up = given_up && !found(lens);
+                found(lens) = same < 0 ? good : found(same), given_up = given_up && !found(lens);
             }
         }
     }

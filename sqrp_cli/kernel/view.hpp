@@ -76,21 +76,21 @@ public:
         return share(scene, needed_share, cut > 0) >= needed_share;
     }
 
-    // What hides it, is behind it, or lights it badly, in this order; after `find_near`. shares: whether `visible` counts.
-    Verdict judge(Scene& scene, LitBox& lit, bool shares) {
+    // What hides it, is behind it, or lights it badly, in this order; after `find_near`. named, shares: whether `by`, `visible` count.
+    Verdict judge(Scene& scene, LitBox& lit, bool named, bool shares) {
         const Box& b = scene.boxes[box];
         Verdict found{NONE, -1, 0, 1};
         if (b.visible < 1) {
             found.visible = share(scene, NAN);
-            if (found.visible < b.visible) found.cause = HIDDEN, found.by = scene.largest(rays(), near, state);
-        } else if ((found.by = first_met(scene)) >= 0) {
+            if (found.visible < b.visible) found.cause = HIDDEN, found.by = named ? scene.largest(rays(), near, state) : -1;
+        } else if (named ? (found.by = first_met(scene)) >= 0 : met(scene)) {
             found.cause = HIDDEN;
             if (shares) found.visible = share(scene, NAN);
         }
         if (found.cause == HIDDEN) return found;
         if (found.visible < needed(scene, 0.0)) return {SAME_COLOUR, behind_by, 0, found.visible};
         if (!scene.light_count) return found;
-        Lighting light = lighting(scene, lit, true);
+        Lighting light = lighting(scene, lit, named);
         if (!(found.visible < needed(scene, light.lost))) return found;
         if (light.bright > light.dark) return {TOO_BRIGHT, light.brightest, 0, found.visible};
         return {TOO_DARK, light.shading, 0, found.visible};

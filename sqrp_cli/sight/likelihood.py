@@ -50,7 +50,7 @@ def likelihoods(
     facing = (np.split(values.T, len(every)) for values in (observer.aspects(every, states) if every else ()))
     aspects = (Aspects(*of_box) for of_box in zip(*facing, strict=True))
     found: list[list[BoxLikelihood]] = []
-    for target, boxes in zip(targets, observer.verdicts(gated, states), strict=True):
+    for target, boxes in zip(targets, observer.verdicts(gated, states, culprits=False), strict=True):
         found.append([])
         for box, verdicts in zip(target.boxes, boxes, strict=True):
             passed, curve, faced = verdicts.cause == Cause.NONE, box.limits.curve, next(aspects)

@@ -87,13 +87,14 @@ class Observer:
         *,
         rows: Sequence[Indices] | None = None,
         shares: bool = True,
+        culprits: bool = True,
     ) -> tuple[tuple[BoxVerdicts, ...], ...]:
         """The full matrix of targets: every box, state and camera, with causes.
 
         What is usually seen is asked of `coverage`: here, what the image's edge cuts does not add to what is hidden.
 
         rows: the states of each target, m of them, by index; all by default. shares: whether to measure the visible
-        shares; without, `visible` stays NaN, and only the verdicts are valid.
+        shares; without, `visible` stays NaN, and only the verdicts are valid. culprits: whether to find out `by`.
         """
         boxes = [box for target in targets for box in target.boxes]
         if not boxes:
@@ -102,7 +103,9 @@ class Observer:
         asked = [at for target, at in zip(targets, everywhere, strict=True) for _ in target.boxes]
         counts = list(map(len, asked))
         request = self._scene.request(self._projections, boxes, states)
-        found = request.judge(np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares)
+        found = request.judge(
+            np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares, culprits=culprits
+        )
         of_boxes = map(BoxVerdicts, *(np.split(values.T, np.cumsum(counts)[:-1]) for values in found))
         return tuple(tuple(next(of_boxes) for _ in target.boxes) for target in targets)
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.geometry import Array, check_finite, pose
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.target_box import TargetBox
 
@@ -20,17 +18,6 @@ class SceneStates:
     """m."""
     X_WF: Mapping[str, Array]
     """Pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError if a pose is not finite."""
-        frames = list(self.X_WF.values())
-        resting = [X_WF for X_WF in frames if len(X_WF) == 1]  # together, because there may be hundreds
-        if resting and np.isfinite(np.concatenate(resting)).all():
-            frames = [X_WF for X_WF in frames if len(X_WF) != 1]
-        if all(np.isfinite(X_WF).all() for X_WF in frames):
-            return
-        for name, X_WF in self.X_WF.items():
-            check_finite(f"the poses of `{name}`", X_WF)
 
     def camera_poses(self, camera: Camera) -> Array:
         """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""

@@ -232,8 +232,9 @@ def _shown(
     every = (box for target in targets.values() for box in boxes_of(target))
     places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
     some = times[times <= interval.end + _SOON + step]
-    judged = _judging(observer, stage, [*left, *reached], some, robot_alone=True)
-    seen = _judging(observer, stage.once_lost(), places, some, robot_alone=False)
+    judged = _judging(observer, states, [*left, *reached], len(some), robot_alone=True)
+    lost = stage.once_lost()
+    seen = _judging(observer, lost.states(lost.samples_at(some)), places, len(some), robot_alone=False)
     first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
     windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
     # Whether each camera judges a box soon after each loss, (c, s); what others make of it matters where none does.
@@ -388,19 +389,19 @@ def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
 
 
 def _judging(
-    observer: Observer, stage: Stage, boxes: Sequence[SoughtBox], t: Array, *, robot_alone: bool
+    observer: Observer, states: SceneStates, boxes: Sequence[SoughtBox], count: int, *, robot_alone: bool
 ) -> dict[SoughtBox, Mask]:
-    """Whether each of c cameras judges each box at times (n,) [s], shape (n, c).
+    """Whether each of c cameras judges each box in the first `count` states, shape (count, c).
 
     robot_alone: whether nothing else is in the way, and cameras count, too, that may judge a box or not: more of them
     only ever show a drop later. Otherwise one that counts is sure to look for the part there.
     """
     if not boxes or not observer.cameras:
-        return {box: np.zeros((len(t), len(observer.cameras)), dtype=bool) for box in boxes}
+        return {box: np.zeros((count, len(observer.cameras)), dtype=bool) for box in boxes}
     others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
     asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
-    states = stage.states(stage.samples_at(t))
-    verdicts = observer.verdicts([Target(Atom(box.name), 1, (box,)) for box in asked], states)
+    targets, rows = [Target(Atom(box.name), 1, (box,)) for box in asked], [np.arange(count)] * len(asked)
+    verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
     found = (
         judged(box, seen, observer.cameras, states) if robot_alone else seen.cause == Cause.NONE
         for box, (seen,) in zip(asked, verdicts, strict=True)
@@ -414,7 +415,7 @@ def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states:
     if box.limits.kind == "color":
         eyes = [states.camera_poses(camera)[:, :3, 3] for camera in cameras]
         distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
-        far = np.array([np.broadcast_to(one, states.count) for one in distance]).T
+        far = np.array([np.broadcast_to(one, states.count) for one in distance]).T[: len(least)]
         least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
     in_free_view = (seen.cause == Cause.NONE) | (seen.cause > Cause.HIDDEN)
     found: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, in_free_view)

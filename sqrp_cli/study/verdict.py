@@ -254,7 +254,7 @@ def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
     loss, timeline = _worst_loss(cell, study, rows), study.timeline
     if not loss.lost.all():
         samples, target = timeline.samples.some(rows), loss.target
-        (boxes,) = cell.observer.verdicts([target], study.stage.states(samples), shares=False)
+        (boxes,) = cell.observer.verdicts([target], study.stage.states(samples), shares=False, culprits=False)
         lost = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, loss.column] & lost)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
@@ -366,7 +366,7 @@ def _least_change(
         return {}
     rows = rows[study.timeline.observation.required[rows, loss.column]]
     states = study.stage.states(study.timeline.samples.some(rows))
-    (present,) = cell.observer.verdicts([target], states, shares=False)
+    (present,) = cell.observer.verdicts([target], states, shares=False, culprits=False)
     sees = sees_all(present)
     lost = sees.sum(axis=1) < target.cameras
     poses = [np.broadcast_to(states.box_poses(box), (len(rows), 4, 4))[lost] for box in target.boxes]
@@ -407,7 +407,8 @@ def _least_change(
     if not tried:
         return {}
     cameras = tuple(replace(camera, X_FC=camera.X_FC @ X_CD) for _, camera, _, X_CD in tried)
-    (then,) = replace(cell.observer, cameras=cameras, memory=None).verdicts([target], states, shares=False)
+    observer = replace(cell.observer, cameras=cameras, memory=None)
+    (then,) = observer.verdicts([target], states, shares=False, culprits=False)
     names = [camera.name for camera in cell.observer.cameras]
     for number, (_, camera, change, _) in enumerate(tried):
         others = sees.sum(axis=1) - sees[:, names.index(camera.name)]

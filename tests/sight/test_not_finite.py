@@ -78,6 +78,10 @@ def _spoilt(X: Array) -> Array:
     return X
 
 
+def _seen(states: SceneStates) -> object:
+    return Observer((make_camera(),), ()).verdicts([Target(Atom("seen"), 1, (make_box(),))], states)
+
+
 @pytest.mark.parametrize(
     "make",
     [
@@ -90,7 +94,8 @@ def _spoilt(X: Array) -> Array:
         lambda: make_box((NAN, 0.1, 0.1)),
         lambda: make_box(normal=(0.0, NAN, 1.0)),
         lambda: box_part("part", (0.1, 0.1, 0.1), _spoilt(pose())),
-        lambda: SceneStates(1, {"world": _spoilt(pose())[None]}),
+        lambda: _seen(SceneStates(1, {"world": _spoilt(pose())[None]})),
+        lambda: _seen(SceneStates(2, {"world": np.array([pose(), _spoilt(pose())])})),
         lambda: Qualities(NAN, None),
         lambda: FaultMetrics(0.1, NAN, 0.0, 0.0, 1.0),
         *(lambda name=name: replace(NO_FIGURES, **{name: NAN}) for name in FIGURES),

@@ -72,8 +72,7 @@ class Painted:
         )  # fmt: skip
         view.crop = lambda polygon, margin: ExpectedView.crop(view, polygon, margin)
         background = Background(plain, nothing, nothing, nothing, moving=False)
-        found, _ = ColorDetector(view, background, self.object).detect(boxes)
-        return found[0].evidence
+        return ColorDetector(view, background, self.object).detect(boxes)[0].evidence
 
     def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
         return self.says_of_held(boxes, X_WO) is Truth.FALSE
