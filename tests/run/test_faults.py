@@ -14,26 +14,23 @@ from sqrp_cli.run.faults import FaultKind, FaultTracker, InjectedFault, parse_fa
 from sqrp_cli.run.perception.streams import ImageStreams
 from sqrp_cli.run.record.report import MonitoringLost
 
-STEP = SimpleNamespace(
-    primitives=[
-        SimpleNamespace(name="a1", action="JointMove", held=None, start=0.0, end=0.5),
-        SimpleNamespace(name="a2", action="StraightMove", held=None, start=0.5, end=1.0),
-        SimpleNamespace(name="a3", action="Grasp", held=None, start=1.0, end=2.0),
-        SimpleNamespace(name="a4", action="StraightMove", held="g", start=2.0, end=5.0),
-    ],
-    formulas=[SimpleNamespace(fault=None), SimpleNamespace(fault="dropped")],
-    short_task="pickup g",
-)
-PLACE = SimpleNamespace(
-    primitives=[
-        SimpleNamespace(name="a1", action="JointMove", held="r", start=0.0, end=2.0),
-        SimpleNamespace(name="a2", action="Release", held="r", start=2.0, end=2.5),
-        SimpleNamespace(name="a4", action="StraightMove", held=None, start=2.5, end=3.0),
-        SimpleNamespace(name="back", action="JointMove", held=None, start=3.0, end=4.0),
-    ],
-    formulas=[],
-    short_task="place r table",
-)
+
+def program_step(short_task: str, formulas: list[SimpleNamespace], *primitives: tuple) -> SimpleNamespace:
+    """A step of primitives: name, action, what is held in it, start and end [s]."""
+    keys = ("name", "action", "held", "start", "end")
+    known = [SimpleNamespace(**dict(zip(keys, one, strict=True))) for one in primitives]
+    return SimpleNamespace(primitives=known, formulas=formulas, short_task=short_task)
+
+
+STEP = program_step(
+    "pickup g", [SimpleNamespace(fault=None), SimpleNamespace(fault="dropped")],
+    ("a1", "JointMove", None, 0.0, 0.5), ("a2", "StraightMove", None, 0.5, 1.0), ("a3", "Grasp", None, 1.0, 2.0),
+    ("a4", "StraightMove", "g", 2.0, 5.0),
+)  # fmt: skip
+PLACE = program_step(
+    "place r table", [], ("a1", "JointMove", "r", 0.0, 2.0), ("a2", "Release", "r", 2.0, 2.5),
+    ("a4", "StraightMove", None, 2.5, 3.0), ("back", "JointMove", None, 3.0, 4.0),
+)  # fmt: skip
 CAMERAS = ("cam1", "cam2")
 
 
@@ -41,10 +38,28 @@ def parse(text: str, seed: int = 0):
     return parse_fault(text, [STEP], CAMERAS, np.random.default_rng(seed))
 
 
-def test_a_slip_happens_at_an_offset_from_the_start_of_a_primitive() -> None:
-    assert parse("slip@a4+0.4").t == 2.4
-    assert parse("slip@a4").t == 2.0
-    assert parse("slip@3.5").t == 3.5
+@pytest.mark.parametrize(
+    ("text", "kind", "camera", "t", "delay"),
+    [
+        ("slip@a4+0.4", "slip", None, 2.4, 0.0),
+        ("slip@a4", "slip", None, 2.0, 0.0),
+        ("slip@3.5", "slip", None, 3.5, 0.0),
+        ("slip@3500 ms", "slip", None, 3.5, 0.0),
+        ("slip@3.5s", "slip", None, 3.5, 0.0),
+        ("slip@a4+400ms", "slip", None, 2.4, 0.0),
+        ("camera-loss:cam2@5.0", "camera-loss", "cam2", 5.0, 0.0),
+        ("camera-loss:cam2@99", "camera-loss", "cam2", 99.0, 0.0),  # a run may last longer than the step
+        ("perception-crash:cam2@5000 ms", "perception-crash", "cam2", 5.0, 0.0),
+        ("frozen:cam1@0.05 min", "frozen", "cam1", 3.0, 0.0),
+        ("latency:cam1=50ms", "latency", "cam1", 0.0, 0.05),
+    ],
+)
+def test_a_fault_says_what_happens_when_with_units_if_wanted(
+    text: str, kind: str, camera: str | None, t: float, delay: float
+) -> None:
+    found = parse(text)
+    assert (found.kind, found.camera, found.t) == (kind, camera, pytest.approx(t))
+    assert found.delay == pytest.approx(delay)
 
 
 def test_a_random_slip_lies_within_its_primitive_and_repeats_with_its_seed() -> None:
@@ -52,25 +67,6 @@ def test_a_random_slip_lies_within_its_primitive_and_repeats_with_its_seed() -> 
     assert all(2.0 <= t <= 5.0 for t in times)
     assert times == [parse("slip@a4:random", seed).t for seed in range(20)]
     assert len(set(times)) == 20
-
-
-def test_faults_of_cameras_name_a_camera() -> None:
-    loss, frozen, late = parse("camera-loss:cam2@5.0"), parse("frozen:cam1@3"), parse("latency:cam1=0.5")
-    assert (loss.kind, loss.camera, loss.t) == ("camera-loss", "cam2", 5.0)
-    assert (frozen.kind, frozen.camera, frozen.t) == ("frozen", "cam1", 3.0)
-    assert (late.kind, late.camera, late.delay) == ("latency", "cam1", 0.5)
-
-
-def test_times_of_faults_may_have_units() -> None:
-    assert parse("slip@3500 ms").t == parse("slip@3.5").t == parse("slip@3.5s").t == 3.5
-    assert parse("slip@a4+400ms").t == pytest.approx(2.4)
-    assert parse("camera-loss:cam2@5s").t == parse("perception-crash:cam2@5000 ms").t == 5.0
-    assert parse("frozen:cam1@0.05 min").t == pytest.approx(3.0)
-    assert parse("latency:cam1=50ms").delay == pytest.approx(0.05)
-
-
-def test_a_camera_may_fail_after_the_step_as_a_run_may_last_longer() -> None:
-    assert parse("camera-loss:cam2@99").t == 99.0
 
 
 @pytest.mark.parametrize("text", ["slip@a1", "slip@a1+0.2", "slip@a1:random", "slip@0.3"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,8 @@ import pytest
 pytest.importorskip("rosbags")
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.ros.messages import Inbox, Message, MessageError, Topic, message_types, nanoseconds
+from sqrp_cli.geometry import pose
+from sqrp_cli.ros.messages import Inbox, Message, MessageError, Topic, message_types, nanoseconds, transform_message
 from sqrp_cli.run.cell import ros_cell, ros_checks
 from sqrp_cli.run.cell.robot_file import RobotFile, read_robot_file
 from sqrp_cli.run.cell.ros_cell import CLOCK, RosCell
@@ -24,17 +26,9 @@ NS = 1_000_000_000
 START = 1_700_000_000 * NS
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 CAMERA = SimpleNamespace(
-    name="cam",
-    width=8,
-    height=6,
-    rate=10.0,
-    latency=0.05,
-    lag=0.05,
-    matrix=K,
-    distortion=(),
-    frame="world",
+    name="cam", width=8, height=6, rate=10.0, latency=0.05, lag=0.05, matrix=K, distortion=(), frame="world",
     X_FC=np.eye(4),
-)
+)  # fmt: skip
 WORKSPACE = SimpleNamespace(cameras={"cam": CAMERA}, robot=SimpleNamespace(fingers=None))
 FILE = {
     "use_sim_time": True,
@@ -153,8 +147,7 @@ def test_a_motion_is_sent_in_portions_and_ctrl_c_leaves_the_robot_braking(wire: 
     assert wire.t - wire.t0 > 2.0  # until it stands
 
 
-def test_the_tool_is_told_what_the_file_says() -> None:
-    wire = Wire()
+def test_the_tool_is_told_what_the_file_says(wire: Wire) -> None:
     tool = {"topic": "/gripper", "type": "std_msgs/msg/Float64MultiArray", "hold": [0.0], "release": [0.04]}
     robot = cell(wire, tool=tool)
     robot.grasp()
@@ -172,18 +165,15 @@ def test_the_tool_is_told_what_the_file_says() -> None:
     ],
 )
 def test_joint_states_that_stay_out_are_old_or_do_not_follow_are_told_within_a_fifth_of_a_second(
-    states, reason
+    wire: Wire, states, reason
 ) -> None:
-    wire = Wire()
     robot = cell(wire, tolerances={"tracking": "40 deg"} if "frozen" in reason else {})
     follow(wire, robot, 3.0, states(wire))
-    with pytest.raises(Exception, match=reason):
-        raise robot.trouble()
+    assert re.search(reason, str(robot.trouble()))
     assert 1.5 <= robot.t <= 1.5 + 0.21
 
 
-def test_what_was_read_before_time_counts_hides_no_loss_of_joint_states() -> None:
-    wire = Wire()
+def test_what_was_read_before_time_counts_hides_no_loss_of_joint_states(wire: Wire) -> None:
     robot = RosCell(RobotFile.model_validate(FILE), {"a": "a", "b": "b"}, WORKSPACE, wire)
     wire.tick()
     robot.read()  # as the checks before a run do, while the clock still shows the time of day
@@ -214,10 +204,7 @@ def test_a_pause_of_our_own_is_no_loss_of_joint_states(wire: Wire, robot: RosCel
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (
-            lambda wire: wire.inboxes["/joint_states"].put(b"\0\1\0\0rubbish"),
-            "malformed: 11 bytes that are no sensor_msgs",
-        ),
+        (lambda wire: wire.inboxes["/joint_states"].put(b"\0\1\0\0rubbish"), "11 bytes that are no sensor_msgs"),
         (lambda wire: wire.joints(np.array([np.nan, 0.0])), "positions of joints that are no numbers"),
         (lambda wire: wire.joints(np.zeros(3)), "2 names of joints with 3 positions"),
         (lambda wire: wire.image(height=5), "is 8x5, the workspace says 8x6"),
@@ -229,8 +216,7 @@ def test_what_is_no_message_or_no_image_stops_the_robot(wire: Wire, robot: RosCe
     wire.joints(Q0)
     spoil(wire)
     robot.read()
-    with pytest.raises(Exception, match=reason):
-        raise robot.trouble()
+    assert reason in str(robot.trouble())
 
 
 def test_a_flood_is_told_and_keeps_little(wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -239,26 +225,23 @@ def test_a_flood_is_told_and_keeps_little(wire: Wire, robot: RosCell, monkeypatc
     while time.monotonic() < end:
         wire.image()
     robot.read()
-    with pytest.raises(Exception, match="a flood on `/cam/image`"):
-        raise robot.trouble()
+    assert "a flood on `/cam/image`" in str(robot.trouble())
     assert len(robot._waiting["cam"]) <= 4
 
 
-def test_a_clock_that_stands_still_ends_the_wait(wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("says_the_same", [False, True])
+def test_a_clock_that_stands_still_ends_the_wait(
+    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch, says_the_same: bool
+) -> None:
     monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
-    wire.wait = lambda seconds: time.sleep(seconds)
+    same = lambda _seconds: wire.say("/clock", CLOCK.type, clock=wire.types.time(START))  # noqa: E731
+    wire.wait = same if says_the_same else time.sleep
     assert robot.advance(5.0, playback()) < 1.0
     assert "stands still" in str(robot.trouble())
 
 
 def checked(
-    wire: Wire,
-    robot: RosCell,
-    q=Q0,
-    info: dict | None = None,
-    late: float = 0.05,
-    since: float = 0.0,
-    images: float = np.inf,
+    wire: Wire, robot: RosCell, q=Q0, info: dict | None = None, late: float = 0.05, since: float = 0.0, images=np.inf
 ) -> list[str]:
     """What the checks find, with a camera whose `CameraInfo` differs as said; it and TF come from a time [s] on.
 
@@ -276,16 +259,7 @@ def checked(
                 return
             header = wire.types.header(0, "cam_optical")
             wire.say("/cam/info", "sensor_msgs/msg/CameraInfo", header=header, **fields)
-            transform = wire.types.make(
-                "geometry_msgs/msg/TransformStamped",
-                header=wire.types.header(0, "world"),
-                child_frame_id="cam_optical",
-                transform=wire.types.make(
-                    "geometry_msgs/msg/Transform",
-                    translation=wire.types.make("geometry_msgs/msg/Vector3", x=wire.moved),
-                    rotation=wire.types.make("geometry_msgs/msg/Quaternion", w=1.0),
-                ),
-            )
+            transform = transform_message(wire.types, 0, "world", "cam_optical", pose(position=(wire.moved, 0.0, 0.0)))
             wire.say("/tf_static", "tf2_msgs/msg/TFMessage", transforms=[transform])
 
     wire.each, wire.moved = each, getattr(wire, "moved", 0.0)
@@ -293,38 +267,32 @@ def checked(
     return [one.problem for one in check_cell(robot, start) if one.problem is not None]
 
 
-def test_a_cell_that_is_as_the_program_says_passes() -> None:
-    wire = Wire()
-    assert checked(wire, cell(wire)) == []
-
-
 @pytest.mark.parametrize(
     ("differs", "problem"),
     [
+        ({}, None),
         ({"q": Q0 + np.radians([0.0, 1.0])}, "`b` is 1.00 deg from where the program starts; 0.50 deg are allowed"),
         ({"info": {"width": 640, "height": 480}}, "`cam` has images of 640x480 pixels, the workspace says 8x6"),
         ({"info": {"k": (K * [[1.02], [1], [1]]).reshape(-1)}}, "`cam`: fx of its CameraInfo is 306.0 px, the"),
         ({"late": 0.35}, "350 ms old when they come, the workspace says 50 ms; their clock is 300 ms behind"),
         ({"late": -0.2}, "their clock is 250 ms ahead"),
+        ({"late": 1.7e9}, "`use_sim_time: true`"),
     ],
 )  # fmt: skip
-def test_what_differs_is_named_with_its_figure(differs: dict, problem: str) -> None:
-    wire = Wire()
-    found = checked(wire, cell(wire), **differs)
-    assert len(found) == 1
-    assert problem in found[0]
+def test_what_differs_is_named_with_its_figure(wire: Wire, robot: RosCell, differs: dict, problem: str | None) -> None:
+    found = checked(wire, robot, **differs)
+    assert len(found) == (problem is not None)
+    assert problem is None or problem in found[0]
 
 
-def test_a_camera_that_stops_while_it_is_watched_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_that_stops_while_it_is_watched_is_named(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_checks, "PATIENCE", 0.3)
     monkeypatch.setattr(ros_cell, "MOST_JOINT_STATES", np.inf)  # time is that of the test, and passes quickly
-    wire = Wire()
     assert checked(wire, cell(wire), images=3) == ["`cam` hardly sends images"]
 
 
 @pytest.mark.parametrize("since", [0.0, 4.0])
-def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance(since: float) -> None:
-    wire = Wire()
+def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance(wire: Wire, since: float) -> None:
     wire.moved, wire.kinds = 0.02, {"/tf_static": {"tf2_msgs/msg/TFMessage"}}
     assert checked(wire, cell(wire), since=since) == [
         "TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"
@@ -359,33 +327,22 @@ def test_why_nothing_comes_on_a_topic_is_said(
     assert said in found
 
 
-def test_where_nobody_sends_anything_it_is_said_where(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nobody_sends_anything_it_is_said_where(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sqrp_cli.run.cell.ros_checks.PATIENCE", 0.1)
-    wire = Wire()
     robot = cell(wire, domain=7, network="lo")
     wire.kinds = {}
     assert [one.problem for one in check_cell(robot, {})] == ["nobody sends anything in domain 7 on lo"]
 
 
-def test_a_second_run_at_one_robot_is_refused() -> None:
-    wire = Wire()
+def test_a_second_run_at_one_robot_is_refused(wire: Wire, robot: RosCell) -> None:
     wire.runs = 2
-    assert checked(wire, cell(wire)) == [
-        "another `sqrp run` is connected to this robot, or was killed within the last 10 s"
-    ]
-
-
-def test_times_of_another_clock_are_not_called_late() -> None:
-    wire = Wire()
-    found = checked(wire, cell(wire), late=1.7e9)
-    assert len(found) == 1
-    assert "`use_sim_time: true`" in found[0]
+    assert checked(wire, robot) == ["another `sqrp run` is connected to this robot, or was killed within the last 10 s"]
 
 
 def test_a_robot_that_was_moved_since_it_was_checked_is_not_moved(wire: Wire, robot: RosCell) -> None:
     follow(wire, robot, 2.0, lambda _now, _q: wire.joints(Q0 + np.radians([1.0, 0.0])))
     assert str(robot.trouble()) == "`a` is 1.0 deg from where the motion begins, more than 0.5"
-    assert trajectories(wire) == []
+    assert "/arm/joint_trajectory" not in [name for name, _ in wire.sent]
 
 
 def test_who_is_flooded_takes_no_more_than_waits() -> None:
@@ -452,8 +409,7 @@ def test_a_name_that_no_topic_can_have_is_refused_with_its_line(tmp_path: Path, 
     assert f"`cameras.cam.image`: found `{name}`, expected a topic such as" in problem.message
 
 
-def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
-    wire = Wire()
+def test_without_a_simulated_clock_time_is_that_of_this_computer(wire: Wire) -> None:
     wire.wait = time.sleep
     file = RobotFile.model_validate({**FILE, "use_sim_time": False})
     robot = RosCell(file, {"a": "a", "b": "b"}, WORKSPACE, wire)
@@ -465,10 +421,6 @@ def test_without_a_simulated_clock_time_is_that_of_this_computer() -> None:
     robot.read()
     assert robot.joints.newest == pytest.approx(robot.t, abs=0.03)
     assert robot.trouble() is None
-
-
-def trajectories(wire: Wire) -> list[Message]:
-    return [message for name, message in wire.sent if name == "/arm/joint_trajectory"]
 
 
 SLOWER = " (if computers are busy, let the simulated time pass more slowly, as with `sqrp cell --pace 0.1`)"
@@ -550,8 +502,7 @@ def test_a_clock_that_jumps_far_takes_no_run_with_it(wire: Wire, robot: RosCell,
 
 
 @pytest.mark.parametrize("step", [-4.0, 4.0])
-def test_the_clock_of_this_computer_may_be_set(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
-    wire = Wire()
+def test_the_clock_of_this_computer_may_be_set(wire: Wire, monkeypatch: pytest.MonkeyPatch, step: float) -> None:
     wire.wait = lambda _seconds: time.sleep(0.001)
     file = RobotFile.model_validate({**FILE, "use_sim_time": False})
     robot = RosCell(file, {"a": "a", "b": "b"}, WORKSPACE, wire)
@@ -561,12 +512,3 @@ def test_the_clock_of_this_computer_may_be_set(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(time, "time_ns", lambda: real() + int(step * NS))
     assert robot.advance(0.1, motion) < 0.3
     assert robot.malformed is None
-
-
-def test_a_clock_that_says_the_same_again_stands_still(
-    wire: Wire, robot: RosCell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(ros_cell, "CLOCK_STOPS", 0.03)
-    wire.wait = lambda _seconds: wire.say("/clock", CLOCK.type, clock=wire.types.time(START))
-    robot.advance(5.0, playback())
-    assert "stands still" in str(robot.trouble())
