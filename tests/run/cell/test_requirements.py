@@ -72,19 +72,18 @@ def test_the_way_to_draw_is_chosen_by_what_there_is(
 
 def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
     """The library is there, but the device that is asked for is not."""
-    script = (
-        "from sqrp_cli.cell.load import load_workspace\n"
-        "from sqrp_cli.run.cell.simulated_cell import SimulatedCell\n"
-        "from pathlib import Path\n"
-        "from sqrp_cli.errors import InputError\n"
-        "if __name__ == '__main__':\n"
-        "    workspace = load_workspace(Path('workspaces/tabletop'))\n"
-        "    with SimulatedCell(workspace, workspace.stated_world, 0) as cell:\n"
-        "        try:\n"
-        "            cell.frames(['cam1'])\n"
-        "        except InputError as error:\n"
-        "            print(error)\n"
-    )
+    script = """from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+from pathlib import Path
+from sqrp_cli.errors import InputError
+if __name__ == '__main__':
+    workspace = load_workspace(Path('workspaces/tabletop'))
+    with SimulatedCell(workspace, workspace.stated_world, 0) as cell:
+        try:
+            cell.frames(['cam1'])
+        except InputError as error:
+            print(error)
+"""
     path = ROOT / ".no_device_test.py"
     path.write_text(script)
     try:

@@ -12,6 +12,7 @@ import pytest
 
 from sqrp_cli.camera.detector import Detector, installed_detectors
 from sqrp_cli.camera.markers import ObjectMarker
+from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.files.frames import FrameName
@@ -19,7 +20,8 @@ from sqrp_cli.geometry import Array, look_at, pose
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.perception.detections import BelievedState, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, PerceptionError
+from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, PerceptionError, question_about
+from sqrp_cli.run.perception.projected import ExpectedView
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import ROOT, camera, cell, empty, thing
 from tests.run.perception.detector_limits import Stage
@@ -72,16 +74,16 @@ def seen_with(kind: str, *places: Array) -> list[Truth]:
 BESIDE, OUTSIDE = pose(position=(4.0, 0.2, 0.01)), pose(position=(4.0, 8.0, 0.01))
 
 
-def test_april_tags_are_found_by_a_package() -> None:
-    assert seen_with("apriltag", PLACE, BESIDE, OUTSIDE) == [Truth.TRUE, Truth.FALSE, Truth.UNKNOWN]
-
-
-def test_a_package_that_knows_no_objects_sees_that_one_has_gone() -> None:
-    assert seen_with("as_at_first", PLACE, PLACE, BESIDE, OUTSIDE) == [Truth.TRUE, Truth.TRUE, Truth.FALSE, Truth.FALSE]
-
-
-def test_our_own_detector_agrees_about_the_tag() -> None:
-    assert seen_with("aruco", PLACE, BESIDE) == [Truth.TRUE, Truth.FALSE]
+@pytest.mark.parametrize(
+    ("kind", "places", "says"),
+    [
+        ("apriltag", (PLACE, BESIDE, OUTSIDE), [Truth.TRUE, Truth.FALSE, Truth.UNKNOWN]),
+        ("as_at_first", (PLACE, PLACE, BESIDE, OUTSIDE), [Truth.TRUE, Truth.TRUE, Truth.FALSE, Truth.FALSE]),
+        ("aruco", (PLACE, BESIDE), [Truth.TRUE, Truth.FALSE]),
+    ],
+)
+def test_packages_see_tags_and_that_something_has_gone_and_our_own_detector_agrees(kind, places, says) -> None:
+    assert seen_with(kind, *places) == says
 
 
 @pytest.mark.parametrize(
@@ -116,23 +118,17 @@ def test_an_unknown_kind_is_told_the_nearest_name_installed_ones_too() -> None:
     assert "entry points `sqrp.detectors`" in str(caught.value)
 
 
-def test_a_workspace_may_name_an_installed_kind() -> None:
+def test_a_workspace_may_name_an_installed_kind_and_reading_it_runs_nothing_of_the_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delitem(sys.modules, "sample_detectors", raising=False)
     folder = ROOT / "tests/cases/cell"
     content = (folder / "workspace.yaml").read_text().replace("kind: color", "kind: apriltag")
     assert load_workspace(folder, content.encode()).detectors["color"].kind == "apriltag"
-
-
-def test_reading_a_workspace_runs_nothing_of_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "sample_detectors", raising=False)
-    test_a_workspace_may_name_an_installed_kind()
     assert "sample_detectors" not in sys.modules
 
 
 def test_a_question_says_what_the_robot_does_not_cover() -> None:
-    from sqrp_cli.camera.projection import Projection
-    from sqrp_cli.run.perception.image_detector import question_about
-    from sqrp_cli.run.perception.projected import ExpectedView
-
     stage = stage_with("as_at_first")
     image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
     view = ExpectedView(stage.knowledge, Projection.of(EYE), sought(), image, believed)

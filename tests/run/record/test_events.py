@@ -13,35 +13,14 @@ from pydantic import ValidationError
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.record.events import (
-    KINDS,
-    VERSION,
-    AskedBox,
-    ContactFelt,
-    Event,
-    EvidenceSeen,
-    FaultHappened,
-    FaultInjected,
-    FaultSeen,
-    MovingOn,
-    PrimitiveBegan,
-    ProgramStep,
-    Retrying,
-    RunBegan,
-    RunEnded,
-    RunReported,
-    ShownAtom,
-    StateChanged,
-    StepBegan,
-    Stopping,
-    WholeState,
-)
+from sqrp_cli.run.record import events
+from sqrp_cli.run.record.events import Event, PrimitiveBegan, RunBegan, RunReported, ShownAtom, WholeState
 from sqrp_cli.run.record.log import LogWriter, read_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.documents.schemas import schema_of
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-BOX = AskedBox(frame="tip", size=[0.1, 0.2, 0.3], pose=IDENTITY)
+BOX = events.AskedBox(frame="tip", size=[0.1, 0.2, 0.3], pose=IDENTITY)
 VOTES = {"cam1": Truth.TRUE, "cam2": Truth.FALSE}
 ATOMS = {
     "held": ShownAtom(value=Truth.UNKNOWN, true=True, predicted=False, asked=True, cameras=VOTES),
@@ -62,28 +41,30 @@ REPORT = RunReport(
 RUN: list[Event] = [
     RunBegan(
         t=0.0,
-        sqrp_log=VERSION,
+        sqrp_log=events.VERSION,
         workspace="cell",
         digest="d",
         seed=3,
         cameras=["cam1"],
         rates={"cam1": 10.0},
         faults=["slip@a4"],
-        steps=[ProgramStep(skill="pickup", parameters={"object": "g", "speed": 0.1}, time=1.5)],
+        steps=[events.ProgramStep(skill="pickup", parameters={"object": "g", "speed": 0.1}, time=1.5)],
     ),
-    StepBegan(t=0.0, number=1, skill="pickup", parameters={"object": "g"}, time=1.5, boxes={"held": [BOX], "open": []}),
+    events.StepBegan(
+        t=0.0, number=1, skill="pickup", parameters={"object": "g"}, time=1.5, boxes={"held": [BOX], "open": []}
+    ),
     WHOLE,
     PrimitiveBegan(t=0.0, name="a1"),
-    EvidenceSeen(t=0.1, exposed=0.05, step_time=None, literals=ATOMS),
-    FaultInjected(t=0.1, fault="slip@a4"),
-    FaultHappened(t=0.11, fault="slip"),
-    StateChanged(t=0.12, held=None),
-    FaultSeen(t=0.2, name="slip", text="the fault `slip` was seen", response="retry"),
-    MovingOn(t=0.2, to_see="obj_on_table(g)", cameras=["cam1"], until=0.3),
-    Stopping(t=0.3, reason="the fault `slip` was seen"),
-    ContactFelt(t=0.35, force=5.2),
-    Retrying(t=0.4, attempt=1, of=2, step="pickup", time=1.4),
-    RunEnded(t=0.5, event="stopped", reason="it was seen"),
+    events.EvidenceSeen(t=0.1, exposed=0.05, step_time=None, literals=ATOMS),
+    events.FaultInjected(t=0.1, fault="slip@a4"),
+    events.FaultHappened(t=0.11, fault="slip"),
+    events.StateChanged(t=0.12, held=None),
+    events.FaultSeen(t=0.2, name="slip", text="the fault `slip` was seen", response="retry"),
+    events.MovingOn(t=0.2, to_see="obj_on_table(g)", cameras=["cam1"], until=0.3),
+    events.Stopping(t=0.3, reason="the fault `slip` was seen"),
+    events.ContactFelt(t=0.35, force=5.2),
+    events.Retrying(t=0.4, attempt=1, of=2, step="pickup", time=1.4),
+    events.RunEnded(t=0.5, event="stopped", reason="it was seen"),
     RunReported(t=0.5, report=replace(REPORT, wall={})),
 ]
 
@@ -102,26 +83,25 @@ def test_a_run_with_all_kinds_of_events_is_read_from_its_log_as_it_was_written(t
     assert lines == [json.dumps(event.line()) for event in read_log(path)]
 
 
+def logged(path: Path, *lines: dict[str, object]) -> list[Event]:
+    """The events of a log with these lines after the first."""
+    path.write_text("".join(json.dumps(line) + "\n" for line in (RUN[0].line(), *lines)), encoding="utf-8")
+    return list(read_log(path))
+
+
 def test_a_log_that_knows_of_no_usual_images_has_none(tmp_path: Path) -> None:
-    path, lines = tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": []}]
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    *_, reported = read_log(path)
+    *_, reported = logged(tmp_path / "log", {**RUN[-1].line(), "usual": []})
     assert isinstance(reported, RunReported)
     assert reported.report.usual == [{"held": {"cam1": Confusion(tn=2, fn=4)}}]
-
-
-def test_a_log_whose_usual_images_are_of_other_literals_is_refused(tmp_path: Path) -> None:
-    path, lines = tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": [{"held": {}}]}]
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
     with pytest.raises(InputError, match="has other literals under `usual`"):
-        list(read_log(path))
+        logged(tmp_path / "log", {**RUN[-1].line(), "usual": [{"held": {}}]})
 
 
 @pytest.mark.parametrize("event", RUN, ids=lambda event: type(event).__name__)
 def test_a_line_begins_with_its_time_and_kind_and_no_other_key_fits_its_schema(event: Event) -> None:
     line = event.line()
     assert list(line)[:2] == ["t", "event"]
-    assert issubclass(type(event), KINDS[event.event]) or isinstance(event, WholeState)
+    assert issubclass(type(event), events.KINDS[event.event]) or isinstance(event, WholeState)
     schema = schema_of("log")
     for entry in schema["$defs"].values():
         entry["additionalProperties"] = False
@@ -133,10 +113,8 @@ def test_a_line_begins_with_its_time_and_kind_and_no_other_key_fits_its_schema(e
 
 
 def test_an_event_of_a_kind_that_is_not_known_is_passed_over_but_has_its_time(tmp_path: Path) -> None:
-    path = tmp_path / "log"
-    lines = [RUN[0].line(), {"t": 0.1, "event": "later", "x": 1}, PrimitiveBegan(t=0.2, name="a1").line()]
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    assert [type(event) for event in read_log(path)] == [RunBegan, PrimitiveBegan]
+    found = logged(tmp_path / "log", {"t": 0.1, "event": "later", "x": 1}, PrimitiveBegan(t=0.2, name="a1").line())
+    assert [type(event) for event in found] == [RunBegan, PrimitiveBegan]
 
 
 @pytest.mark.parametrize(
