@@ -55,6 +55,7 @@ class Checked:
     problem: Problem  # at the last samples
     requirements: Requirements
     selection: Selection | None = None  # None where none is possible, or none was found in time
+    watched: Sequence[Watched] = ()  # its ways as its cameras see them, counted as if as many fail as may
     value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
     bound: float = 0.0  # no selection has a greater one
     proven: bool = False  # whether no other one is better, in every aim; or that there is none
@@ -139,12 +140,7 @@ class CameraPlacer:
         return self._solution(replace(found, selection=None), blind=True)
 
     def _search(
-        self,
-        wanted: Requirements,
-        *,
-        rounds: int = ROUNDS,
-        first_only: bool = False,
-        known: Selection | None = None,
+        self, wanted: Requirements, *, rounds: int = ROUNDS, first_only: bool = False, known: Selection | None = None
     ) -> Checked:
         """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
@@ -183,6 +179,7 @@ class CameraPlacer:
                         problem=problem,
                         requirements=wanted,
                         selection=result.selection,
+                        watched=found,
                         value=value,
                         fewest=result.fewest,
                     )
@@ -242,8 +239,10 @@ class CameraPlacer:
             why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
             return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
         cameras = self._cameras(checked, selection)
-        studies: Sequence[Study] = self._studies([*(placed.camera for placed in cameras), *stay], selection)
-        if checked.value < 1.0 - ROUNDED and not wanted.failure_tolerance:
+        everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
+        watched = table.watched(everyone, selection.ways) if spare else checked.watched
+        studies: Sequence[Study] = table.with_delays(everyone, watched)
+        if checked.value < 1.0 - ROUNDED and not spare:
             cameras, studies = self._unless_stopped(
                 lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
             )
@@ -256,13 +255,13 @@ class CameraPlacer:
             if less is not None and not self._stopped:
                 bound = max(less.value, less.bound)
                 found["fewer"] = WithFewer(cameras=fewer, objective=less.value, bound=bound)
-        if wanted.failure_tolerance:
+        if spare:
             plain = replace(wanted, failure_tolerance=0)
-            spare = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
-            if spare is not None and spare.selection is not None:
-                options = spare.selection.options
-                price = float(spare.problem.price[list(options)].sum())
-                found["without_spare"] = SpareCost(cameras=len(options), price=price, objective=spare.value)
+            cheaper = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
+            if cheaper is not None and cheaper.selection is not None:
+                options = cheaper.selection.options
+                price = float(cheaper.problem.price[list(options)].sum())
+                found["without_spare"] = SpareCost(cameras=len(options), price=price, objective=cheaper.value)
         return self._document(problem, **found)
 
     def _document(
@@ -322,9 +321,6 @@ class CameraPlacer:
             **found,
         )
 
-    def _studies(self, cameras: Sequence[Camera], selection: Selection) -> Sequence[Study]:
-        return self.table.with_delays(cameras, self.table.watched(cameras, selection.ways))
-
     def _cameras(self, checked: Checked, selection: Selection) -> tuple[CameraPlaced, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
@@ -363,11 +359,12 @@ class CameraPlacer:
 
         moved = []
         found = refined(table, [placed.place for placed in cameras], selection.ways, value)
-        for placed, there in zip(cameras, found, strict=True):
-            distance = float(np.linalg.norm(there.spot.position - placed.place.spot.position))
+        for placed, to in zip(cameras, found, strict=True):
+            distance = float(np.linalg.norm(to.spot.position - placed.place.spot.position))
             about: dict[str, Any] = {"mount": placed.mount, "alone": placed.alone, "loss": placed.loss}
-            moved.append(CameraPlaced.at(there, placed.name, **about, moved=distance))
-        better = self._studies([*(placed.camera for placed in moved), *stay], selection)
+            moved.append(CameraPlaced.at(to, placed.name, **about, moved=distance))
+        there = [*(placed.camera for placed in moved), *stay]
+        better = table.with_delays(there, table.watched(there, selection.ways))
         before, after = ([study.assessment("") for study in some] for some in (studies, better))
         kept = goal is None or all(goal.met(new) or not goal.met(old) for old, new in zip(before, after, strict=True))
         gained = self._value(wanted, after) > self._value(wanted, before) + 2 * ROUNDED

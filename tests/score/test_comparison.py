@@ -1,21 +1,25 @@
-"""A candidate that is done in another way than in the baseline: its times correspond to no earlier ones."""
+"""Tasks compared with a baseline, and the sentences about it; expectations that are not met."""
 
 from __future__ import annotations
 
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from pydantic import TypeAdapter
 
+from sqrp_cli.cell.workspace import ExpectedTask
+from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.score.baseline import WayRecord
 from sqrp_cli.score.comparison import compare_versions
 from sqrp_cli.score.compute import Means, open_computer
 from sqrp_cli.score.result import LostView, Shift, WayChange
-from sqrp_cli.score.score import ScoredCell, read_cell
+from sqrp_cli.score.score import ScoredCell, read_cell, shortcomings
 from sqrp_cli.show.terminal.score_table import print_difference
+from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"
@@ -90,3 +94,46 @@ def test_no_camera_is_blamed_where_the_robot_moves_in_another_way():
 )
 def test_figures_that_differ_never_look_alike(shift, said):
     assert str(shift) == said
+
+
+def test_the_severity_of_a_change_is_its_largest_worsening():
+    fell = Shift("q_eoi", 0.62, 0.0, worse=True)
+    slower = Shift("time", 10.0, 11.0, worse=True)
+    better = Shift("q_avg", 0.1, 0.9, worse=False)
+    assert WayChange("g4", "g4", "g4", (slower, fell, better)).severity == pytest.approx(0.62)
+    assert WayChange("g5", "g5", "g5", (slower, better)).severity == pytest.approx(0.1)
+    assert WayChange("g6", "g6", "g6", (Shift("feasible", 1.0, 0.0, worse=True),)).severity == 1.0
+    assert WayChange("g7", "g7", "g7", (better,)).severity == 0.0
+
+
+EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
+
+
+def assessed(*, blind: float) -> CandidateResult:
+    candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
+    slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
+    verdict = "cam1 cannot see hold(g1) behind forearm_link."
+    without = CandidateResult.infeasible(candidate, (), verdict)
+    return replace(without, feasible=True, time=9.0, faults={"slip": slip}, why_late="tool and part have to part")
+
+
+@pytest.mark.parametrize(
+    ("blind", "verdict", "says"),
+    [
+        (2.0, "", "only after 2.15 s, expected at most 0.1 s: cam1 cannot see hold(g1)"),
+        (0.0, "", "only after 0.15 s, expected at most 0.1 s: tool and part have to part"),
+        (2.0, NOTHING_MISSING, "only after 2.15 s, expected at most 0.1 s: tool and part have to part"),
+    ],
+)
+def test_a_delay_is_explained_by_what_hides_the_fault_or_by_what_takes_so_long(blind, verdict, says):
+    found = assessed(blind=blind)
+    (sentence,) = shortcomings(replace(found, verdict=verdict or found.verdict), EXPECTED, "")
+    assert says in sentence
+
+
+def test_a_quality_that_is_whole_but_for_rounding_is_whole():
+    expected = ExpectedTask(task="pickup", min_q_eoi=1.0, min_q_avg=1.0)
+    whole = replace(assessed(blind=0.0), q_eoi=0.9999999999999998, q_avg=0.9999999999999999)
+    assert shortcomings(whole, expected, "") == ()
+    (sentence,) = shortcomings(replace(whole, q_eoi=0.999999), expected, "")
+    assert "Q_eoi of g1 is 100.0 %, expected at least 100 %" in sentence

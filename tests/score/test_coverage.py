@@ -1,4 +1,4 @@
-"""The record of who sees what when, against the qualities that are computed from the same samples."""
+"""Who sees what when, against the qualities that are computed from the same samples; sets of stretches of time."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.logic.formula_time import union_length
+from sqrp_cli.logic.formula_time import Stretch, merge, union_length
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.study.assessment import study
@@ -73,3 +75,25 @@ def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
     for atom, target in coarse.targets.items():
         assert union_length(target.required) == pytest.approx(union_length(fine.targets[atom].required))
         assert union_length(target.covered) <= union_length(fine.targets[atom].covered) + 0.05
+
+
+stretches = st.lists(
+    st.tuples(st.integers(0, 20), st.integers(1, 6)).map(lambda pair: Stretch(pair[0], pair[0] + pair[1])), max_size=6
+).map(merge)
+INSTANTS = [index + 0.5 for index in range(28)]
+
+
+def contains(some: tuple[Stretch, ...], t: float) -> bool:
+    return any(stretch.start < t < stretch.end for stretch in some)
+
+
+@given(stretches, stretches)
+def test_a_difference_holds_what_only_the_first_holds(first, second):
+    for t in INSTANTS:
+        assert contains(difference(first, second), t) == (contains(first, t) and not contains(second, t))
+
+
+@given(stretches, stretches)
+def test_an_intersection_holds_what_both_hold(first, second):
+    for t in INSTANTS:
+        assert contains(intersection(first, second), t) == (contains(first, t) and contains(second, t))

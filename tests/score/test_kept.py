@@ -1,17 +1,19 @@
-"""Where outcomes are kept, whatever is in the place of one."""
+"""Where outcomes are kept, whatever is in the place of one; they count as long as the program is the same."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+import sqrp_cli
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.score.kept import Outcome, Results
+from sqrp_cli.score.kept import Outcome, Results, code_digest
 from sqrp_cli.study.pipeline import Assignment
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -52,3 +54,24 @@ def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> N
         name: via.tolist() for name, via in assessment.way.vias.items()
     }
     assert Outcome(again, None).to_text() == text
+
+
+PACKAGE = Path(sqrp_cli.__file__).parent
+
+
+def test_kept_results_count_while_the_program_is_the_same_wherever_its_parts_lie(tmp_path: Path) -> None:
+    ignored = shutil.ignore_patterns("__pycache__")
+    package = Path(shutil.copytree(PACKAGE, tmp_path / "package", ignore=ignored))
+    same = code_digest(PACKAGE)
+    assert code_digest(package) == same
+    code = sorted(package.rglob("*.py"))
+    for file in code[:: len(code) // 5]:
+        content = file.read_bytes()
+        file.write_bytes(content + b"\n")
+        assert code_digest(package) != same, file
+        file.write_bytes(content)
+    moved = (package / "study").rename(package / "planning")
+    renamed = code_digest(package)
+    assert renamed != same
+    (moved / "quality.py").write_text("")
+    assert code_digest(package) != renamed
