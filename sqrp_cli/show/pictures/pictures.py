@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import ceil, sqrt
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,8 @@ from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.assessment import Study
-from sqrp_cli.study.blind_spans import Failure, by_name, first_failures
+from sqrp_cli.study.blind_spans import by_name, first_failures
 from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
 
@@ -72,24 +71,27 @@ def write_pictures(cell: Cell, study: Study, folder: Path, advance: Callable[[],
 
     advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
     """
+
+    def write(name: str, image: Any) -> None:  # noqa: ANN401 - Pillow's
+        make_folder(folder)
+        write_atomically(folder / name, drawing.png(image))
+
     sheet, intervals = [], list(blind_intervals(study))
     views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
     for number, interval in enumerate(intervals, 1):
-        samples = study.timeline.samples.some([interval.row])
-        states = study.stage.states(samples)
+        states = study.stage.states(study.timeline.samples.some([interval.row]))
         photographer = Photographer(cell, states)
         pictures = []
-        for camera in range(len(cell.observer.cameras)):
-            made = _picture(cell, study, _Shot(interval, states, photographer, camera), views)
+        for index, camera in enumerate(cell.observer.cameras):
+            made = _picture(cell, study, interval, states, photographer, index, views)
             when = f"{interval.start:.1f}s-{interval.end:.1f}s"
-            name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
-            _write(folder / f"{_file_name(name)}.png", drawing.captioned(made))
+            write(f"{_file_name(f'{number:02d}_{when}_{camera.name}')}.png", drawing.captioned(made))
             pictures.append(made)
             advance()
         if pictures:
             sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
     if sheet:
-        _write(folder / SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+        write(SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
 
 
@@ -98,36 +100,41 @@ def folder_of(study: Study, folder: Path) -> Path:
     return folder / _file_name(study.candidate.name)
 
 
-class _Shot(NamedTuple):
-    """A look at a cell through a camera."""
+def _picture(
+    cell: Cell,
+    study: Study,
+    interval: BlindInterval,
+    states: SceneStates,
+    photographer: Photographer,
+    index: int,
+    views: HiddenViews,
+) -> drawing.Picture:
+    """The picture of one camera, by index, with each target that must be seen then and the first failure of its boxes.
 
-    interval: BlindInterval
-    states: SceneStates
-    """Of the instant."""
-    photographer: Photographer
-    camera: int
-    """By index."""
-
-
-def _picture(cell: Cell, study: Study, look: _Shot, views: HiddenViews) -> drawing.Picture:
-    """The picture of one camera; views: what hides the boxes that it does not see."""
-    interval, states, photographer, index = look
+    states: of the instant. views: what hides the boxes that it does not see.
+    """
     camera, step = _drawable(cell.observer.cameras[index])
-    colors = solid_colors(cell)
+    colors, observation = solid_colors(cell), study.timeline.observation
     smaller = f", 1/{step} of its size" if step > 1 else ""
     captions = [drawing.Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
-    for column, target, failure, failures in _asked(study, interval.row, index):
-        seen = failure.cause is Cause.NONE
-        why = f"{_of_box(target, failure)}{_because(cell, failure)}"
-        captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if seen else HIDDEN))
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        if not observation.required[interval.row, column]:
+            continue
+        (failure,) = first_failures(boxes, np.array([interval.row]), index)
+        why = "covered"
+        if failure.cause is not Cause.NONE:
+            which = f"box {target.boxes[failure.box].name} is " if len(target.boxes) > 1 else ""
+            why = which + failure.cause.by(by_name(cell, failure.cause, failure.by))
+        captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
         if parts := views.get(HiddenView(column, failure.box, interval.row, index)):
             hidden = sum(part.share for part in parts)
             captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
-        for box, cause in zip(target.boxes, failures, strict=True):
+        for box, verdicts in zip(target.boxes, boxes, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
-            outlines.append(drawing.BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+            covered = verdicts.cause[interval.row, index] == Cause.NONE
+            outlines.append(drawing.BoxOutline(corners, COVERED if covered else HIDDEN))
         if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
@@ -143,32 +150,6 @@ def _drawable(camera: Camera) -> tuple[Camera, int]:
     matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
     matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
     return replace(camera, width=width, height=height, matrix=matrix), step
-
-
-def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[int, Target, Failure, list[Cause]]]:
-    """The targets that must be seen at a sample, with their index, the camera's first failure and every box's cause."""
-    observation = study.timeline.observation
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
-        if observation.required[row, column]:
-            (failure,) = first_failures(boxes, np.array([row]), camera)
-            yield column, target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
-
-
-def _of_box(target: Target, failure: Failure) -> str:
-    """Which box of several fails, before the reason."""
-    several = len(target.boxes) > 1 and failure.cause is not Cause.NONE
-    return f"box {target.boxes[failure.box].name} is " if several else ""
-
-
-def _because(cell: Cell, failure: Failure) -> str:
-    if failure.cause is Cause.NONE:
-        return "covered"
-    return failure.cause.by(by_name(cell, failure.cause, failure.by))
-
-
-def _write(path: Path, image: Any) -> None:  # noqa: ANN401
-    make_folder(path.parent)
-    write_atomically(path, drawing.png(image))
 
 
 def _file_name(name: str) -> str:
