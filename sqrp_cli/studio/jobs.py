@@ -123,10 +123,8 @@ def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], No
     say = _Teller(pipe)
     try:
         match job:
-            case Search(placing=True):
-                _place(job, say)
             case Search():
-                _advise(job, say)
+                _search(job, say)
             case Write():
                 _write(job, say)
             case Play():
@@ -163,43 +161,35 @@ class _Teller:
         yield advance
 
 
-def _advise(job: Search, say: _Teller) -> None:
+def _search(job: Search, say: _Teller) -> None:
+    """The least changes that help a candidate, or other places of all cameras."""
     from sqrp_cli.ask.api.cell import OpenCell
 
     opened = OpenCell.read(job.path, job.seed, job.content)
-    found = opened.advise(job.task, choose=job.chosen, jobs=job.jobs, progress=say.progress)
-    line = ("advise", job.task, "--choose", job.chosen)
-    offers = [
-        Offer(words=one.words, line=(*line, "--apply", str(number)), content=found.patched(number))
-        for number, one in enumerate(found.advice, 1)
-        if one.patch
-    ]
-    title = f"{found.candidate} is to have {found.want}"
-    if found.met:
-        title += ": it has that already"
-    elif not found.advice:
-        title += ": no change meets that" + (f"; {found.first}" if found.first else "")
-    unwritten = [f"{one.words} ({one.unwritten})" for one in found.advice if not one.patch]
-    changes = [
-        {"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)}
-        for one in found.advice
-        if one.patch
-    ]
+    offers, changes, unwritten = list[Offer](), list[dict[str, object]](), list[str]()
+    if job.placing:
+        placed = opened.place(job.task, jobs=job.jobs, progress=say.progress)
+        names = ", ".join(f"{one.name} on {one.mount}" for one in placed.cameras)
+        title = f"{len(placed.cameras)} cameras: {names}" if names else "no cameras on these mounts meet the wish"
+        line: tuple[str, ...] = ("place", job.task, "--patch", "cameras.patch")
+        if names:
+            offers.append(Offer(words=f"cameras: {names}", line=line, content=placed.content))
+            changes.append({"words": offers[0].words, "q_eoi": None, "q_avg": None, "worse": []})
+    else:
+        found = opened.advise(job.task, choose=job.chosen, jobs=job.jobs, progress=say.progress)
+        title = f"{found.candidate} is to have {found.want}"
+        if found.met:
+            title += ": it has that already"
+        elif not found.advice:
+            title += ": no change meets that" + (f"; {found.first}" if found.first else "")
+        for number, one in enumerate(found.advice, 1):
+            if not one.patch:
+                unwritten.append(f"{one.words} ({one.unwritten})")
+                continue
+            line = ("advise", job.task, "--choose", job.chosen, "--apply", str(number))
+            offers.append(Offer(words=one.words, line=line, content=found.patched(number)))
+            changes.append({"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)})
     say("offers", offers, title=title, unwritten=unwritten, changes=changes)
-
-
-def _place(job: Search, say: _Teller) -> None:
-    from sqrp_cli.ask.api.cell import OpenCell
-
-    opened = OpenCell.read(job.path, job.seed, job.content)
-    found = opened.place(job.task, jobs=job.jobs, progress=say.progress)
-    cameras = found.cameras
-    names = ", ".join(f"{one.name} on {one.mount}" for one in cameras)
-    title = f"{len(cameras)} cameras: {names}" if cameras else "no cameras on these mounts meet the wish"
-    line = ("place", job.task, "--patch", "cameras.patch")
-    offers = [Offer(words=f"cameras: {names}", line=line, content=found.content)] if cameras else []
-    told: list[dict[str, object]] = [{"words": one.words, "q_eoi": None, "q_avg": None, "worse": []} for one in offers]
-    say("offers", offers, title=title, unwritten=[], changes=told)
 
 
 def _write(job: Write, say: _Teller) -> None:
@@ -209,7 +199,7 @@ def _write(job: Write, say: _Teller) -> None:
     from sqrp_cli.platform.files import check_not_read
 
     opened = open_cell(job.path, seed=job.seed)
-    check_not_read([job.file], [file.path for file in opened.workspace.files.values()])
+    check_not_read([job.file], opened.files)
     before = world_before(None, job.file)
     ranking = opened.rank(job.task, by=job.by, after=before, jobs=job.jobs, progress=say.progress)
     ranking.write(job.file, job.chosen)

@@ -54,24 +54,23 @@ class Move:
 
     def in_words(self, before: Move | None = None) -> str:
         """What is moved where, and how else it differs from `before`, if that is known."""
-        what, done = self.name or "the robot's base", list[str]()
-        if before is None or not np.allclose(self.position, before.position, atol=SAME):
-            done.append(f"at {_point(self.position)}")
-        if before is not None and self.look_at is not None and not _same(self.look_at, before.look_at):
-            done.append(f"looks at {_point(self.look_at)}")
-        if before is not None and self.fov is not None and not _same(self.fov, before.fov):
+
+        def point(one: Point) -> str:
+            return f"{', '.join(f'{x:.3f}' for x in one)} m"
+
+        def differs(name: str) -> bool:
+            value, old = getattr(self, name), getattr(before, name, None)
+            return value is not None and (old is None or not np.allclose(value, old, atol=SAME))
+
+        done = [f"at {point(self.position)}"] if differs("position") else []
+        if before is not None and self.look_at is not None and differs("look_at"):
+            done.append(f"looks at {point(self.look_at)}")
+        if before is not None and self.fov is not None and differs("fov"):
             done.append(f"with a view angle of {np.degrees(self.fov):.4g} deg")
-        if before is not None and self.yaw is not None and not _same(self.yaw, before.yaw):
+        if before is not None and self.yaw is not None and differs("yaw"):
             done.append(f"turned to {np.degrees(self.yaw):.4g} deg")
+        what = self.name or "the robot's base"
         return f"{what} {', '.join(done) or 'as it was'}"
-
-
-def _point(point: Point) -> str:
-    return f"{', '.join(f'{x:.3f}' for x in point)} m"
-
-
-def _same(value: Point | float, before: Point | float | None) -> bool:
-    return before is not None and np.allclose(value, before, atol=SAME)
 
 
 def moved(workspace: Workspace, move: Move) -> Workspace:

@@ -62,7 +62,7 @@ class RankingRun:
         self.asked, self.session, self._memory = asked, session, memory
         candidates = session.task.candidates
         memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
-        self._left, self._found = deque(range(len(candidates))), dict[int, CandidateResult]()
+        self._left, self.found = deque(range(len(candidates))), dict[int, CandidateResult]()
         workers = [
             Worker(forked(), _assessor, session.assignment, candidates, memory)
             for _ in range(min(jobs, len(candidates)))
@@ -76,11 +76,6 @@ class RankingRun:
         """The processes that compute."""
         return [worker for worker, index in self._workers.items() if index is not None]
 
-    @property
-    def done(self) -> int:
-        """How many candidates are assessed."""
-        return len(self._found)
-
     def take(self, worker: Worker[int, _Answer]) -> None:
         """Take the answer of a busy process. Raises InputError where it was killed."""
         index = self._workers[worker]
@@ -91,14 +86,14 @@ class RankingRun:
             raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
         candidate = self.session.task.candidates[index]
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
-        self._found[index] = replace(assessment, candidate=candidate, best_way=way)
+        self.found[index] = replace(assessment, candidate=candidate, best_way=way)
         for seen in learnt:
             self._memory.take(seen)
         self._hand_out(worker)
 
     def ranking(self) -> list[CandidateResult]:
         """All candidates, once they are assessed."""
-        return [*map(described, rank([self._found[index] for index in range(len(self._found))], self.asked.by))]
+        return [*map(described, rank([self.found[index] for index in range(len(self.found))], self.asked.by))]
 
     def end(self) -> None:
         """End all processes at once."""
@@ -181,13 +176,13 @@ class _Worker:
             if worker.pipe in ready and self._run is not None:
                 run = self._run
                 run.take(worker)
-                count = len(run.session.task.candidates)
-                if run.done == count:
+                done, count = len(run.found), len(run.session.task.candidates)
+                if done == count:
                     run.end()
                     self._run = None
                     self._ranked(run)
                 elif not run.asked.of_saved:
-                    self.say("progress", done=run.done, of=count, number=run.asked.number)
+                    self.say("progress", done=done, of=count, number=run.asked.number)
         if (explaining := self._explaining) is not None and explaining.pipe in ready:
             self._explaining = None
             detail = explaining.receive()
@@ -313,24 +308,19 @@ class _Worker:
         if session is None or base is None or (asked.move.kind != "camera" and len(base.sketches) > 1):
             self.say("held", number=asked.number)
             return
-        workspace = moved(session.workspace, asked.move)
+        workspace, shown = moved(session.workspace, asked.move), base.shown
+        was = {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}  # as the cell is, at the same instants
         if asked.move.kind == "camera":
             seen = base.seen_by(session.cell.seen_by(workspace), asked.move.name)
-            self.say("sketch", name=self._chosen, seen=seen, was=_figures(base), number=asked.number)
+            self.say("sketch", name=self._chosen, seen=seen, was=was, number=asked.number)
             return
         cell = Cell.load(workspace, self._seed)
         found = _sketched(cell, base.sketches[0].scene.candidate, cell.initial_world)
         if isinstance(found, Infeasible):
             self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
             return
-        self.say(
-            "sketch",
-            name=self._chosen,
-            seen=found.seen_by(cell),
-            was=_figures(base),
-            track=_track(found),
-            number=asked.number,
-        )
+        seen, track = found.seen_by(cell), _track(found)
+        self.say("sketch", name=self._chosen, seen=seen, was=was, track=track, number=asked.number)
 
 
 def _explainer(assignment: Assignment, ranked: CandidateResult) -> Callable[[str], str]:
@@ -360,12 +350,6 @@ def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
     """The motion of a way in a cell, from a world."""
     motion = feasible_motion(cell, way, world)
     return motion if isinstance(motion, Infeasible) else Sketch.of(cell, rehearsal(cell, way, world, motion))
-
-
-def _figures(sketch: Steps) -> Mapping[str, float | None]:
-    """What the figures of a moved cell are compared with: those of the cell as it is, at the same instants."""
-    shown = sketch.shown
-    return {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}
 
 
 def _track(sketch: Sketch) -> Mapping[str, object]:
