@@ -31,7 +31,6 @@ from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.ros.bag import METADATA
 from sqrp_cli.shapes import Box, Mesh, Part, Shape
 
 if TYPE_CHECKING:
@@ -100,6 +99,7 @@ class CellReader(EntryReader):
     def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
         """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
         from sqrp_cli.camera.hand_eye import read_hand_eye
+        from sqrp_cli.ros.bag import METADATA
 
         key: KeyPath = (*path, "hand_eye")
         is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112

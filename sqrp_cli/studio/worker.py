@@ -27,8 +27,8 @@ from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.show.documents.scene import ShowDocument
+from sqrp_cli.show.pages.assembly import row
 from sqrp_cli.show.pages.candidate_page import candidate_rows, played, scene_model
-from sqrp_cli.show.pages.page import row
 from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory

@@ -8,7 +8,7 @@ from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
 from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
-from sqrp_cli.show.pages.page import PageContent, PageRow, page
+from sqrp_cli.show.pages.assembly import PageContent, PageRow, page
 from sqrp_cli.show.pages.run_page import RunCell, story, write_run
 from sqrp_cli.study.result import CandidateResult
 from tests.cli.browser import Opened, walk

@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError
 if TYPE_CHECKING:
     from sqrp_cli.ask.requests import Progress
     from sqrp_cli.run.record.events import Event
-    from sqrp_cli.show.documents.scene import FirstRun, NewCell
+    from sqrp_cli.show.documents.programs import FirstRun, NewCell
 
 
 def made(ask: InitRequest) -> NewCell:
@@ -24,7 +24,7 @@ def made(ask: InitRequest) -> NewCell:
     The arm is that of `urdf`, else that of which the configuration in `moveit` was made, else one that comes with the
     package. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
-    from sqrp_cli.show.documents.scene import NewCell
+    from sqrp_cli.show.documents.programs import NewCell
     from sqrp_cli.starter.description import OwnRobot
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.search import MOST_STANDS
@@ -59,7 +59,7 @@ def first_run(folder: Path, task: str, progress: Progress = silent) -> FirstRun 
     None where there is no simulator, or no candidate is feasible.
     """
     from sqrp_cli.run.cell.requirements import check_simulator
-    from sqrp_cli.show.documents.scene import FirstRun
+    from sqrp_cli.show.documents.programs import FirstRun
 
     try:
         check_simulator()

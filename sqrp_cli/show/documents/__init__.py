@@ -23,7 +23,7 @@ KINDS: Mapping[str, str] = {
     "score --vary": "sqrp_cli.score.result:Sweep",
     "diff": "sqrp_cli.score.result:Scorecard",
     "show": "sqrp_cli.show.documents.scene:ShowDocument",
-    "init": "sqrp_cli.show.documents.scene:NewCell",
+    "init": "sqrp_cli.show.documents.programs:NewCell",
     "rules": "sqrp_cli.show.documents.checks:RulesDocument",
 }
 """Of each `document` its record."""

@@ -1,22 +1,24 @@
-"""`program`: the steps of a program and their totals."""
+"""`program` and `init`: the steps of a program and their totals, and a workspace just made."""
 
 from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.cell.workspace_file import shortest_path, workspace_name
-from sqrp_cli.document import Document, Record, how_many
+from sqrp_cli.document import Document, Record, how_many, live
+from sqrp_cli.errors import Problem
 from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
+from sqrp_cli.run.record.report import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,3 +159,55 @@ class ProgramDocument(Document):
             held=program.steps[-1].after.held if program.steps else None,
             add=add if workspace.exists() else None,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstRun(Record):
+    """How the best candidate of a new workspace ran in the simulated cell, once."""
+
+    outcome: Outcome
+    """Whether all was done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
+    reason: str | None
+    """Why it stopped, or what was not noticed; null if it is done."""
+    time: float
+    """Simulated [s]."""
+    promised: int
+    """Images of a camera that were predicted to show a literal."""
+    seen: int
+    """Those of them that did."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class NewCell(Document):
+    """What `sqrp init` has made: a new workspace."""
+
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_new_cell"
+
+    document: Literal["init"] = "init"
+    workspace: str
+    """Its folder."""
+    tool_link: str
+    """The link of the robot that carries the tool, or grasps itself."""
+    objects: list[str]
+    """Names of the cubes that stand on the table."""
+    task: str | None
+    """A task that can be ranked at once."""
+    run: FirstRun | None
+    """Of its best candidate; null if it was not run, as without a simulator."""
+    path: str
+    """Of its folder, as it was given."""
+    own_arm: bool
+    """Whether the arm is the user's, so that some values were guessed."""
+
+    problems: Sequence[Problem] = live(())
+    """Warnings about the arm."""
+
+    @property
+    def works(self) -> bool:
+        """Whether there is a task to rank and, if it was run, it was done."""
+        return self.task is not None and (self.run is None or self.run.outcome == "done")
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.path}: {self.task or 'nothing within reach'}"

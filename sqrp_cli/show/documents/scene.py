@@ -1,8 +1,8 @@
-"""`show` and `init`: a workspace as understood, and one just made."""
+"""`show`: a workspace as understood."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import field
 from importlib import import_module
 from typing import Any, Literal
@@ -12,13 +12,11 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera, DistortionModel
 from sqrp_cli.camera.detector import Curve, DetectorKind, marker_ranges
 from sqrp_cli.cell.mesh import mesh_unit
-from sqrp_cli.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument, how_many, live
-from sqrp_cli.errors import Problem
+from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Fingers, Marker
-from sqrp_cli.run.record.report import Outcome
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from sqrp_cli.task.grounding import on_robot
 
@@ -268,58 +266,6 @@ class ShowDocument(WorkspaceDocument):
     def show(self, **how: bool) -> None:
         """Print it, while its cell is known."""
         import_module("sqrp_cli.show.terminal.cell_tables").print_scene(self.cell, **how)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FirstRun(Record):
-    """How the best candidate of a new workspace ran in the simulated cell, once."""
-
-    outcome: Outcome
-    """Whether all was done, the robot stopped before, or a fault happened that was never noticed (`missed`)."""
-    reason: str | None
-    """Why it stopped, or what was not noticed; null if it is done."""
-    time: float
-    """Simulated [s]."""
-    promised: int
-    """Images of a camera that were predicted to show a literal."""
-    seen: int
-    """Those of them that did."""
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class NewCell(Document):
-    """What `sqrp init` has made: a new workspace."""
-
-    VIEW = "sqrp_cli.show.terminal.cell_tables:print_new_cell"
-
-    document: Literal["init"] = "init"
-    workspace: str
-    """Its folder."""
-    tool_link: str
-    """The link of the robot that carries the tool, or grasps itself."""
-    objects: list[str]
-    """Names of the cubes that stand on the table."""
-    task: str | None
-    """A task that can be ranked at once."""
-    run: FirstRun | None
-    """Of its best candidate; null if it was not run, as without a simulator."""
-    path: str
-    """Of its folder, as it was given."""
-    own_arm: bool
-    """Whether the arm is the user's, so that some values were guessed."""
-
-    problems: Sequence[Problem] = live(())
-    """Warnings about the arm."""
-
-    @property
-    def works(self) -> bool:
-        """Whether there is a task to rank and, if it was run, it was done."""
-        return self.task is not None and (self.run is None or self.run.outcome == "done")
-
-    @property
-    def brief(self) -> str:
-        """Its main figures, in a line."""
-        return f"{self.path}: {self.task or 'nothing within reach'}"
 
 
 def _robot(cell: Cell) -> RobotScene:

@@ -1,4 +1,4 @@
-"""The text of a page: scripts, styles, documents and the three.js viewer in one file that needs no network.
+"""What a page shows, and its text: scripts, styles, documents and the three.js viewer in one file without a network.
 
 Its documents are small texts that cannot become markup; meshes are simplified.
 """
@@ -11,18 +11,26 @@ import html
 import json
 import unicodedata
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from importlib import metadata, resources
 from importlib.util import find_spec
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from sqrp_cli.document import plain
 from sqrp_cli.errors import bad_input
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Triangles
+
+if TYPE_CHECKING:
+    from sqrp_cli.motion.cell import Cell
+    from sqrp_cli.show.documents.scene import ShowDocument
+    from sqrp_cli.study.result import CandidateResult
 
 MOST_TRIANGLES = 3000
 """Triangles of a part in a page; larger meshes are simplified to this many."""
@@ -165,3 +173,133 @@ def _digest(script: str) -> str:
 def asset(name: str) -> str:
     """A script, style or template of the pages."""
     return resources.files("sqrp_cli.show.pages").joinpath("browser", name).read_text(encoding="utf-8")
+
+
+class FigureShown(NamedTuple):
+    """A figure of a row."""
+
+    name: str
+    value: str
+    """With its unit."""
+    means: str = ""
+    """The word in the page's list of words that says what it is, if there is one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PageRow:
+    """A row of the page's table, with what is shown when it is selected.
+
+    name: of the whole. mark: the row's beginning, such as a rank; labels: what sets it apart from the others, by title.
+    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of its
+    cell. detail: its `packed` `playback`; None without a motion.
+    figures: shown before the candidate's. retried: names of the
+    candidate's faults after which the robot tries again; only these have a time for it.
+    """
+
+    name: str
+    mark: str
+    labels: Mapping[str, str]
+    candidate: CandidateResult | None
+    reasons: Sequence[str]
+    scene: int | None
+    detail: str | None
+    figures: Sequence[FigureShown] = ()
+    retried: Collection[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CellScene:
+    """A cell. scene: the document of `show --json`. model: its `scene_model`, `packed`."""
+
+    scene: ShowDocument
+    model: str
+
+
+@dataclass(frozen=True, eq=False)
+class PageContent:
+    """What a page shows.
+
+    heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
+    of_images: whether the details are what images showed, not what is predicted. placement: mounts and the cameras on
+    them, if it is about these, see `write_placement`. compared: whether the rows are answers to one question. opens_at:
+    the time [s] that is shown first.
+    """
+
+    title: str
+    summary: str
+    heading: str
+    about: Sequence[tuple[str, str]]
+    entries: Sequence[PageRow]
+    scenes: Sequence[CellScene]
+    of_images: bool = False
+    placement: Mapping[str, object] | None = None
+    compared: bool = True
+    opens_at: float = 0.0
+
+
+def write_page(content: PageContent, path: Path) -> None:
+    """Write the page, all or nothing. Raises InputError where it cannot be written or a library is missing."""
+    write_atomically(path, page(content))
+
+
+def page(content: PageContent) -> str:
+    """The text of the page: an overview, shown before any motion is decoded, then models and motions."""
+    entries, scenes = [row(entry) for entry in content.entries], [scene.scene for scene in content.scenes]
+    data = {"overview": packed({**plain(content), "entries": entries, "scenes": scenes})}
+    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
+    details = enumerate(entry.detail for entry in content.entries)
+    data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
+    return assembled(content.title, asset("main.js"), data=data)
+
+
+def row(entry: PageRow) -> dict[str, Any]:
+    """A row as the scripts of a page read it."""
+    shown = {"moves" if name == "detail" else name: value for name, value in plain(entry).items()}
+    return {**shown, "moves": entry.detail is not None, "retried": sorted(entry.retried)}
+
+
+# Colours of pages and pictures
+
+Color = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
+
+COVERED: Color = (42, 157, 111)
+HIDDEN: Color = (208, 58, 75)
+CULPRIT: Color = (238, 158, 166)
+"""Colour in pictures of what hides a target; the target's outline must stand out from it."""
+
+_NAMED: dict[str, Color] = {
+    "red": (207, 74, 63),
+    "green": (74, 157, 91),
+    "blue": (67, 114, 201),
+    "yellow": (217, 178, 58),
+    "orange": (221, 132, 52),
+    "brown": (138, 100, 70),
+    "purple": (126, 87, 176),
+    "pink": (219, 130, 165),
+    "grey": (180, 188, 196),
+    "gray": (180, 188, 196),
+    "black": (48, 54, 60),
+    "white": (242, 244, 245),
+}
+_ROBOT: tuple[Color, ...] = ((195, 204, 212), (143, 163, 179))
+_TOOL: Color = (224, 165, 60)
+_OTHER: Color = (170, 178, 185)
+
+
+def solid_colors(cell: Cell) -> list[Color]:
+    """A colour for every solid: objects have their own if it is known, links alternate, the tool stands out."""
+    shades = cycle(_ROBOT)
+    colors = []
+    for solid in cell.observer.solids:
+        parent = solid.part.parent
+        if parent in cell.workspace.objects:
+            colors.append(_NAMED.get((cell.workspace.objects[parent].color or "").lower(), _OTHER))
+        else:
+            colors.append(_TOOL if parent in cell.model.tool_links else next(shades))
+    return colors
+
+
+def css(color: Color) -> str:
+    """A colour in CSS."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

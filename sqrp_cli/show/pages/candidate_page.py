@@ -17,9 +17,16 @@ from sqrp_cli.show import sentences
 from sqrp_cli.show.documents.explain import study_shown
 from sqrp_cli.show.documents.playback import PlayedCandidate
 from sqrp_cli.show.documents.scene import ShowDocument
-from sqrp_cli.show.pages.assembly import packed, simplified
-from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, write_page
-from sqrp_cli.show.pages.paint import css, solid_colors
+from sqrp_cli.show.pages.assembly import (
+    CellScene,
+    PageContent,
+    PageRow,
+    css,
+    packed,
+    simplified,
+    solid_colors,
+    write_page,
+)
 from sqrp_cli.study.pipeline import Assignment, Explained
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.version import __version__

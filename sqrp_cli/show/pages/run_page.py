@@ -23,9 +23,8 @@ from sqrp_cli.run.record.events import (
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.show.documents.explanation import Span
-from sqrp_cli.show.pages.assembly import packed
+from sqrp_cli.show.pages.assembly import FigureShown, PageContent, PageRow, packed, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, origin
-from sqrp_cli.show.pages.page import FigureShown, PageContent, PageRow, write_page
 from sqrp_cli.show.sentences import short_times
 
 WITNESSED = (

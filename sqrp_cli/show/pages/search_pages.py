@@ -13,8 +13,8 @@ from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
 from sqrp_cli.search.question import is_fastest
 from sqrp_cli.show.documents.scene import ShowDocument
+from sqrp_cli.show.pages.assembly import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
-from sqrp_cli.show.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
 from sqrp_cli.study.pipeline import Assignment, described, sampling_done
 from sqrp_cli.study.result import CandidateResult

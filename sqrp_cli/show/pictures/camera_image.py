@@ -18,7 +18,7 @@ from sqrp_cli.geometry import Array, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Triangles
-from sqrp_cli.show.pages.paint import Color
+from sqrp_cli.show.pages.assembly import Color
 from sqrp_cli.sight.scene_states import SceneStates
 
 _LIFT = 1e-4

@@ -13,8 +13,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import BOX_SIGNS, Array
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.pages.assembly import visible
-from sqrp_cli.show.pages.paint import Color
+from sqrp_cli.show.pages.assembly import Color, visible
 from sqrp_cli.show.pictures.camera_image import Image
 
 LINE = 19

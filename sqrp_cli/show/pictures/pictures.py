@@ -18,7 +18,7 @@ from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import make_folder, write_atomically
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
+from sqrp_cli.show.pages.assembly import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.show.pictures import drawing
 from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from sqrp_cli.figures import FaultMetrics
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.show.documents.checks import Check, PlannedStep, RulesDocument
-    from sqrp_cli.show.documents.programs import ProgramDocument
-    from sqrp_cli.show.documents.scene import NewCell
+    from sqrp_cli.show.documents.programs import NewCell, ProgramDocument
 
 
 def print_check(found: Check) -> None:
