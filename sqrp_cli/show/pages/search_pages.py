@@ -34,11 +34,11 @@ def write_advice(
     document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
-    wish, original = document.want, document.session.session.assignment
+    goal, original = document.want, document.session.session.assignment
     rows = list(_rows(document, original))
     scenes = [cell_scene(original.cell)]
     entries = []
-    found = computed(lambda row: studied(*row, wish), rows, jobs, progress)
+    found = computed(lambda row: studied(*row, goal), rows, jobs, progress)
     for (_, _, assignment), row in zip(rows, found, strict=True):
         same = assignment.cell is original.cell
         if not same:
@@ -56,7 +56,7 @@ def write_advice(
         met = "that is met already"
     elif not count:
         met = "nothing that was tried meets it" + ("" if document.nearest is None else f". {document.nearest}")
-    summary = f"{document.candidate} is to have {wish}: {met}. {document.held}".strip()
+    summary = f"{document.candidate} is to have {goal}: {met}. {document.held}".strip()
     title = f"What would help: {document.task} in {document.workspace}"
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
@@ -80,7 +80,7 @@ def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
         yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
 
 
-def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: Goal | None) -> PageRow:
+def studied(row: PageRow, found: CandidateResult, assignment: Assignment, goal: Goal | None) -> PageRow:
     """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
@@ -89,7 +89,7 @@ def studied(row: PageRow, found: CandidateResult, assignment: Assignment, wish: 
     explained = assignment.explain(ranked)
     shown = explained.result
     figures = described(replace(ranked, verdict=shown.verdict))
-    short = wish.missed(shown) if wish is not None and wish.met(found) else ()
+    short = goal.missed(shown) if goal is not None and goal.met(found) else ()
     reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
     return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))
 
@@ -98,7 +98,7 @@ def write_placement(
     document: PlaceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
-    question, wish = document.question, document.question.requirements.wish
+    question, goal = document.question, document.question.requirements.goal
     assignment = Assignment(question.sampling, cell=document.cell, world=question.world)
     several = len(document.tasks) > 1
 
@@ -109,22 +109,22 @@ def write_placement(
 
     def shown(one: PlacedCandidate) -> PageRow:
         """The row of a candidate: how it fares, and what no choice of mounts would cover."""
-        missed = () if wish is None else wish.missed(one.found)
+        missed = () if goal is None else goal.missed(one.found)
         own = (target for target in document.unseen if (target.task, target.candidate) == (one.task, one.candidate))
-        mark = "" if wish is None else "short" if missed else "met"
+        mark = "" if goal is None else "short" if missed else "met"
         name, labels = named(one.task, one.candidate)
         if not question.fastest:
             labels["way"] = described(one.found).choice
         retried = one.found.candidate.skill.retried_faults
         row = PageRow(name, mark, labels, None, [*missed, *map(str, own)], 0, None, retried=retried)
-        return studied(row, one.found, assignment, wish)
+        return studied(row, one.found, assignment, goal)
 
     entries = list(computed(shown, document.candidates, jobs, progress))
     for task, one in document.impossible:
         figures = described(one)
         name, labels = named(task, figures.name)
         labels |= {} if question.fastest else {"way": ""}
-        entries.append(PageRow(name, "" if wish is None else "infeasible", labels, figures, figures.why, None, None))
+        entries.append(PageRow(name, "" if goal is None else "infeasible", labels, figures, figures.why, None, None))
     about = origin(arguments, document.cell.workspace)
     about += [("compared", document.comparison), ("proof", document.scope)]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
