@@ -81,7 +81,7 @@ public:
         const Box& b = scene.boxes[box];
         Verdict found{NONE, -1, 0, 1};
         if (b.visible < 1) {
-            found.visible = share(scene, NAN);
+            found.visible = share(scene, shares ? NAN : b.visible);
             if (found.visible < b.visible) found.cause = HIDDEN, found.by = named ? scene.largest(rays(), near, state) : -1;
         } else if (named ? (found.by = first_met(scene)) >= 0 : met(scene)) {
             found.cause = HIDDEN;

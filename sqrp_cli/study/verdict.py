@@ -403,15 +403,11 @@ def _least_change(
         if 0.0 < abs(shift.back) <= _MOST_SHIFT:
             moved = pose(position=np.array([0.0, 0.0, -shift.back]))
             tried.append((_MOST_TURN + abs(shift.back), camera, shift, moved))  # a turn is less than any move
-    tried = sorted(tried, key=lambda one: one[0])[:_TRIED]
-    if not tried:
-        return {}
-    cameras = tuple(replace(camera, X_FC=camera.X_FC @ X_CD) for _, camera, _, X_CD in tried)
-    observer = replace(cell.observer, cameras=cameras, memory=None)
-    (then,) = observer.verdicts([target], states, shares=False, culprits=False)
-    names = [camera.name for camera in cell.observer.cameras]
-    for number, (_, camera, change, _) in enumerate(tried):
-        others = sees.sum(axis=1) - sees[:, names.index(camera.name)]
-        if bool(np.all(others + sees_all(then)[:, number] >= target.cameras)):
+    items = np.arange(len(rows)), np.zeros(len(rows), dtype=np.int64)
+    for _, camera, change, X_CD in sorted(tried, key=lambda one: one[0])[:_TRIED]:
+        missing = target.cameras - np.delete(sees, cell.observer.cameras.index(camera), axis=1).sum(axis=1)
+        poses_FC = (camera.X_FC @ X_CD)[None]
+        ((then,),) = cell.observer.seen_from([camera], poses_FC, [target], states, *items, decisive=missing > 0)
+        if bool(np.all(then >= missing)):
             return {camera.name: change}
     return {}
