@@ -73,19 +73,16 @@ def test_a_whole_path_can_be_read_from_a_working_folder_that_was_deleted(cell, t
     assert load_workspace(cell.resolve()).name == cell.name
 
 
-def test_a_program_where_a_workspace_is_expected_is_one_message_that_names_its_workspace(tmp_path: Path) -> None:
-    program = tmp_path / "visit.yaml"
-    program.write_text("sqrp_program: 1\nworkspace: mycell/workspace.yaml\ndigest: d\nmarks: m\nsteps: []\n")
-    problem = refused(load_workspace, program)
-    assert str(problem) == f"{program}: this is a program; its workspace is {tmp_path}/mycell/workspace.yaml"
-
-
+@pytest.mark.parametrize(("text", "says"), [
+        ("sqrp_program: 1\nworkspace: mycell/workspace.yaml\nsteps: []\n",
+         "this is a program; its workspace is {folder}/mycell/workspace.yaml"),
+        ((ROOT / "skills" / "pickup" / "skill.yaml").read_text(),
+         "this is a skill; name the workspace that uses it"),
+])  # fmt: skip
 @pytest.mark.parametrize("name", ["skill.yaml", "other.yaml"])
-def test_a_skill_where_a_workspace_is_expected_is_one_message(tmp_path: Path, name: str) -> None:
-    skill = tmp_path / name
-    shutil.copy(ROOT / "skills" / "pickup" / "skill.yaml", skill)
-    problem = refused(load_workspace, skill)
-    assert str(problem) == f"{skill}: this is a skill; name the workspace that uses it"
+def test_a_program_or_skill_where_a_workspace_is_expected_is_one_message(tmp_path, name, text, says):
+    (tmp_path / name).write_text(text)
+    assert str(refused(load_workspace, tmp_path / name)) == f"{tmp_path / name}: {says.format(folder=tmp_path)}"
 
 
 def test_values_are_in_si_units(cell: Path) -> None:

@@ -34,14 +34,10 @@ def test_roots_are_tried_in_order_stated_ros_ament_python(tmp_path: Path, monkey
         assert resolve("package://arm/arm.urdf", tmp_path, roots[index:], PLACE) == file
 
 
-def test_a_root_that_is_the_package_itself_counts(tmp_path: Path) -> None:
+def test_a_root_may_be_the_package_itself_and_a_third_slash_means_nothing(tmp_path):
     file = make(tmp_path, "arm/urdf/arm.urdf")
-    assert resolve("package://arm/urdf/arm.urdf", tmp_path, [tmp_path / "arm"], PLACE) == file
-
-
-def test_a_third_slash_before_the_package_means_nothing(tmp_path: Path) -> None:
-    file = make(tmp_path, "arm/arm.urdf")
-    assert resolve("package:///arm/arm.urdf", tmp_path, [tmp_path], PLACE) == file
+    for slashes, root in (("//", tmp_path / "arm"), ("///", tmp_path)):
+        assert resolve(f"package:{slashes}arm/urdf/arm.urdf", tmp_path, [root], PLACE) == file
 
 
 def test_paths_are_relative_to_the_file_that_names_them(tmp_path: Path) -> None:
@@ -59,20 +55,15 @@ def test_a_missing_package_lists_the_roots_and_the_command_that_installs_it(tmp_
     assert problem.place == PLACE
 
 
-def test_a_missing_file_in_a_package_names_what_is_there(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("reference", "says"), [
+        ("arm/meshes/link_2.stl", r"has no `link_2\.stl`; did you mean `link_1\.stl`"),
+        ("arm/mesh/link_1.stl", r"has no `mesh`; did you mean `meshes`"),
+        ("arm/meshes", "is a folder"), ("amr/meshes", "did you mean `arm`"),
+])  # fmt: skip
+def test_a_missing_file_or_package_names_what_is_there(tmp_path, reference, says):
     make(tmp_path, "arm/meshes/link_1.stl")
-    with pytest.raises(InputError, match=r"has no `link_2\.stl`; did you mean `link_1\.stl`"):
-        resolve("package://arm/meshes/link_2.stl", tmp_path, [tmp_path], PLACE)
-    with pytest.raises(InputError, match=r"has no `mesh`; did you mean `meshes`"):
-        resolve("package://arm/mesh/link_1.stl", tmp_path, [tmp_path], PLACE)
-    with pytest.raises(InputError, match="is a folder"):
-        resolve("package://arm/meshes", tmp_path, [tmp_path], PLACE)
-
-
-def test_a_misspelt_package_names_the_nearest(tmp_path: Path) -> None:
-    make(tmp_path, "my_robots/arm.urdf")
-    with pytest.raises(InputError, match="did you mean `my_robots`"):
-        resolve("package://my_robot/arm.urdf", tmp_path, [tmp_path], PLACE)
+    with pytest.raises(InputError, match=says):
+        resolve(f"package://{reference}", tmp_path, [tmp_path], PLACE)
 
 
 @pytest.mark.parametrize(
