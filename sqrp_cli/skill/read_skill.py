@@ -23,22 +23,7 @@ from sqrp_cli.logic.formula_check import check_formula
 from sqrp_cli.logic.formula_time import operators
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
-from sqrp_cli.skill import settings
-from sqrp_cli.skill.skill import (
-    FORMER_ENDING,
-    HOME,
-    FormulaEntry,
-    Grasp,
-    GraspWaypoint,
-    JointMove,
-    Names,
-    Requirement,
-    RetryEntry,
-    Skill,
-    SkillFile,
-    marked,
-    origins,
-)
+from sqrp_cli.skill import settings, skill
 
 FreedEntry = TypeVar("FreedEntry", bound=Entry)
 
@@ -55,8 +40,8 @@ def skill_folder(folder: Path, *, fingers: bool) -> Path:
 
     `pickup_two_finger`, unless there is such a folder, is what `pickup` is for fingers.
     """
-    former = folder.with_name(folder.name.removesuffix(FORMER_ENDING)) / FINGERS
-    if folder.name.endswith(FORMER_ENDING) and not folder.is_dir() and former.is_dir():
+    former = folder.with_name(folder.name.removesuffix(skill.FORMER_ENDING)) / FINGERS
+    if folder.name.endswith(skill.FORMER_ENDING) and not folder.is_dir() and former.is_dir():
         return former
     return folder / FINGERS if fingers and (folder / FINGERS / SKILL_FILE).is_file() else folder
 
@@ -66,7 +51,7 @@ def skill_name(folder: Path) -> str:
     return folder.parent.name if folder.name == FINGERS else folder.name
 
 
-def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
+def read_skill(folder: Path, place: Place, digest: ContentDigest) -> skill.Skill:
     """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
     place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
@@ -93,13 +78,13 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
         meant = nearest(name, domain.actions) or next(iter(domain.actions), None)
         there = Place(domain.path) if meant is None else domain.actions[meant].place
         raise bad_input("missing-action", message, there, mend="rename the action, or the folder and its file")
-    return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[name]).read(folder)
+    return _SkillReader(document, validate(document, skill.SkillFile), domain, domain.actions[name]).read(folder)
 
 
 class _SkillReader:
     """Checks one skill file beyond its format, and collects all problems."""
 
-    def __init__(self, document: SourceDocument, file: SkillFile, domain: Domain, action: Action) -> None:
+    def __init__(self, document: SourceDocument, file: skill.SkillFile, domain: Domain, action: Action) -> None:
         self.document = document
         self.file = file
         self.domain = domain
@@ -112,7 +97,7 @@ class _SkillReader:
         self._refused: set[str] = set()
         """Motion parameters with values that a setting refuses."""
 
-    def read(self, folder: Path) -> Skill:
+    def read(self, folder: Path) -> skill.Skill:
         for name in (name for name in self.file.motion if name in self.objects):
             self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
         for name, waypoint in self.file.waypoints.items():
@@ -135,7 +120,7 @@ class _SkillReader:
         self._check_targets()
         if self.problems:
             raise InputError(*self.problems)
-        return Skill(
+        return skill.Skill(
             name=skill_name(folder),
             folder=folder,
             domain=self.domain,
@@ -160,11 +145,11 @@ class _SkillReader:
 
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
         """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
-        for at, value, mark in marked(entry, path):
-            if isinstance(mark, Names):
+        for at, value, mark in skill.marked(entry, path):
+            if isinstance(mark, skill.Names):
                 if mark.what != "frame":  # the workspace knows its objects
                     valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
-                    self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)
+                    self._known(str(value), [*valid, skill.HOME] if mark.home else valid, mark.what, at)
             elif not isinstance(value, settings.Reference):
                 if isinstance(value, Quantity | str) and (complaint := mark.complaint(value)) is not None:
                     self._report(complaint.code, at, complaint.message)
@@ -182,10 +167,10 @@ class _SkillReader:
     def _freed(self, name: str, entry: FreedEntry) -> FreedEntry:
         """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
         freed: dict[str, settings.Reference] = {}
-        for (field, *_), value, kind in marked(entry):
+        for (field, *_), value, kind in skill.marked(entry):
             at_default = value == settings.Reference(PATH)
             # A setting is free if it is `any` (but for the branch of a move home), or a path that is not stated.
-            is_any = value == settings.ANY and not (isinstance(entry, JointMove) and entry.to == HOME)
+            is_any = value == settings.ANY and not (isinstance(entry, skill.JointMove) and entry.to == skill.HOME)
             if isinstance(kind, settings.Kind) and (is_any or (at_default and PATH not in self.file.motion)):
                 parameter = PATH if at_default and PATH not in self.objects else f"{name}.{field}"
                 self.implicit[parameter] = settings.MotionParameter(
@@ -214,10 +199,10 @@ class _SkillReader:
 
     def _check_origins(self) -> None:
         """Check that no waypoint leads back to itself, and that `home` is not redefined."""
-        if HOME in self.file.waypoints:
+        if skill.HOME in self.file.waypoints:
             message = "`home` is the robot's home configuration; take another name"
-            self._report("ambiguous-name", ("waypoints", HOME), message)
-        others = {name: origins(waypoint) for name, waypoint in self.file.waypoints.items()}
+            self._report("ambiguous-name", ("waypoints", skill.HOME), message)
+        others = {name: skill.origins(waypoint) for name, waypoint in self.file.waypoints.items()}
         in_circles: set[str] = set()
         for name in others:
             ways: list[tuple[str, ...]] = [(name,)]  # through its origins, the shortest first
@@ -232,24 +217,24 @@ class _SkillReader:
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
             in_circles.update(circle or ())
 
-    def _requirements(self) -> tuple[Requirement, ...]:
-        stated: list[tuple[str | None, FormulaEntry | str, KeyPath]] = [
+    def _requirements(self) -> tuple[skill.Requirement, ...]:
+        stated: list[tuple[str | None, skill.FormulaEntry | str, KeyPath]] = [
             *((None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)),
             *((name, entry, ("faults", name)) for name, entry in self.file.faults.items()),
         ]
-        found: list[Requirement] = []
+        found: list[skill.Requirement] = []
         for name, text_or_entry, path in stated:
             at: KeyPath = path if isinstance(text_or_entry, str) else (*path, "formula")
-            entry = FormulaEntry(formula=text_or_entry) if isinstance(text_or_entry, str) else text_or_entry
+            entry = skill.FormulaEntry(formula=text_or_entry) if isinstance(text_or_entry, str) else text_or_entry
             formula, condition = self._formula(entry.formula, at), None
-            if isinstance(entry.response, RetryEntry) and entry.response.when is not None:
+            if isinstance(entry.response, skill.RetryEntry) and entry.response.when is not None:
                 when: KeyPath = (*path, "response", "when")
                 condition = self._formula(entry.response.when, when)
                 if condition is not None and (over_time := operators(condition)):
                     message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
                     self._report("temporal-condition", when, f"{message} `obj_on_table`")
             if formula is not None:
-                found.append(Requirement(name, entry, formula, condition, self.document.value_place(at)))
+                found.append(skill.Requirement(name, entry, formula, condition, self.document.value_place(at)))
         return tuple(found)
 
     def _formula(self, text: str, path: KeyPath) -> Formula | None:
@@ -264,7 +249,7 @@ class _SkillReader:
         return formula
 
     def _check_targets(self) -> None:
-        grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
+        grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, skill.Grasp)]
         for predicate, target in self.file.targets.items():
             self._known(predicate, self.domain.predicates, "predicate", ("targets", predicate))
             for index, box in enumerate(target.boxes):
@@ -275,7 +260,7 @@ class _SkillReader:
                 if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", (*path, "at")):
                     continue
                 waypoint = self.file.waypoints[box.at]
-                grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
+                grasps = isinstance(waypoint, skill.GraspWaypoint) and waypoint.object == box.fits
                 if box.frame == TOOL and box.fits in grasped and not grasps:
                     expected = f"expected one that grasps `{box.fits}` (with `object` and `side`)"
                     self._report("wrong-value", (*path, "at"), f"found waypoint `{box.at}`, {expected}")

@@ -45,7 +45,7 @@ ABOVE = "above: {from: grasp, retreat: 2 cm}"
 def problems(
     damaged: Callable[[dict[str, Any]], Path], monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[dict[str, str]], tuple[Problem, ...]]:
-    monkeypatch.setattr(read_skill, "SkillFile", NestedSkillFile)
+    monkeypatch.setattr(read_skill.skill, "SkillFile", NestedSkillFile)
 
     def found(replace: dict[str, str]) -> tuple[Problem, ...]:
         with pytest.raises(InputError) as caught:
@@ -77,7 +77,7 @@ def test_a_circle_through_several_origins_is_reported_once(problems):
 
 
 def test_a_parameter_that_only_a_nested_entry_uses_counts_as_used(damaged, monkeypatch):
-    monkeypatch.setattr(read_skill, "SkillFile", NestedSkillFile)
+    monkeypatch.setattr(read_skill.skill, "SkillFile", NestedSkillFile)
     edits = {"raise: $lift": "raise: 5 cm", ABOVE: "above: {mixed: {of: [grasp, home], share: $lift}}"}
     edits |= {"lift: {from: 5 cm, to: 15 cm, count: 3}": "lift: {values: [0.5]}"}
     workspace = load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edits}))
