@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
@@ -163,31 +163,26 @@ def read_hand_eye(
     says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
     is not 1.
     """
-    pose_file, content, transforms = "/tf_static of a recording", b"", None
     if is_bag(path):
-        transforms = read_bag(path)
+        pose_file, transforms = "/tf_static of a recording", read_bag(path)
+        # A recording may be large: of that, what was read.
+        read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     else:
-        content = read_input(path, MAX_BYTES)
-        text = decoded(path, content)
-        pose_file, transforms = "static_transform_publisher", read_launch(path, content, text)
-        if transforms is None and re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
-            pose_file, transforms = "TF messages", read_messages(path, text)
-    if transforms is None:
-        document = parse_yaml(path, content, keys=_KEYS)
-        if not any(key in document.data for key in _KEYS):
-            message = (
-                "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
-            )
-            raise bad_input("unknown-calibration", message, Place(document.path))
-        return _easy_handeye(document)
-    seat = camera_seat(transforms, path, camera, carriers, asked)
-    # A recording may be large: of that, what was read.
-    read = content or repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
-    return replace(seat, pose_file=pose_file, content=read)
+        read = read_input(path, MAX_BYTES)
+        text = decoded(path, read)
+        found = ((title, format_(path, read, text)) for title, format_ in _FORMATS.items())
+        pose_file, transforms = next(((title, those) for title, those in found if those is not None), ("", []))
+        if not pose_file:
+            return _easy_handeye(path, read)
+    return replace(camera_seat(transforms, path, camera, carriers, asked), pose_file=pose_file, content=read)
 
 
-def _easy_handeye(document: SourceDocument) -> HandEye:
+def _easy_handeye(path: Path, content: bytes) -> HandEye:
     """A result of easy_handeye; in early versions the parameters stand beside the transformation."""
+    document = parse_yaml(path, content, keys=_KEYS)
+    if not any(key in document.data for key in _KEYS):
+        message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
+        raise bad_input("unknown-calibration", message, Place(path))
     owner: KeyPath = ()
     result: _Result
     if "tracking_base_frame" in document.data:
@@ -265,8 +260,10 @@ def camera_seat(
     raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
-def read_messages(path: Path, text: str) -> list[StaticTransform]:
-    """Transforms of TF messages in YAML, one or several (`---`)."""
+def read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransform] | None:
+    """Transforms of TF messages in YAML, one or several (`---`); None for a file that has none."""
+    if not re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
+        return None
     found, line = list[StaticTransform](), 0
     for part in _DOCUMENTS.split(text):
         if any(row.strip() and not row.lstrip().startswith("#") for row in part.split("\n")):
@@ -422,6 +419,13 @@ def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
         raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
     parent, child = (frame.lstrip("/") for frame in frames)
     return StaticTransform(parent, child, pose(R, [number(name) for name in _POSITION]), place)
+
+
+_FORMATS: Mapping[str, Callable[[Path, bytes, str], list[StaticTransform] | None]] = {
+    "static_transform_publisher": read_launch,
+    "TF messages": read_messages,
+}
+"""How files of static transforms are read, by the names of their formats; each reader knows its own."""
 
 
 def read_bag(path: Path) -> list[StaticTransform]:
