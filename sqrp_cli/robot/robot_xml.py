@@ -60,36 +60,23 @@ _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})
 def read_robot_xml(path: Path, source: RobotSource | None = None) -> RobotXml:
     """A URDF or SRDF. A file with xacro elements is expanded, whatever its name.
 
-    Raises InputError as `read_xml` and `expand`, and for arguments of a file that is no xacro.
+    Raises InputError as `read_xml` and `_expanded`, and for arguments of a file that is no xacro.
     """
     source = source or RobotSource()
     content = read_input(path, MAX_BYTES)
     root = parse_xml(path, content, ROOT)
-    if not has_xacro(root):
-        if source.arguments:
-            named = ", ".join(f"`{name}`" for name in source.arguments)
-            message = f"this file has no xacro elements, so it takes no arguments; found {named}"
-            mend = "leave the arguments out, or name the .xacro file"
-            raise bad_input("xacro-argument", message, root.place, mend=mend)
-        return RobotXml(root, None, content)
-    expanded = expand(path, source)
-    old = next((child for child in expanded.root.children if child.tag in _OLD_TAGS), None)
-    if old is not None:
-        message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
-        raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")
-    return expanded
+    if any("${" in value or "$(" in value or one.tag.startswith("xacro:")
+           for one in (root, *root.inside()) for value in ("", *one.attributes.values())):  # fmt: skip
+        return _expanded(path, source)
+    if source.arguments:
+        named = ", ".join(f"`{name}`" for name in source.arguments)
+        message = f"this file has no xacro elements, so it takes no arguments; found {named}"
+        mend = "leave the arguments out, or name the .xacro file"
+        raise bad_input("xacro-argument", message, root.place, mend=mend)
+    return RobotXml(root, None, content)
 
 
-def has_xacro(element: Element) -> bool:
-    """Whether an element or one within it is of xacro, or has an attribute that xacro replaces."""
-    return (
-        element.tag.startswith("xacro:")
-        or any("${" in value or "$(" in value for value in element.attributes.values())
-        or any(has_xacro(child) for child in element.children)
-    )
-
-
-def expand(path: Path, source: RobotSource) -> RobotXml:
+def _expanded(path: Path, source: RobotSource) -> RobotXml:
     """The `<robot>` that a xacro file stands for.
 
     Every element has the place where it is written, in this file or an included one. Raises InputError, with that
@@ -114,8 +101,12 @@ def expand(path: Path, source: RobotSource) -> RobotXml:
         message = "expanding this file takes too much time or memory: a macro or an expression may lead back to itself"
         raise bad_input("xacro", message, Place(path)) from error
     known: dict[str, str | None] = found.get("asked", {})
-    if "problem" in found:
-        problem = _problem(found["problem"])
+    *warnings, problem = (
+        one
+        and Problem(**{**one, "place": one["place"] and Place(**{**one["place"], "file": Path(one["place"]["file"])})})
+        for one in (*found.get("warnings", ()), found.get("problem"))
+    )
+    if problem is not None:
         if problem.mend is None and known:  # a missing file often follows from an argument
             given = [f"{name} ({source.arguments.get(name, default)})" if default is not None else name
                      for name, default in [*known.items()][:12]]  # fmt: skip
@@ -128,13 +119,12 @@ def expand(path: Path, source: RobotSource) -> RobotXml:
     root = _element(found["root"], 0)
     if root.tag != ROOT:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{ROOT}>")
-    text = as_text(root)
-    return RobotXml(root, text, text.encode(), (*found["packages"],), (*map(_problem, found["warnings"]),))
-
-
-def _problem(told: dict[str, Any]) -> Problem:
-    place = told["place"]
-    return Problem(**{**told, "place": place and Place(**{**place, "file": Path(place["file"])})})
+    old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
+    if old is not None:
+        message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
+        raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")
+    text = "\n".join(_lines(root, 0)) + "\n"
+    return RobotXml(root, text, text.encode(), (*found["packages"],), (*warnings,))
 
 
 def _element(told: list[Any], depth: int) -> Element:
@@ -145,17 +135,13 @@ def _element(told: list[Any], depth: int) -> Element:
     return Element(tag, attributes, place, [_element(child, depth + 1) for child in children])
 
 
-def as_text(root: Element) -> str:
+def _lines(element: Element, depth: int) -> Iterator[str]:
     """An element as XML, each within it on a line of its own, with attributes in alphabetical order."""
     from xml.sax.saxutils import quoteattr  # loads much of the network's library, and few descriptions are expanded
 
-    def lines(element: Element, depth: int) -> Iterator[str]:
-        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(element.attributes.items()))
-        start = f"{'  ' * depth}<{element.tag}{attributes}"
-        yield f"{start}>" if element.children else f"{start}/>"
-        for child in element.children:
-            yield from lines(child, depth + 1)
-        if element.children:
-            yield f"{'  ' * depth}</{element.tag}>"
-
-    return "\n".join(lines(root, 0)) + "\n"
+    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(element.attributes.items()))
+    yield f"{'  ' * depth}<{element.tag}{attributes}{'' if element.children else '/'}>"
+    for child in element.children:
+        yield from _lines(child, depth + 1)
+    if element.children:
+        yield f"{'  ' * depth}</{element.tag}>"

@@ -14,6 +14,7 @@ import resource
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder, minidom
@@ -31,6 +32,8 @@ from sqrp_cli.robot.xacro_expression import UNOFFERED, RefusedExpressionError, e
 MAX_EXPANDED = 50_000  # most elements that are looked at while a file is expanded
 MAX_RESULT = 20_000_000  # most characters of what a file stands for
 _PLACE = "place"  # key under which a node of the document knows where it was written
+
+_HOW_TO_GIVE = "say `args: {{{0}: VALUE}}` beside `xacro:`, or `{0}:=VALUE` after `init`"
 
 _HARMLESS = ("compile", "exec", "import", "glob.", "os.listdir", "os.scandir", "object.", "sys._getframe",
              "builtins.id", "code.", "marshal.", "sys.excepthook")  # fmt: skip
@@ -81,21 +84,17 @@ class _Expansion:
     def run(self) -> minidom.Element | None:
         """The document. Raises InputError, or what the library raises."""
 
-        def noting(function: Callable[..., Any]) -> Callable[..., Any]:
+        def noted(function: Callable[..., Any], node: Any, *rest: Any) -> Any:  # noqa: ANN401
             """A function of the library that first notes the place of its node."""
-
-            def noted(node: Any, *rest: Any) -> Any:  # noqa: ANN401
-                self._at = node.getUserData(_PLACE) or self._at
-                self._elements += function.__name__ == "eval_all"
-                if self._elements > MAX_EXPANDED:
-                    message = f"the file expands to more than {MAX_EXPANDED:,} elements"
-                    raise bad_input("too-many-elements", message, self._at)
-                return function(node, *rest)
-
-            return noted
+            self._at = node.getUserData(_PLACE) or self._at
+            self._elements += function.__name__ == "eval_all"
+            if self._elements > MAX_EXPANDED:
+                message = f"the file expands to more than {MAX_EXPANDED:,} elements"
+                raise bad_input("too-many-elements", message, self._at)
+            return function(node, *rest)
 
         for name in ("eval_all", "handle_macro_call", "check_attrs", "reqd_attrs"):
-            setattr(xacro, name, noting(getattr(xacro, name)))
+            setattr(xacro, name, partial(noted, getattr(xacro, name)))
 
         def warning(*what: object, **_how: object) -> str:
             text = "the file warns: " + " ".join(map(str, what))[:300]
@@ -147,7 +146,7 @@ class _Expansion:
             if found is not None:
                 line = found.string.count("\n", 0, found.start()) + 1
                 message += f" here: <xacro:arg> states it below, in line {line}, which xacro reads later"
-            raise bad_input("xacro-argument", message, self._at, mend=_how_to_give(name))
+            raise bad_input("xacro-argument", message, self._at, mend=_HOW_TO_GIVE.format(name))
         return values[name]
 
     def _environment(self, name: str, default: str | None = None) -> str:
@@ -155,7 +154,7 @@ class _Expansion:
         self.asked.setdefault(name, default)
         if name not in self._arguments and default is None:
             message = f"the file asks for the environment variable `{name}`, which is never read"
-            raise bad_input("xacro-argument", message, self._at, mend=_how_to_give(name))
+            raise bad_input("xacro-argument", message, self._at, mend=_HOW_TO_GIVE.format(name))
         return self._arguments.get(name, default or "")
 
     def _find(self, package: str) -> str:
@@ -242,10 +241,6 @@ class _Expansion:
             message = f"{expression[:100]!r} cannot be evaluated: {what}{message}"
         called = [macro.body.getAttribute("name") for macro in xacro.macrostack or [] if macro.body is not None]
         return Problem("xacro", message[:600] + (f" (in macro `{called[-1]}`)" if called else ""), at)
-
-
-def _how_to_give(name: str) -> str:
-    return f"say `args: {{{name}: VALUE}}` beside `xacro:`, or `{name}:=VALUE` after `init`"
 
 
 def _tree(node: Any, place: Place) -> list[object]:  # noqa: ANN401
