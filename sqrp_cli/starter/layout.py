@@ -43,6 +43,7 @@ class Layout:
     home: of every joint of the arm by name [rad, or m if it `slides`]. limits: what the file says of them.
     home_state: the state of the SRDF that stands for it, if there is one.
     table_side: of the square table, 0 for none [m]. table_at: where its middle is, along x and y of the world [m].
+    directions: from the shoulder in which the work may lie, of a known home the one in which it lies [rad].
     """
 
     urdf: NamedFile
@@ -58,6 +59,7 @@ class Layout:
     X_LT: Array | None = None
     table_side: float = 0.0
     table_at: tuple[float, float] = (0.0, 0.0)
+    directions: tuple[float, ...] = ()
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
     views: Sequence[CameraView] = ()

@@ -35,7 +35,6 @@ SUCTION_CUP = "robots/suction_cup.urdf"
 SKILL = "skills/pickup"
 
 LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02  # side of a cube [m]; between these a twentieth of the arm's reach
-LARGEST_TABLE = 100.0  # side of the largest table, for arms on long rails [m]
 
 HOMES = ("home", "ready", "default", "start")
 """Words in the names of states from which work begins, the likeliest first."""
@@ -187,22 +186,19 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
     layout = replace(layout, X_LT=search.tool_seat(bare, arm))
     seated = _load(draft, layout)
     reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
-    side = min(round(2.4 * reach, 1), LARGEST_TABLE)
     size = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
     tried: list[tuple[Layout, str]] = []
-    for stand in search.stands(seated, bare, reach, side, down):
-        there = replace(layout, lift=stand.lift, table_side=stand.side, table_at=stand.at, cube_size=size)
+    for there in search.stands(replace(layout, cube_size=size), seated, bare, reach, down):
         cell = _load(draft, there)
-        home = search.find_home(cell, reach, stand, down)
+        home = search.find_home(cell, reach, there, down)
         if isinstance(home, Infeasible):
             reason = home.reasons[0]
         else:
-            there = replace(there, home=home.positions)
-            cubes, reason = reachable(there, search.usual_places(cell.model, reach, home.direction, size, stand))
+            cubes, reason = reachable(home, search.usual_places(cell.model, reach, home))
             if len(cubes) < len(search.COLORS):
-                others = reachable(there, search.other_places(cell.model, reach, size, stand, down))
+                others = reachable(home, search.other_places(cell.model, reach, home, down))
                 cubes, reason = max((cubes, reason), others, key=lambda one: len(one[0]))
-            there = replace(there, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else ())
+            there = replace(home, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else ())
         tried.append((there, reason))
         advance(1)
         if len(there.cubes) == len(search.COLORS):

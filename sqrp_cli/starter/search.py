@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from math import pi
@@ -12,13 +12,12 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transform
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.pose_search import descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
-from sqrp_cli.starter.layout import TASK, CameraView, Cube
+from sqrp_cli.starter.layout import TASK, CameraView, Cube, Layout
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
@@ -32,6 +31,7 @@ SHOULDERS = (0.3, 0.15, 0.45, 0.6)
 DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
 """Directions from the base in which the work may lie [rad], the preferred one first."""
 
+LARGEST_TABLE = 100.0  # side of the largest table, for arms on long rails [m]
 GAP = 0.05  # between what stands and a table before it [m]
 MOST_BEFORE = 3  # tables before the arm that are tried, those first that most of the tool's places are above
 MOST_STANDS = len(LIFTS) + MOST_BEFORE  # heights and places of the table that are tried at most
@@ -77,20 +77,6 @@ CLOSE_UP = 0.35
 """Distance of the second camera as a share of the first's: it sees some of the cubes, and what is lifted there."""
 
 
-@dataclass(frozen=True)
-class Stand:
-    """How arm and table stand to each other; the table's top is at height 0.
-
-    lift: height of the root link [m]. side, at: of the square table, and where its middle is [m].
-    directions: in which the work may lie, from the shoulder [rad].
-    """
-
-    lift: float
-    side: float
-    at: tuple[float, float] = (0.0, 0.0)
-    directions: tuple[float, ...] = DIRECTIONS
-
-
 def places_pointing_down(model: RobotModel) -> Array:
     """Poses of the tool frame that points down, spread over where the arm can bring it within its limits, (k, 4, 4)."""
     middle = np.where(model.turns, pi, 1.0)
@@ -109,15 +95,16 @@ def places_pointing_down(model: RobotModel) -> Array:
     return model.tool_poses(reached[np.abs(errors).max(axis=1) < MET + model.angle_tolerance])
 
 
-def stands(cell: Cell, bare: Cell, reach: float, side: float, down: Array) -> Iterator[Stand]:
-    """Stands to try: on the table or a pedestal on it, then beside a table that is wholly before the robot.
+def stands(layout: Layout, cell: Cell, bare: Cell, reach: float, down: Array) -> Iterator[Layout]:
+    """A layout with the arm on the table or a pedestal on it, then beside a table that is wholly before the robot.
 
     The latter come with the most promising first. cell, bare: with the root at height 0, and the same without a tool.
-    reach, side: of the arm, and of the table below it [m]. down: as of `places_pointing_down`.
+    reach: of the arm [m]. down: as of `places_pointing_down`.
     """
     lowest = min((float(points[:, 2].min()) for points in still_points(bare)), default=0.0)
     for share in LIFTS:
-        yield Stand(round(max(0.0, -round(lowest, 3)) + share * reach, 3), side)
+        lift = round(max(0.0, -round(lowest, 3)) + share * reach, 3)
+        yield replace(layout, lift=lift, table_side=min(round(2.4 * reach, 1), LARGEST_TABLE), directions=DIRECTIONS)
     places, shoulder, still = down[:, :3, 3], shoulder_of(cell.model), still_points(cell)
     found = []
     for direction in DIRECTIONS:
@@ -131,7 +118,8 @@ def stands(cell: Cell, bare: Cell, reach: float, side: float, down: Array) -> It
             above = beyond & (places[:, 2] > top + 0.02) & (places[:, 2] < top + WORK_HEIGHT * reach)
             length = max(round(float(shoulder[:2] @ ahead + 1.2 * reach - edge), 1), 0.3)
             x, y = ((edge + length / 2) * ahead + (shoulder[:2] @ aside) * aside).tolist()
-            stand = Stand(round(float(-top), 3), length, (round(x, 3), round(y, 3)), (direction,))
+            at, lift = (round(x, 3), round(y, 3)), round(float(-top), 3)
+            stand = replace(layout, lift=lift, table_side=length, table_at=at, directions=(direction,))
             found.append((int(above.sum()), stand))
     found.sort(key=lambda one: -one[0])  # stable: the preferred direction first
     yield from (stand for count, stand in found[:MOST_BEFORE] if count)
@@ -182,21 +170,13 @@ def arm_reach(model: RobotModel) -> float:
     return float(np.quantile(np.linalg.norm(places - shoulder_of(model)[:2], axis=1), 0.98))
 
 
-@dataclass(frozen=True)
-class Home:
-    """A home position: of every joint of the arm [rad or m], and the direction of the work from the base [rad]."""
-
-    positions: Mapping[str, float]
-    direction: float
-
-
-def find_home(cell: Cell, reach: float, stand: Stand, down: Array) -> Home | Infeasible:
-    """A position with the tool pointing down and without contact, in whole degrees or millimetres.
+def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout | Infeasible:
+    """The layout with a home position, the tool pointing down and without contact, in whole degrees or millimetres.
 
     Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little.
     """
     model, tried, first = cell.model, 0, ""
-    for X_WT, direction in _homes(model, reach, stand, pose(position=(0.0, 0.0, stand.lift)) @ down):
+    for X_WT, direction in _homes(model, reach, layout.directions, pose(position=(0.0, 0.0, layout.lift)) @ down):
         found = all_solutions(model, X_WT)
         q = np.where(model.turns, np.radians(np.round(np.degrees(found.solutions))), np.round(found.solutions, 3))
         q = q[((q >= model.lower) & (q <= model.upper)).all(axis=1)]
@@ -206,7 +186,7 @@ def find_home(cell: Cell, reach: float, stand: Stand, down: Array) -> Home | Inf
             # Joints high above the table, few of them turned far.
             ease = [float(model.joint_origins(one)[:, 2].mean() / reach - 0.05 * np.abs(one).sum()) for one in free]
             best = free[int(np.argmax(ease))]
-            return Home(dict(zip(model.arm, best.tolist(), strict=True)), direction)
+            return replace(layout, home=dict(zip(model.arm, best.tolist(), strict=True)), directions=(direction,))
         tried += 1
         reason = found.reason if found.reason is not None else next(iter(contacts), "at a limit")
         far = float(np.linalg.norm(X_WT[:2, 3] - shoulder_of(model)[:2]))
@@ -214,14 +194,14 @@ def find_home(cell: Cell, reach: float, stand: Stand, down: Array) -> Home | Inf
     return Infeasible((f"none of {tried} home positions is possible; the first, {first}",))
 
 
-def _homes(model: RobotModel, reach: float, stand: Stand, places: Array) -> Iterator[tuple[Array, float]]:
+def _homes(model: RobotModel, reach: float, preferred: Sequence[float], places: Array) -> Iterator[tuple[Array, float]]:
     """Poses of the tool frame to try as home, (4, 4), and the direction of the work from there [rad].
 
     First those at usual places, for an arm of few axes also turned as the arm has the tool there, then some of all
     `places` that the arm can take, (k, 4, 4); without any, one will do.
     """
     for far, high in HOME_SHARES:
-        for direction in stand.directions:
+        for direction in preferred:
             X_WT = tool_down(model, far * reach, direction, high * reach)
             yield X_WT, direction
             if len(model.arm) < FREE_TURN:
@@ -231,8 +211,8 @@ def _homes(model: RobotModel, reach: float, stand: Stand, places: Array) -> Iter
     off = places[:, :3, 3] - np.append(shoulder_of(model)[:2], 0.0)
     far, high = np.linalg.norm(off[:, :2], axis=1) / reach, off[:, 2] / reach
     directions = np.arctan2(off[:, 1], off[:, 0])
-    ahead = np.abs(np.angle(np.exp(1j * (directions - stand.directions[0])))) < ASKEW
-    usable = (high > 0.15) & (high < 0.7) & (far > 0.2) & (ahead | (len(stand.directions) > 1))
+    ahead = np.abs(np.angle(np.exp(1j * (directions - preferred[0])))) < ASKEW
+    usable = (high > 0.15) & (high < 0.7) & (far > 0.2) & (ahead | (len(preferred) > 1))
     cost = np.hypot(far - HOME_SHARES[0][0], high - HOME_SHARES[0][1]) + 0.2 * ~ahead
     for row in sorted(np.flatnonzero(usable), key=lambda row: float(cost[row]))[:MORE_HOMES]:
         yield places[row], float(directions[row])
@@ -254,34 +234,34 @@ def tool_down(model: RobotModel, far: float, direction: float, high: float) -> A
     return pose(axis_rotation(0, pi), [*(shoulder_of(model)[:2] + far * _heading(direction)), high])
 
 
-def usual_places(model: RobotModel, reach: float, direction: float, size: float, stand: Stand) -> Iterator[Cube]:
+def usual_places(model: RobotModel, reach: float, layout: Layout) -> Iterator[Cube]:
     """Cubes on the table with some distance between them, the most likely reachable ones first."""
-    tools = (
-        tool_down(model, share * reach, direction + turn, 0.5 * size) for share in CUBE_SHARES for turn in CUBE_TURNS
-    )
-    return _cubes_below(model, tools, size, stand)
+    ahead, high = layout.directions[0], 0.5 * layout.cube_size
+    shares = ((share, turn) for share in CUBE_SHARES for turn in CUBE_TURNS)
+    return _cubes_below(model, (tool_down(model, share * reach, ahead + turn, high) for share, turn in shares), layout)
 
 
-def other_places(model: RobotModel, reach: float, size: float, stand: Stand, down: Array) -> Iterator[Cube]:
+def other_places(model: RobotModel, reach: float, layout: Layout, down: Array) -> Iterator[Cube]:
     """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
-    found = down[:, :3, 3] + [0.0, 0.0, stand.lift]
+    size, found = layout.cube_size, down[:, :3, 3] + [0.0, 0.0, layout.lift]
     low = found[(found[:, 2] > size) & (found[:, 2] < LOW * reach)]
     far = np.linalg.norm(low[:, :2] - shoulder_of(model)[:2], axis=1)
     nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
     tools = (pose(axis_rotation(0, pi), (*place, 0.5 * size)) for place in nearest)
-    return islice(_cubes_below(model, tools, size, stand), MORE_CUBES)
+    return islice(_cubes_below(model, tools, layout), MORE_CUBES)
 
 
-def _cubes_below(model: RobotModel, tools: Iterable[Array], size: float, stand: Stand) -> Iterator[Cube]:
+def _cubes_below(model: RobotModel, tools: Iterable[Array], layout: Layout) -> Iterator[Cube]:
     """Cubes around the ends of the tool at poses (4, 4), as far as they are on the table and apart from those before.
 
     For an arm that cannot turn the tool they are turned so that it can take them from above.
     """
+    size = layout.cube_size
     chosen: list[Array] = []
     for X_WT in tools:
         place = X_WT[:2, 3].round(2)
         apart = all(np.linalg.norm(place - other) > max(3 * size, 0.1) for other in chosen)
-        if apart and np.abs(place - stand.at).max() < 0.5 * stand.side - size:
+        if apart and np.abs(place - layout.table_at).max() < 0.5 * layout.table_side - size:
             chosen.append(place)
             x, y = place.tolist()
             turn, above = 0.0, pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
@@ -325,12 +305,12 @@ def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:
     return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named]
 
 
-def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tuple[CameraView, ...]:
+def views_of(cell: Cell, layout: Layout, cubes: Sequence[Cube], lift: float) -> tuple[CameraView, ...]:
     """A camera that sees all cubes while the arm is not in its way, and one that sees some of them from the side.
 
     Neither is in the robot or close to it, if there is such a place. lift: how far the cubes are lifted [m].
     """
-    q = np.array([home.positions[joint] for joint in cell.model.arm])
+    q = np.array([layout.home[joint] for joint in cell.model.arm])
     X_WL = cell.model.link_poses(q[None])
     solids = [(inverse(X_WL[one.part.parent][0]), *_extent(one.vertices)) for one in load_solids(cell.model.parts)]
 
@@ -340,7 +320,7 @@ def views_of(cell: Cell, home: Home, cubes: Sequence[Cube], lift: float) -> tupl
         views = []
         for by in SHIFTS:
             for sign in (1, -1):
-                heading = np.cos(VIEW_HEIGHT) * _heading(home.direction + sign * turn + by)
+                heading = np.cos(VIEW_HEIGHT) * _heading(layout.directions[0] + sign * turn + by)
                 x, y, z = (looks_at + distance * np.append(heading, np.sin(VIEW_HEIGHT))).round(2).tolist()
                 views.append(CameraView(name, (x, y, z), (at_x, at_y, at_z)))
                 eye = np.array([[x, y, z]])
