@@ -271,24 +271,24 @@ class PlaceDocument(WorkspaceDocument):
 
     @property
     def unmet(self) -> str:
-        """That the wish cannot be met, and what is shown instead; empty if it is, or nothing can be chosen at all."""
-        wish = self.want
-        if self.met or self.reason or not str(wish):
+        """That the goal cannot be met, and what is shown instead; empty if it is, or nothing can be chosen at all."""
+        goal = self.want
+        if self.met or self.reason or not str(goal):
             return ""
-        if wish.delay is not None and wish.delay < self.quickest:
+        if goal.delay is not None and goal.delay < self.quickest:
             return (
-                f"No choice of these mounts reaches {wish}: a frame period and the latency of the fastest of these "
+                f"No choice of these mounts reaches {goal}: a frame period and the latency of the fastest of these "
                 f"cameras are {self.quickest:.4g} s at worst, and the time that tool and part take to part comes on "
                 "top. The nearest is below."
             )
         if self.fewest:
-            return f"So many cameras do not reach {wish}; {in_words(self.fewest)} do:"
+            return f"So many cameras do not reach {goal}; {in_words(self.fewest)} do:"
         if self.too_slow:
-            return f"Not every candidate can be done within {wish.time:.4g} s, whatever the cameras."
+            return f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
         if not self.proven:
-            return f"No choice that reaches {wish} was found; that none does is not proven. The nearest is below."
-        best = "The best whatever the delay" if wish.delay is not None else "The nearest"
-        return f"No choice of these mounts reaches {wish}. {best} is below."
+            return f"No choice that reaches {goal} was found; that none does is not proven. The nearest is below."
+        best = "The best whatever the delay" if goal.delay is not None else "The nearest"
+        return f"No choice of these mounts reaches {goal}. {best} is below."
 
     @property
     def comparison(self) -> str:
