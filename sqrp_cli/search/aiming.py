@@ -122,7 +122,7 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
     center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
     units = axes / half
     along = places @ units.swapaxes(0, 1).reshape(3, -1) - (center[:, None] @ units).reshape(-1)  # one product of all
-    gap = np.abs(along).reshape(len(places), -1, 3) - half
+    gap = np.abs(along).reshape(len(places), len(X_FP), 3) - half
     found = np.zeros(len(places), dtype=bool)
     ball = _ball(radius)
     for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
