@@ -364,11 +364,17 @@ def _least_change(
     aside = with_cause(Cause.TOO_NEAR, Cause.TOO_FAR, Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR)
     if not (outside or aside):
         return {}
-    rows = rows[study.timeline.observation.required[rows, loss.column]]
+    seen = study.timeline.observation
+    rows = rows[seen.required[rows, loss.column] & ~seen.covered[rows, loss.column]]
     states = study.stage.states(study.timeline.samples.some(rows))
-    (present,) = cell.observer.verdicts([target], states, shares=False, culprits=False)
-    sees = sees_all(present)
-    lost = sees.sum(axis=1) < target.cameras
+    others = dict.fromkeys(of_cause, np.zeros(len(rows), dtype=np.int64))
+    lost = np.ones(len(rows), dtype=bool)
+    if target.cameras > 1:
+        (present,) = cell.observer.verdicts([target], states, shares=False, culprits=False)
+        sees = sees_all(present)
+        lost = sees.sum(axis=1) < target.cameras
+        for number, camera in enumerate(cell.observer.cameras):
+            others[camera.name] = sees.sum(axis=1) - sees[:, number]
     poses = [np.broadcast_to(states.box_poses(box), (len(rows), 4, 4))[lost] for box in target.boxes]
     corners_W = np.concatenate(
         [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)], 1
@@ -405,7 +411,7 @@ def _least_change(
             tried.append((_MOST_TURN + abs(shift.back), camera, shift, moved))  # a turn is less than any move
     items = np.arange(len(rows)), np.zeros(len(rows), dtype=np.int64)
     for _, camera, change, X_CD in sorted(tried, key=lambda one: one[0])[:_TRIED]:
-        missing = target.cameras - np.delete(sees, cell.observer.cameras.index(camera), axis=1).sum(axis=1)
+        missing = target.cameras - others[camera.name]
         poses_FC = (camera.X_FC @ X_CD)[None]
         ((then,),) = cell.observer.seen_from([camera], poses_FC, [target], states, *items, decisive=missing > 0)
         if bool(np.all(then >= missing)):
