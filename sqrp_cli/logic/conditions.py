@@ -21,17 +21,8 @@ MAX_LITERALS = 50_000
 """Most literals of an expanded condition; see `literal_count`."""
 
 
-@dataclass(frozen=True)
-class UnmetCondition:
-    """A failing part of a condition that is not a literal: an equality, or a disjunction."""
-
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
-UnmetPart: TypeAlias = Literal | UnmetCondition
+UnmetPart: TypeAlias = Literal | str
+"""A failing part of a condition: a literal, or the text of another part, an equality or a disjunction."""
 
 
 def failing_literals(
@@ -52,7 +43,7 @@ def failing_literals(
                     yield from failing(inner)
             case Some(alternatives, text):
                 if all(next(failing(alternative), None) for alternative in alternatives):
-                    yield UnmetCondition(text)
+                    yield text
 
     return tuple(dict.fromkeys(failing(ground_condition(action.precondition, binding, objects, domain))))
 

@@ -12,7 +12,7 @@ from dataclasses import field
 from heapq import heappop, heappush
 from typing import NamedTuple, TypeAlias
 
-from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, UnmetPart
+from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetPart
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
@@ -53,7 +53,7 @@ class ProvenImpossible:
     @classmethod
     def of(cls, parts: Iterable[Literal | Some]) -> ProvenImpossible:
         """With these parts of the ground goal, each once."""
-        return cls(tuple(dict.fromkeys(p if isinstance(p, Literal) else UnmetCondition(p.text) for p in parts)))
+        return cls(tuple(dict.fromkeys(part if isinstance(part, Literal) else part.text for part in parts)))
 
 
 @dataclass(frozen=True)
@@ -142,22 +142,11 @@ def _reachable(task: PlanningTask, meter: _Meter) -> int:
         waiting = [action for action in waiting if not action.need.holds(before)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Estimate:
+class _Estimate(NamedTuple):
     """Number of steps of a relaxed plan, and its helpful actions."""
 
     steps: int
     helpful: tuple[GroundAction, ...]
-
-
-class _Reached(NamedTuple):
-    """A state that a search has come to."""
-
-    state: int
-    steps: tuple[GroundAction, ...]
-    """That lead to it."""
-    estimate: _Estimate
-    """From there on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,32 +167,37 @@ class _Search:
             return GaveUp(error.within)
         if found is None:
             return ProvenImpossible(())
-        return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))
+        index = 0
+        while index < len(found):  # each step that the goal does not need goes, with those that depend on it
+            state, kept = self.initial, []
+            for action in (*found[:index], *found[index + 1 :]):
+                if action.need.holds(state):
+                    state = action.after(state)
+                    kept.append(action)
+            found, index = (tuple(kept), index) if self.goal.holds(state) else (found, index + 1)
+        return Plan(tuple(action.step for action in found))
 
     def climb(self) -> tuple[GroundAction, ...] | None:
         """Enforced hill climbing along helpful actions, always to the nearest better state; None at a dead end."""
-        estimate = self.estimate(self.initial)
-        if estimate is None:
-            return None
-        best = _Reached(self.initial, (), estimate)
-        while best.estimate.steps > 0:
-            seen, queue, last = {best.state}, deque([best]), self.meter.states + _PLATEAU
-            better: _Reached | None = None
+        best, state, done = self.estimate(self.initial), self.initial, tuple[GroundAction, ...]()
+        while best is not None and best.steps > 0:
+            seen, queue, last = {state}, deque([(state, done, best)]), self.meter.states + _PLATEAU
+            better: tuple[int, tuple[GroundAction, ...], _Estimate] | None = None
             while queue and better is None and self.meter.states <= last:
-                state, steps, estimate = queue.popleft()
+                state, done, estimate = queue.popleft()
                 for action in estimate.helpful:
                     following = action.after(state)
                     found = self.estimate(following) if following not in seen else None
                     seen.add(following)
                     if found is not None:
-                        queue.append(_Reached(following, (*steps, action), found))
-                        if found.steps < best.estimate.steps:
+                        queue.append((following, (*done, action), found))
+                        if found.steps < best.steps:
                             better = queue[-1]
                             break
             if better is None:
                 return None
-            best = better
-        return best.steps
+            state, done, best = better
+        return None if best is None else done
 
     def best_first(self) -> tuple[GroundAction, ...] | None:
         """Greedy best-first search over all actions, helpful ones first among equals.
@@ -269,65 +263,36 @@ def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]
 
     layers: literals after 0, 1, ... rounds of relaxed actions. new_actions: those that became applicable in each layer.
     """
-    wanted = [0] * len(layers)
+
+    def chosen(need: Need) -> int:
+        """The literals that satisfy a condition earliest: its own, and those of the easiest alternatives."""
+        bits = need.bits
+        for choice in need.choices:
+            possible = [alternative for alternative in choice if alternative.holds(layers[-1])]
+            bits |= chosen(min(possible, key=lambda one: next(n for n, layer in enumerate(layers) if one.holds(layer))))
+        return bits
+
+    def difficulty(action: GroundAction) -> int:
+        """Sum over the literals that it needs of the layers in which they first appear."""
+        bits = chosen(action.need)
+        return sum((bits & ~literals).bit_count() for literals in layers)
 
     def want(need: Need) -> None:
-        bits = _chosen_bits(need, layers)
+        bits = chosen(need)
         for level, literals in enumerate(layers):
             wanted[level] |= bits & literals
             bits &= ~literals
 
+    wanted, steps, helpful = [0] * len(layers), 0, tuple[GroundAction, ...]()
     want(goal)
-    helpful: tuple[GroundAction, ...] = ()
-    steps = 0
     for level in range(len(layers) - 1, 0, -1):
         if level == 1:
             helpful = tuple(action for action in new_actions[0] if action.gains & wanted[1])
         while wanted[level]:
             bit = wanted[level] & -wanted[level]
-            achievers = (action for action in new_actions[level - 1] if action.gains & bit)
-            action = min(achievers, key=lambda action: _difficulty(action.need, layers))
+            action = min((one for one in new_actions[level - 1] if one.gains & bit), key=difficulty)
             steps += 1
             for done in range(level + 1):
                 wanted[done] &= ~action.gains
             want(action.need)
     return _Estimate(steps, helpful)
-
-
-def _chosen_bits(need: Need, layers: list[int]) -> int:
-    """The literals that satisfy the condition earliest: its own, and those of the easiest alternatives."""
-    bits = need.bits
-    for choice in need.choices:
-        possible = [alternative for alternative in choice if alternative.holds(layers[-1])]
-        bits |= _chosen_bits(
-            min(
-                possible,
-                key=lambda alternative: next(
-                    level for level, literals in enumerate(layers) if alternative.holds(literals)
-                ),
-            ),
-            layers,
-        )
-    return bits
-
-
-def _difficulty(need: Need, layers: list[int]) -> int:
-    """Sum over the needed literals of the layers in which they first appear."""
-    bits = _chosen_bits(need, layers)
-    return sum((bits & ~literals).bit_count() for literals in layers)
-
-
-def _without_detours(initial: int, goal: Need, plan: tuple[GroundAction, ...]) -> tuple[GroundAction, ...]:
-    """The plan without actions that the goal does not need; each is removed with those that depend on it."""
-    index = 0
-    while index < len(plan):
-        state, kept = initial, []
-        for action in (*plan[:index], *plan[index + 1 :]):
-            if action.need.holds(state):
-                state = action.after(state)
-                kept.append(action)
-        if goal.holds(state):
-            plan = tuple(kept)
-        else:
-            index += 1
-    return plan

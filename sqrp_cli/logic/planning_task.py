@@ -176,7 +176,7 @@ class _Numbering:
     changeable: frozenset[str]
     numbers: dict[Atom, int] = field(default_factory=dict)
 
-    def bits(self, literals: Iterator[Literal]) -> int:
+    def bits(self, literals: Iterable[Literal]) -> int:
         bits = 0
         for literal in literals:
             number = self.numbers.setdefault(literal.atom, len(self.numbers))
@@ -191,7 +191,7 @@ class _Numbering:
         match condition:
             case Literal(atom, positive):
                 if keep or atom.predicate in self.changeable:
-                    return Need(self.bits(iter((condition,))))
+                    return Need(self.bits([condition]))
                 return Need(0) if (atom in self.facts) == positive else None
             case conditions.All(parts):
                 needs = [self.need(part, keep) for part in parts]
