@@ -12,6 +12,7 @@ from sqrp_cli.logic.domain import Condition, Conjunction, Holds, Negation
 from sqrp_cli.logic.formula import (
     Always,
     And,
+    ArgumentLists,
     Eventually,
     Formula,
     Implies,
@@ -20,9 +21,9 @@ from sqrp_cli.logic.formula import (
     Not,
     Or,
     Predicate,
+    argument_lists,
     children,
 )
-from sqrp_cli.logic.formula_check import ArgumentLists, argument_lists
 from sqrp_cli.logic.formula_time import operators
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.skill.skill import Requirement, Skill

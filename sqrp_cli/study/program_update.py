@@ -15,7 +15,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.conditions import apply_effect
-from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell

@@ -11,8 +11,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.logic.formula import Formula
-from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula import Formula, argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators, operators_outside
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.waypoints import WaypointGrounder

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sqrp_cli.logic.evaluation import FormulaVerdict, Monitor, Trace, TraceSample, evaluate
 from sqrp_cli.logic.formula import (
     Always,
     And,
@@ -22,7 +21,7 @@ from sqrp_cli.logic.formula import (
     children,
 )
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.truth import Signal, Truth
+from sqrp_cli.logic.truth import FormulaVerdict, Monitor, Signal, Trace, TraceSample, Truth, evaluate
 
 P, Q = Predicate("p", ()), Predicate("q", ())
 TRUE, FALSE, UNKNOWN = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN

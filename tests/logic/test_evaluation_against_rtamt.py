@@ -6,9 +6,8 @@ import random
 
 import pytest
 
-from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
 from sqrp_cli.logic.formula import Always, And, Eventually, Formula, Implies, Instant, Interval, Not, Or, Predicate
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import Trace, TraceSample, Truth, evaluate
 
 rtamt = pytest.importorskip("rtamt")
 

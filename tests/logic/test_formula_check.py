@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import Place
-from sqrp_cli.logic.formula import Formula
-from sqrp_cli.logic.formula_check import argument_lists, bind, check_formula
+from sqrp_cli.logic.formula import Formula, argument_lists, bind, check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 

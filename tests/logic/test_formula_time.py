@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
-from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula import argument_lists, bind
 from sqrp_cli.logic.formula_time import (
     GroundOperator,
     Stretch,

@@ -18,8 +18,8 @@ from sqrp_cli.logic.formula import (
     Not,
     Or,
     Predicate,
+    check_formula,
 )
-from sqrp_cli.logic.formula_check import check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 from tests.cells import read_cases

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import box_corners, transform
-from sqrp_cli.logic.formula_check import bind
+from sqrp_cli.logic.formula import bind
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.mtl_parser import parse_formula

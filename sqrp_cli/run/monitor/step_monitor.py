@@ -14,12 +14,11 @@ from typing import Literal as OneOf
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.evaluation import Monitor, Trace, TraceSample, evaluate
 from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import Monitor, Trace, TraceSample, Truth, evaluate
 from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
