@@ -11,8 +11,8 @@ import pytest
 
 from sqrp_cli import OpenCell, new_cell, open_cell, open_program, read_run
 from sqrp_cli.ask.api.run_results import SimulatedRun
-from sqrp_cli.ask.api.scores import ScoreRun
 from sqrp_cli.errors import InputError
+from sqrp_cli.score.result import Scorecard
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive, FixedCount
 
@@ -35,7 +35,7 @@ def printed(sqrp, *arguments: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def scores(cell) -> ScoreRun:
+def scores(cell) -> Scorecard:
     return cell.score()
 
 

@@ -18,7 +18,7 @@ from sqrp_cli.ask.requests import (
     ScoreRequest,
     TaskRequest,
 )
-from sqrp_cli.errors import InputError, Problem, bad_option
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -60,37 +60,10 @@ def explained(cell: OpenCell, ask: ExplainRequest) -> Explanation | ExplainedAll
 
     `choose` None compares all candidates.
     """
-    from sqrp_cli.ask.api.session import Session, assess, at_step, check_choice, check_one_step, choose_candidate
-    from sqrp_cli.show.documents.explain import study_shown
-    from sqrp_cli.show.documents.explanation import ExplainedAll
-    from sqrp_cli.study.ranking import rank
+    from sqrp_cli.ask.api.session import Session
+    from sqrp_cli.ask.api.session import explained as of_session
 
-    session, choose = Session.begin(cell.cell, ask), ask.choose
-    check_choice(session.task, "best" if choose is None else choose)
-    whole = bool(session.task.candidates[0].steps)
-    if ask.step is not None and not whole:
-        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{ask.task}` is a task of one step")
-    if choose is None:
-        check_one_step(session)
-    ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
-    place, chosen = None, ranking
-    if choose is not None:
-        chosen = (choose_candidate(ranking, choose),)
-        if whole:
-            session, one, place = at_step(session, chosen[0], ask.step, ask.called("step"))
-            ranking = chosen = (one,)
-    found = []
-    with ask.progress("Looking up causes", len(chosen)) as advance:
-        for one in chosen:
-            found.append(session.assignment.explain(one))
-            advance(1)
-    if choose is not None:
-        return session.explanation(found[0], ranking, place)
-    sampling = session.assignment.sampling
-    studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
-    return ExplainedAll(
-        workspace=cell.workspace.name, task=ask.task, candidates=studies, explained=found, ranking=ranking
-    )
+    return of_session(cell.workspace.name, Session.begin(cell.cell, ask), ask)
 
 
 def advised(cell: OpenCell, ask: AdviseRequest) -> AdviceDocument:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.ask import values
 from sqrp_cli.camera.camera import assumed_latency
@@ -15,7 +15,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explain import study_shown
-from sqrp_cli.show.documents.explanation import Explanation
+from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.pipeline import Assignment, Explained, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
@@ -27,7 +27,7 @@ from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Task, read_task
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.requests import RankRequest, TaskRequest
+    from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
     from sqrp_cli.platform.processes import Progress
     from sqrp_cli.program.record import Program
     from sqrp_cli.search.suggestion import SuggestedStep
@@ -49,11 +49,6 @@ class Session:
     def cell(self) -> Cell:
         """The cell."""
         return self.assignment.cell
-
-    @property
-    def named(self) -> str:
-        """The task and the workspace, for display."""
-        return f"{self.task.text} in {self.workspace.name}"
 
     @classmethod
     def begin(cls, cell: Cell, ask: TaskRequest) -> Session:
@@ -196,43 +191,44 @@ def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in done]
 
 
-class StepInWorld(NamedTuple):
-    """A step of a task of several as a task of its own."""
-
-    session: Session
-    """In the world that the steps before it leave."""
-    result: CandidateResult
-    """By itself: the only one of its task."""
-    place: StepShown
-
-
-def at_step(session: Session, chosen: CandidateResult, number: int | None, option: str) -> StepInWorld:
-    """A step of a candidate of several as a task of its own, in the world that the steps before it leave.
-
-    number: from 1; None for the step that is seen worst. option: what gives it, for messages. Raises InputError if
-    there is no such step.
-    """
-    done = session.assignment.steps_done(chosen.candidate)
-    if number is None:
-        number = 1 + worst_seen([one.assessment for one in done])
-    if not 1 <= number <= len(done):
-        name = chosen.candidate.name
-        raise bad_option(f"{option} is {number}, expected a step of {name}: 1 to {len(done)}")
-    step = done[number - 1]
-    candidate = step.assessment.candidate
-    task = Task(candidate.task, candidate.skill, (candidate,))
-    one = Session(task, replace(session.assignment, world=step.before))
-    result = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-    place = StepShown(number, len(chosen.candidate.steps), chosen)
-    return StepInWorld(one, result, place)
-
-
-def check_one_step(session: Session) -> None:
-    """Raises InputError for a task of several steps where only one can be looked at."""
-    if session.task.candidates[0].steps:
+def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanation | ExplainedAll:
+    """What is asked about the candidates of a task. workspace: its name. Raises InputError for what there is not."""
+    choose, steps = ask.choose, session.task.candidates[0].steps
+    check_choice(session.task, "best" if choose is None else choose)
+    if ask.step is not None and not steps:
+        raise bad_option(f"{ask.called('step')} is {ask.step}, but `{ask.task}` is a task of one step")
+    if choose is None and steps:
         message = f"`{session.task.text}` has several steps, and --all looks at one"
         mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
         raise bad_option(message, mend=mend)
+    ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
+    place, chosen = None, ranking
+    if choose is not None:
+        chosen = (choose_candidate(ranking, choose),)
+    if choose is not None and steps:
+        # A step as a task of its own, in the world that the steps before it leave: by default the one seen worst.
+        whole, option = chosen[0], ask.called("step")
+        done = session.assignment.steps_done(whole.candidate)
+        number = 1 + worst_seen([one.assessment for one in done]) if ask.step is None else ask.step
+        if not 1 <= number <= len(done):
+            raise bad_option(f"{option} is {number}, expected a step of {whole.candidate.name}: 1 to {len(done)}")
+        step = done[number - 1]
+        candidate = step.assessment.candidate
+        task = Task(candidate.task, candidate.skill, (candidate,))
+        session = Session(task, replace(session.assignment, world=step.before))
+        one = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+        ranking, place = (one,), StepShown(number, len(steps), whole)
+        chosen = ranking
+    found = []
+    with ask.progress("Looking up causes", len(chosen)) as advance:
+        for result in chosen:
+            found.append(session.assignment.explain(result))
+            advance(1)
+    if choose is not None:
+        return session.explanation(found[0], ranking, place)
+    sampling = session.assignment.sampling
+    studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
+    return ExplainedAll(workspace=workspace, task=ask.task, candidates=studies, explained=found, ranking=ranking)
 
 
 def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:

@@ -13,13 +13,15 @@ from sqrp_cli.ask.request import Command, argument, flag, option
 from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late, page_is_written
 from sqrp_cli.cli.watch import watched
-from sqrp_cli.errors import ExitCode, InputError, bad_option
+from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
+from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
     from sqrp_cli.score.baseline import Baseline
-    from sqrp_cli.score.compute import Means
+    from sqrp_cli.score.compute import Computer, Means
     from sqrp_cli.score.result import Scorecard
+    from sqrp_cli.score.score import ScoredCell
 
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
@@ -117,29 +119,54 @@ def _score(ask: _Score, baseline: Baseline | None, means: Means) -> ExitCode:
     Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
     could be scored, and the rest as errors.
     """
-    from sqrp_cli.ask.api.scores import ScoreRun, nothing_scored, why_not_scored
+    from sqrp_cli.checks.formulas import intervals_outside
+    from sqrp_cli.score.compute import open_computer
+    from sqrp_cli.score.score import ScoredCell, find_workspaces, read_cells, score_cells
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
-    findings = None
+    outputs, files = list(ask.outputs.values()), find_workspaces(ask.paths)
+    check_not_read(outputs, files)
+    findings, cells = None, list[ScoredCell]()
     try:
-        with ScoreRun.open(ask.paths, list(ask.outputs.values()), means, progress) as run:
-            for cell in run.cells:
+        with open_computer(means) as computer:
+            with progress("Reading workspaces", len(files)) as advance:
+                for cell in read_cells(files):
+                    known = {} if cell.workspace is None else cell.workspace.files
+                    check_not_read(outputs, [file.path for file in known.values()])
+                    cells.append(cell)
+                    advance(1)
+            keep_all_so_far()
+            for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:
                     note(f"{cell.name} lists no tasks")
-            findings = run.score()
-            print_problems(run.doubts)
-            note(run.count(interrupted=bool(findings.interrupted)))
+            findings = score_cells(cells, computer, progress)
+            for cell in cells:
+                outcomes = filter(None, map(computer.outcome, cell.wanted))
+                print_problems(intervals_outside(outcome.assessment for outcome in outcomes))
+            total, failed = sum(len(cell.wanted) for cell in cells), computer.failed
+            counted = [f"{computer.computed} of {total} candidates were computed"]
+            counted += [f"{failed} could not be"] if failed else []
+            if findings.interrupted:
+                counted.append("then interrupted")
+            elif computer.computed + failed < total:
+                counted.append("the others were known")
+            note(", ".join(counted))
             if baseline is not None and not findings.interrupted:
-                findings = run.compare(findings, baseline, ask.allow, may_vanish=ask.allow_missing)
-                if findings.interrupted:
+                from sqrp_cli.score.comparison import compare_with
+
+                may_vanish, about = ask.allow_missing, (cells, computer, progress)
+                try:
+                    findings = compare_with(baseline, findings, *about, allowance=ask.allow, may_vanish=may_vanish)
+                except KeyboardInterrupt:
+                    findings = replace(findings, interrupted=True, unfinished=0)
                     note("interrupted before everything was compared with the baseline")
             if not findings.interrupted:
-                run.write(findings, junit=ask.junit, summary=ask.summary, baseline=ask.save_baseline)
+                _write(findings, cells, computer, ask)
         if ask.report is not None and findings.results and not findings.interrupted:
             from sqrp_cli.show.pages.candidate_page import write_scores
 
-            if not page_is_written(ask.report, partial(write_scores, run.cells, findings, means), progress=progress):
+            if not page_is_written(ask.report, partial(write_scores, cells, findings, means), progress=progress):
                 findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except KeyboardInterrupt:
         if findings is None:
@@ -147,13 +174,30 @@ def _score(ask: _Score, baseline: Baseline | None, means: Means) -> ExitCode:
         note("interrupted before all files were written")
         findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except InputError:  # a file that cannot be written takes nothing from what was scored
-        if findings is not None and not nothing_scored(findings):
+        if findings is not None and not _nothing_scored(findings):
             answer(findings, as_json=ask.json)
         raise
-    if nothing_scored(findings):
-        raise InputError(*why_not_scored(findings))
+    if _nothing_scored(findings):
+        raise InputError(*_why_not_scored(findings))
     answer(findings, as_json=ask.json)
     return _exit_code(findings)
+
+
+def _write(findings: Scorecard, cells: Sequence[ScoredCell], computer: Computer, ask: _Score) -> None:
+    """Write the requested files. Raises InputError for one that cannot be written."""
+    from sqrp_cli.score.baseline import Baseline
+    from sqrp_cli.score.ci_files import write_junit, write_summary
+    from sqrp_cli.score.comparison import look_up
+    from sqrp_cli.show.terminal.console import progress
+
+    if ask.junit is not None:
+        write_junit(findings, ask.junit)
+    if ask.summary is not None:
+        write_summary(findings, ask.summary)
+    if ask.save_baseline is not None:
+        scores = findings.results
+        look_up(((score, way) for score in scores for way in score.ways.values()), computer, progress)
+        Baseline.of(cells, scores, computer).save(ask.save_baseline)
 
 
 def _exit_code(findings: Scorecard) -> ExitCode:
@@ -164,9 +208,20 @@ def _exit_code(findings: Scorecard) -> ExitCode:
     return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
+def _nothing_scored(*found: Scorecard) -> bool:
+    """Whether every task or workspace is an error, so that there is nothing to print."""
+    statuses = {result.status for findings in found for result in findings.results}
+    return statuses == {"error"} and not any(findings.interrupted for findings in found)
+
+
+def _why_not_scored(*found: Scorecard) -> list[Problem]:
+    """The reasons for tasks that could not be scored, each once."""
+    scores = (one for findings in found for one in findings.results if one.status == "error")
+    return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
+
+
 def _vary(ask: _Score, means: Means) -> ExitCode:
     """Score variants, print them and write the best as a patch."""
-    from sqrp_cli.ask.api.scores import nothing_scored, why_not_scored
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.score.compute import open_computer
     from sqrp_cli.score.score import find_workspaces, short_names
@@ -196,8 +251,8 @@ def _vary(ask: _Score, means: Means) -> ExitCode:
         note(f"interrupted before {what}")
         return ExitCode.INTERRUPTED
     each = [variant.findings for variant in found.variants]
-    if nothing_scored(*each):
-        raise InputError(*why_not_scored(*each))
+    if _nothing_scored(*each):
+        raise InputError(*_why_not_scored(*each))
     if content := found.best_patch:
         PATCHES.write(patch, content)
         found = replace(found, patch=str(patch))
@@ -222,7 +277,6 @@ def diff(ask: _Diff) -> ExitCode:
     from sqrp_cli.score.cluster import connected
 
     with connected(ask.cluster, note_late, ask.tls) as workers:
-        from sqrp_cli.ask.api.scores import why_not_scored
         from sqrp_cli.score.comparison import compare_versions, read_version
         from sqrp_cli.score.compute import open_computer
         from sqrp_cli.score.result import Scorecard
@@ -237,6 +291,6 @@ def diff(ask: _Diff) -> ExitCode:
             with open_computer(means) as computer:
                 findings = compare_versions(old, new, computer, ask.allow, progress)
         if findings.count("error"):
-            raise InputError(*why_not_scored(findings))
+            raise InputError(*_why_not_scored(findings))
         answer(findings, as_json=ask.json)
         return _exit_code(findings)
