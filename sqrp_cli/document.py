@@ -24,14 +24,12 @@ from typing import Any, ClassVar, Literal, Self
 
 from sqrp_cli.records import dataclass
 
-Pose = list[list[float]]
-"""A 4x4 pose as nested rows, frame in parent."""
+Pose = list[list[float]]  # a 4x4 pose as nested rows, frame in parent
 
 LEFT_OUT: Mapping[str, bool] = {"left out": True}
 """Metadata of a field that a document has only where it is not its default."""
 
-LIVE: Mapping[str, bool] = {"live": True}
-"""Metadata of a field that no document has; see `live`."""
+LIVE: Mapping[str, bool] = {"live": True}  # metadata of a field that no document has; see `live`
 
 
 def live(default: Any = None, *, factory: Any = MISSING) -> Any:  # noqa: ANN401 - a field of any type

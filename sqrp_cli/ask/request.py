@@ -19,8 +19,7 @@ Asked = TypeVar("Asked", bound="Request")
 Answered = TypeVar("Answered")
 Given = ParamSpec("Given")
 
-NEEDED: Any = inspect.Parameter.empty
-"""In place of a default: the field has none."""
+NEEDED: Any = inspect.Parameter.empty  # in place of a default: the field has none
 
 
 class Words(dict[str, Any]):
@@ -37,20 +36,17 @@ class FieldKind(NamedTuple):
 
     Raises InputError for what says nothing sensible.
     """
-    metavar: str | None = None
-    """How help names the value, unless the option says it."""
+    metavar: str | None = None  # how help names the value, unless the option says it
 
 
 class OptionWord(NamedTuple):
     """An option or argument of the command line."""
 
-    said: str
-    """Such as `--by`, `--jobs N`, `--run/--no-run`, or `TASK` for an argument."""
+    said: str  # such as `--by`, `--jobs N`, `--run/--no-run`, or `TASK` for an argument
     help: str
     words: Any = str
     metavar: str | None = None
-    complete: str | None = None
-    """The function of `cli.completion` that proposes values."""
+    complete: str | None = None  # the function of `cli.completion` that proposes values
 
     @property
     def flags(self) -> str:
@@ -77,13 +73,11 @@ class OptionWord(NamedTuple):
 class Field(NamedTuple):
     """A field of a request."""
 
-    words: tuple[OptionWord, ...]
-    """None for what only Python says; several are read together, by their names."""
+    words: tuple[OptionWord, ...]  # none for what only Python says; several are read together, by their names
     kind: FieldKind
     default: Any
     kw_only: bool = True
-    uses: tuple[str, ...] = ()
-    """Names of further words that it needs."""
+    uses: tuple[str, ...] = ()  # names of further words that it needs
     absent: Callable[[], Any] | None = None
     """Its value where a command line does not say it, if that is not the default."""
 
@@ -139,8 +133,7 @@ class Request:
     It is no dataclass, as making those of all commands would take longer than `--help` may.
     """
 
-    fields: ClassVar[Mapping[str, Field]] = {}
-    """By name, those of the last base first."""
+    fields: ClassVar[Mapping[str, Field]] = {}  # by name, those of the last base first
     asked_by: ClassVar[str] = ""
     """The function or method of Python that takes the fields: that of the record's name unless it says another."""
 

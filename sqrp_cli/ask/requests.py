@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 Ways = Literal["best", "all", "fastest"]
-AnyPath = Any
-"""A path, which Python may also give as text."""
+AnyPath = Any  # a path, which Python may also give as text
 
 TASK = values.text("a skill and what to do it with, such as `pickup green`")
 CHOOSE = "--choose best|N|NAME"
@@ -377,8 +376,7 @@ class RunRequest(Request):
     )
     log: AnyPath = option("--log FILE", "Write what happens, one JSON document per line.", values.path, default=None)
     frames: AnyPath = option("--frames DIR", "Keep every image, as `sqrp audit` reads them.", values.path, default=None)
-    listeners: Sequence[Listener] = value(values.listeners, default=())
-    """Called with each event as it happens."""
+    listeners: Sequence[Listener] = value(values.listeners, default=())  # called with each event as it happens
     witnessed: bool = value(values.flag, default=True)
     """Whether the events have the true poses, for a page; a log always has them."""
 

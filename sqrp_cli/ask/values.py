@@ -20,14 +20,9 @@ if TYPE_CHECKING:
     from sqrp_cli.study.robustness import Calibration
     from sqrp_cli.study.sampling import Sampling
 
-LEAST_TOLERANCE = 1e-5
-"""Smallest tolerance of Q in sampling; below it rounding decides."""
-
-LEAST_STEP = 1e-4
-"""Smallest time between two samples [s]."""
-
-MOST_SAMPLES = 20_000
-"""Most samples per primitive action."""
+LEAST_TOLERANCE = 1e-5  # smallest tolerance of Q in sampling; below it rounding decides
+LEAST_STEP = 1e-4  # smallest time between two samples [s]
+MOST_SAMPLES = 20_000  # most samples per primitive action
 
 
 def refused(name: str, value: object, expected: str) -> InputError:

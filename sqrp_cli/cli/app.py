@@ -23,8 +23,7 @@ from sqrp_cli.show.terminal import progress_lines
 from sqrp_cli.show.terminal.progress_lines import Verbosity
 from sqrp_cli.shown import harmless, one_line
 
-ANYWHERE = ("-q", "--quiet", "-v", "--verbose", "--debug")
-"""Options that may stand before the command and after it."""
+ANYWHERE = ("-q", "--quiet", "-v", "--verbose", "--debug")  # options that may stand before the command and after it
 
 
 def _print_version(wanted: bool) -> None:

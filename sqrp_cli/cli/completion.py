@@ -23,11 +23,8 @@ from sqrp_cli.errors import InputError, bad_option, expected_names
 if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
 
-ASKED = "_SQRP_COMPLETE"
-"""Environment variable with which a shell asks for proposals."""
-
-MOST = 500
-"""Most proposals."""
+ASKED = "_SQRP_COMPLETE"  # environment variable with which a shell asks for proposals
+MOST = 500  # most proposals
 
 
 def propose(app: typer.Typer) -> None:

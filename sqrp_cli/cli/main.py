@@ -12,8 +12,7 @@ from sqrp_cli.platform.interrupts import heed_signals
 from sqrp_cli.platform.memory import collect_later, collect_no_more, keep_freed_memory
 
 BAD_INPUT = 2
-INTERRUPTED = 130
-"""As in `ExitCode`, which would take an import."""
+INTERRUPTED = 130  # as in `ExitCode`, which would take an import
 
 
 def main() -> None:

@@ -21,8 +21,7 @@ class Patches(NamedTuple):
 
     mark: str
     """How they begin; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
-    whose: str
-    """As messages call them."""
+    whose: str  # as messages call them
 
     def check(self, path: Path) -> None:
         """Raises InputError for a file that cannot be written, or that exists and is no such patch."""

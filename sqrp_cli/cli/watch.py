@@ -18,23 +18,17 @@ if TYPE_CHECKING:
     from sqrp_cli.show.documents.explanation import CandidateStudy
     from sqrp_cli.study.result import CandidateResult
 
-execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")
-"""The function that runs a command line."""
+execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")  # the function that runs a command line
 
-INTERVAL = 0.2
-"""Time between two looks at the files [s]."""
-
-MOST_ROWS = 20
-"""Of more rows, only those are shown that differ."""
+INTERVAL = 0.2  # time between two looks at the files [s]
+MOST_ROWS = 20  # of more rows, only those are shown that differ
 
 
 class AnswerView(NamedTuple):
     """What is compared: a table, and what is said under it."""
 
-    columns: tuple[str, ...]
-    """Titles; the first is that of the rows' names."""
-    rows: Mapping[str, tuple[str, ...]]
-    """By their names, a text for each column but the first."""
+    columns: tuple[str, ...]  # titles; the first is that of the rows' names
+    rows: Mapping[str, tuple[str, ...]]  # by their names, a text for each column but the first
     said: str = ""
 
 
@@ -130,8 +124,7 @@ def print_changes(before: AnswerView, now: AnswerView) -> None:
 
 
 _ARROW = " → "
-_TEXTS = ("finding", "verdict")
-"""Titles of columns that may be folded."""
+_TEXTS = ("finding", "verdict")  # titles of columns that may be folded
 
 
 def view_of(answer: Document) -> AnswerView:

@@ -43,14 +43,9 @@ _SHOWN: dict[Criterion, tuple[str, float, str]] = {
 }
 """Name, scale and format of each criterion's figure."""
 
-LEAST_GAIN = 0.001
-"""Share of what is hidden below which a move of what hides it is not worth a sentence."""
-
-LEAST_SHOWN = 5e-4
-"""Least share of a part in a list of several."""
-
-MOST_PARTS = 3
-"""Parts that a sentence names; the others count together."""
+LEAST_GAIN = 0.001  # share of what is hidden below which a move of what hides it is not worth a sentence
+LEAST_SHOWN = 5e-4  # least share of a part in a list of several
+MOST_PARTS = 3  # parts that a sentence names; the others count together
 
 _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 

@@ -24,34 +24,25 @@ if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
 
 
-IMAGE_SPACING = 0.2
-"""Simulated time between the images of a camera that browsers get [s]."""
-
-STATE_SPACING = 0.05
-"""The same of the poses of everything [s]."""
-
-IMAGE_QUALITY = 70
-"""Of JPEG, in percent."""
+IMAGE_SPACING = 0.2  # simulated time between the images of a camera that browsers get [s]
+STATE_SPACING = 0.05  # the same of the poses of everything [s]
+IMAGE_QUALITY = 70  # of JPEG, in percent
 
 
-TOO_LATE = "the run was over before the click"
-"""Why nothing is dropped."""
+TOO_LATE = "the run was over before the click"  # why nothing is dropped
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
     """For changes of a text."""
 
-    path: Path
-    """Of the workspace, as it was given."""
+    path: Path  # of the workspace, as it was given
     content: bytes
     task: str
-    chosen: str
-    """The candidate that is to get better."""
+    chosen: str  # the candidate that is to get better
     seed: int
     jobs: int
-    placing: bool
-    """Whether cameras are placed anew, instead of the least change."""
+    placing: bool  # whether cameras are placed anew, instead of the least change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +75,8 @@ class Offer:
     """A change that was found."""
 
     words: str
-    line: tuple[str, ...]
-    """The words of the command that makes it, without the workspace."""
-    content: bytes
-    """The workspace file with it."""
+    line: tuple[str, ...]  # the words of the command that makes it, without the workspace
+    content: bytes  # the workspace file with it
 
 
 class Running:
@@ -315,8 +304,7 @@ def _play(job: Play, say: _Teller) -> None:
     say("run-ended", outcome=run.outcome, time=run.time, faults=told)
 
 
-PASSING = ("run-image", "run-state", "run-evidence", "searching")
-"""Reports that the next ones replace."""
+PASSING = ("run-image", "run-state", "run-evidence", "searching")  # reports that the next ones replace
 
 
 class Jobs:
@@ -326,8 +314,7 @@ class Jobs:
         """dropped: called with the report that a part was dropped."""
         self._connections, self._dropped = connections, dropped
         self._running: Running | None = None
-        self.offers: Sequence[Offer] = ()
-        """The changes that can be applied."""
+        self.offers: Sequence[Offer] = ()  # the changes that can be applied
 
     def begin(self, job: Job) -> None:
         """Start a job instead of the one that is under way."""

@@ -80,8 +80,7 @@ def handles(workspace: Workspace) -> dict[str, Any]:
     return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
 
 
-SCRIPTS = ("gizmo", "fields", "runs", "studio")
-"""Its own scripts, each after those that it needs."""
+SCRIPTS = ("gizmo", "fields", "runs", "studio")  # its own scripts, each after those that it needs
 
 
 def studio_page(title: str, socket: str) -> str:
@@ -100,8 +99,7 @@ def _asset(name: str) -> str:
     return resources.files("sqrp_cli.studio").joinpath("browser", name).read_text(encoding="utf-8")
 
 
-Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
-"""No name of a file has a zero byte."""
+Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte
 
 
 class _Request(BaseModel):
@@ -202,8 +200,7 @@ def read_request(text: str) -> Request:
 class Asked:
     """What is ranked: a task in the cell of a text."""
 
-    content: bytes
-    """Of the workspace file."""
+    content: bytes  # of the workspace file
     task: str
     by: Criterion
 
@@ -212,11 +209,8 @@ class Asked:
 class Rank(Asked):
     """To rank it."""
 
-    number: int
-    """Of the question; answers carry it."""
-    of_saved: bool = False
-    """Whether only figures are wanted, to compare others with."""
+    number: int  # of the question; answers carry it
+    of_saved: bool = False  # whether only figures are wanted, to compare others with
 
 
-Question = Rank | Choose | Hold
-"""What the process that computes is asked."""
+Question = Rank | Choose | Hold  # what the process that computes is asked

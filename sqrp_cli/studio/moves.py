@@ -25,12 +25,10 @@ Point = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 MOST_CHANGES, MOST_KEPT = 500, 50_000_000
 """How many changes can be taken back, and how long their texts may be together [bytes]; the oldest go first."""
 
-FARTHEST = 100.0
-"""How far from the origin of its frame anything can be put [m]."""
+FARTHEST = 100.0  # how far from the origin of its frame anything can be put [m]
 
 
-SAME = 5e-5
-"""What differs by less is as it was, as the page rounds to 0.1 mm [m, rad]."""
+SAME = 5e-5  # what differs by less is as it was, as the page rounds to 0.1 mm [m, rad]
 
 NARROWEST, WIDEST = np.radians([1.0, 177.0]).tolist()
 """The least and the greatest horizontal field of view of a lens [rad]."""
@@ -41,16 +39,11 @@ class Move:
     """Where something is put."""
 
     kind: Literal["camera", "object", "base"]
-    name: str
-    """Of the camera or object; empty for the base."""
-    position: Point
-    """Of the lens in the frame that carries the camera, of the middle of the object, or of the base [m]."""
-    look_at: Point | None = None
-    """Of a camera: the point in the middle of its image, in the same frame [m]."""
-    fov: FiniteFloat | None = None
-    """Of a camera: its horizontal field of view [rad]; None as it is."""
-    yaw: FiniteFloat | None = None
-    """Of an object or the base: its angle about the world's z axis [rad]; None as it is."""
+    name: str  # of the camera or object; empty for the base
+    position: Point  # of the lens in the frame that carries the camera, of the middle of the object, or of the base [m]
+    look_at: Point | None = None  # of a camera: the point in the middle of its image, in the same frame [m]
+    fov: FiniteFloat | None = None  # of a camera: its horizontal field of view [rad]; None as it is
+    yaw: FiniteFloat | None = None  # of an object or the base: its angle about the world's z axis [rad]; None as it is
 
     def in_words(self, before: Move | None = None) -> str:
         """What is moved where, and how else it differs from `before`, if that is known."""
@@ -159,28 +152,20 @@ def _turned(X: Array, move: Move) -> Array:
 class DraftChange:
     """One step of editing."""
 
-    label: str
-    """What it does, in words."""
-    values: Mapping[str, str] | None
-    """What it sets, by dotted path, as YAML text; None where it does more than that."""
-    content: bytes
-    """The file with it."""
+    label: str  # what it does, in words
+    values: Mapping[str, str] | None  # what it sets, by dotted path, as YAML text; None where it does more than that
+    content: bytes  # the file with it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Draft:
     """The text of a workspace file, with what led to it."""
 
-    path: Path
-    """Of the file."""
-    saved: bytes
-    """The file on the disk."""
-    first: bytes
-    """The text before the changes that can be taken back."""
-    past: tuple[DraftChange, ...] = ()
-    """The changes that hold, in order."""
-    future: tuple[DraftChange, ...] = ()
-    """Those that were undone, the next to redo first."""
+    path: Path  # of the file
+    saved: bytes  # the file on the disk
+    first: bytes  # the text before the changes that can be taken back
+    past: tuple[DraftChange, ...] = ()  # the changes that hold, in order
+    future: tuple[DraftChange, ...] = ()  # those that were undone, the next to redo first
 
     @property
     def content(self) -> bytes:

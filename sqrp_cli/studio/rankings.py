@@ -23,8 +23,7 @@ class WorkerProcess:
 
     def __init__(self, path: Path, seed: int, jobs: int) -> None:
         """path: of the workspace, as it was given."""
-        self.pipe, theirs = multiprocessing.Pipe()
-        """Answers are texts for browsers."""
+        self.pipe, theirs = multiprocessing.Pipe()  # answers are texts for browsers
         arguments = (theirs, self.pipe, path, seed, jobs)
         self._process: Worker[None, None] = Worker(forked(), _serve, *arguments, starts_others=True)
         theirs.close()
@@ -76,19 +75,14 @@ class Rankings:
     ) -> None:
         """saved: what the saved file is ranked for; named: called with the names of the candidates of a new ranking."""
         self._worker, self._connections, self._saved, self._named = worker, connections, saved, named
-        self.number = 0
-        """Of the last question."""
+        self.number = 0  # of the last question
         self._asked: Asked | None = None
-        self._ranked: Asked | None = None
-        """What the ranking that is shown is of; None while another one is under way."""
+        self._ranked: Asked | None = None  # what the ranking that is shown is of; None while another one is under way
         self._held = False
         """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
-        self._of_saved: Asked | None = None
-        """What the figures of the saved file are for."""
-        self._comparing: Asked | None = None
-        """What of the saved file is being ranked."""
-        self._over: asyncio.Future[None] | None = None
-        """Done once the process was killed."""
+        self._of_saved: Asked | None = None  # what the figures of the saved file are for
+        self._comparing: Asked | None = None  # what of the saved file is being ranked
+        self._over: asyncio.Future[None] | None = None  # done once the process was killed
 
     def listen(self) -> asyncio.Future[None]:
         """Hear answers from now on, in the loop that is running; the future fails once the process is killed."""

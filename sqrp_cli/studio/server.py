@@ -17,20 +17,11 @@ from typing import Any
 
 from sqrp_cli.errors import bad_option, needed
 
-HOST = "127.0.0.1"
-"""No other machine reaches it."""
-
-CLOSE_TIMEOUT = 1.0
-"""A browser that does not answer the end of a connection for so long [s] is left alone."""
-
-LARGEST_MESSAGE = 1_000_000
-"""Of what a browser sends [bytes]."""
-
-MOST_WAITING = 32
-"""Messages that may wait for a browser before it gets no more of those that the next ones replace."""
-
-MOST_UNREAD = 50_000_000
-"""A browser for which so many characters wait is cut off: it does not read."""
+HOST = "127.0.0.1"  # no other machine reaches it
+CLOSE_TIMEOUT = 1.0  # a browser that does not answer the end of a connection for so long [s] is left alone
+LARGEST_MESSAGE = 1_000_000  # of what a browser sends [bytes]
+MOST_WAITING = 32  # messages that may wait for a browser before it gets no more of those that the next ones replace
+MOST_UNREAD = 50_000_000  # a browser for which so many characters wait is cut off: it does not read
 
 MOST_AT_ONCE, MOST_PER_SECOND = 200, 100.0
 """How many messages of a browser are heard without a pause, and how many for long; others wait in the network."""
@@ -82,8 +73,7 @@ class Connections:
     def __init__(self, heard: Callable[[str, Tell], Awaitable[None]]) -> None:
         """heard: called with each message and how to answer it alone."""
         self._heard = heard
-        self.kept: dict[str, str] = {}
-        """The messages that a new browser gets, by kind, in order."""
+        self.kept: dict[str, str] = {}  # the messages that a new browser gets, by kind, in order
         self._token = secrets.token_urlsafe(24)
         self._browsers: set[_Browser] = set()
         self._page = b""

@@ -47,12 +47,10 @@ from sqrp_cli.studio.server import Connections, Tell
 if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
 
-LOOK_EVERY = 0.4
-"""How often files are looked at for changes of others [s]."""
+LOOK_EVERY = 0.4  # how often files are looked at for changes of others [s]
 
 
-LINES_SHOWN = 50
-"""How many of the last commands are shown."""
+LINES_SHOWN = 50  # how many of the last commands are shown
 
 
 class Studio:
@@ -68,8 +66,7 @@ class Studio:
         self._task: str = task
         self._by: Criterion = "q_eoi"
         self._chosen = ""
-        self._searched = b""
-        """The text for which changes are offered."""
+        self._searched = b""  # the text for which changes are offered
         self._jobs = jobs
         self._parent = os.getppid()
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)

@@ -24,11 +24,9 @@ from sqrp_cli.study.sampling import FixedStep, first_samples
 from sqrp_cli.study.timeline import Rehearsal, SampledScene, Timeline
 from sqrp_cli.study.whole_study import mean_quality
 
-SHORTEST, MOST = 0.1, 250
-"""Least time between the instants of a sketch [s], and about how many there are at most."""
+SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
 
-Matrix = tuple[tuple[BoxVerdicts, ...], ...]
-"""Per target and box, the verdicts of cameras."""
+Matrix = tuple[tuple[BoxVerdicts, ...], ...]  # per target and box, the verdicts of cameras
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,7 @@ def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
             UnseenTime(
                 literal=str(target.atom),
                 camera=cell.observer.cameras[camera].name,
-                cause=cause.label,
+                cause=cast("CauseLabel", cause.label),
                 by=by_name(cell, cause, by),
                 seconds=seconds,
                 box=target.boxes[box].name if len(target.boxes) > 1 else None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from sqrp_cli.document import LEFT_OUT, Record, TaskDocument, how_many, live
 from sqrp_cli.figures import NO_FIGURES, Figures, Qualities
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import HidingPart, Reason
+from sqrp_cli.sight.limits import CauseLabel, HidingPart, Reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -163,6 +163,8 @@ class CandidateResult(Figures):
 class UnseenTime(Reason):
     """For how long a cause keeps a camera from seeing a literal while it must be seen."""
 
+    cause: CauseLabel
+    """The first limit that fails."""
     literal: str
     """Without `not`."""
     camera: str

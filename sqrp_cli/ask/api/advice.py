@@ -47,11 +47,9 @@ class AdvisedCell:
     """A cell whose workspace file changes may be written into."""
 
     session: Session
-    content: bytes | None
-    """The text of the workspace file where it was not read from the disk."""
+    content: bytes | None  # the text of the workspace file where it was not read from the disk
     goal: Goal
-    candidate: Candidate
-    """That advice is about."""
+    candidate: Candidate  # that advice is about
 
     @cached_property
     def file(self) -> SourceDocument:

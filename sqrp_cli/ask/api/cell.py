@@ -155,8 +155,7 @@ class OpenCell:
     path: Path
     workspace: Workspace
     seed: int = 0
-    content: bytes | None = None
-    """The text of the workspace file where it was not read from the disk."""
+    content: bytes | None = None  # the text of the workspace file where it was not read from the disk
 
     def __repr__(self) -> str:
         cell = self.workspace

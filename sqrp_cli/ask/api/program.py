@@ -35,19 +35,15 @@ if TYPE_CHECKING:
     from sqrp_cli.show.documents.explanation import Explanation
     from sqrp_cli.study.program_update import StepReplanner
 
-PROGRAM = "program.yaml"
-"""The program in a folder of frames that a run keeps."""
-
-DEFAULT_RUNS = 20
-"""Runs of a sweep."""
+PROGRAM = "program.yaml"  # the program in a folder of frames that a run keeps
+DEFAULT_RUNS = 20  # runs of a sweep
 
 
 class Start(NamedTuple):
     """Where a task starts: in the world of a workspace, or in the one that a program leaves behind."""
 
     workspace: Path
-    after: Path | None
-    """The program after which it starts; None: in the world of the workspace."""
+    after: Path | None  # the program after which it starts; None: in the world of the workspace
 
     @classmethod
     def of(cls, named: Path, after: Path | None, written: Path | None = None) -> Start:
@@ -144,8 +140,7 @@ class OpenProgram:
     path: Path
     program: Program
     cell: OpenCell
-    seed: int = 0
-    """Of everything that a run draws at random."""
+    seed: int = 0  # of everything that a run draws at random
 
     def __repr__(self) -> str:
         steps = ", ".join(step.short_task for step in self.program.steps)

@@ -10,8 +10,7 @@ from sqrp_cli.document import Document
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.show.documents import KINDS, record_of
 
-LARGEST = 1 << 30
-"""Most bytes of a file with a result."""
+LARGEST = 1 << 30  # most bytes of a file with a result
 
 
 def is_result(path: Path) -> bool:

@@ -22,11 +22,8 @@ if TYPE_CHECKING:
     from sqrp_cli.run.cell.robot_file import RobotFile
     from sqrp_cli.run.start import ConnectedRobot
 
-LOOPBACK = "127.0.0.1"
-"""The network on which a cell is served if nobody says otherwise: this computer alone."""
-
-LISTENED = 0.7
-"""For how long it is listened whether another cell is served [s]: to be heard takes 0.3 s."""
+LOOPBACK = "127.0.0.1"  # the network on which a cell is served if nobody says otherwise: this computer alone
+LISTENED = 0.7  # for how long it is listened whether another cell is served [s]: to be heard takes 0.3 s
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.program.record import Program
 
-NEW = "new"
-"""Given instead of a file, it makes a new program in questions and answers."""
-
-DEFAULT_RATE = 100.0
-"""Points per second of an export [Hz]."""
+NEW = "new"  # given instead of a file, it makes a new program in questions and answers
+DEFAULT_RATE = 100.0  # points per second of an export [Hz]
 
 
 class _Program(requests.Printed, Command):

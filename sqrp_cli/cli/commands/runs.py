@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.api.run_results import SimulatedRun
     from sqrp_cli.run.record.events import Listener
 
-LEAST_SPEED = 0.01
-"""Below it a program would take a hundred times as long."""
+LEAST_SPEED = 0.01  # below it a program would take a hundred times as long
 
 
 class _Run(requests.RunRequest, requests.Paged, requests.Seeded, requests.Printed, Command):

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
 ALLOW = "What may get worse: points of Q, percent of times."
-ALLOWANCE = 0.5
-"""Changes for the worse that are no regression yet: points of Q, percent of times."""
+ALLOWANCE = 0.5  # changes for the worse that are no regression yet: points of Q, percent of times
 
 
 class _Score(

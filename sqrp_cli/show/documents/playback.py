@@ -13,8 +13,7 @@ from sqrp_cli.show.documents.explanation import CandidateStudy, Span
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_study import mean_qualities, worst_seen
 
-NOT = "not "
-"""How a negated literal begins."""
+NOT = "not "  # how a negated literal begins
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,8 +25,7 @@ from sqrp_cli.run.record.events import Event
 from sqrp_cli.show.documents import KINDS, record_of
 from sqrp_cli.skill.skill import SkillFile
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-"""The dialect of the schemas."""
+DIALECT = "https://json-schema.org/draft/2020-12/schema"  # the dialect of the schemas
 
 FILES: Mapping[str, type[Entry]] = {
     "workspace": WorkspaceFile,
@@ -46,11 +45,8 @@ DOCUMENTS: Mapping[str, Any] = {
 }
 """What each command prints with `--json`."""
 
-RECORDS: Mapping[str, Any] = {"log": Event}
-"""The content of each line of a file that commands write."""
-
-NAMES = (*FILES, *DOCUMENTS, *RECORDS)
-"""Everything that has a schema."""
+RECORDS: Mapping[str, Any] = {"log": Event}  # the content of each line of a file that commands write
+NAMES = (*FILES, *DOCUMENTS, *RECORDS)  # everything that has a schema
 
 
 def schema_of(name: str) -> dict[str, Any]:

@@ -32,11 +32,8 @@ if TYPE_CHECKING:
     from sqrp_cli.show.documents.scene import ShowDocument
     from sqrp_cli.study.result import CandidateResult
 
-MOST_TRIANGLES = 3000
-"""Triangles of a part in a page; larger meshes are simplified to this many."""
-
-_SAME_PLACE = 8
-"""Vertices that are equal to so many decimals of a metre are one."""
+MOST_TRIANGLES = 3000  # triangles of a part in a page; larger meshes are simplified to this many
+_SAME_PLACE = 8  # vertices that are equal to so many decimals of a metre are one
 
 _VIEWER = ("resources/templates/viewer.zip", "viewer.html.template")
 """Where trimesh keeps its own viewer page: an archive among its files, and the file in it."""
@@ -94,11 +91,8 @@ def _folder(name: str) -> Path:
     return Path(spec.origin).parent
 
 
-DIGITS = 6
-"""Decimals that figures keep: micrometres and microseconds."""
-
-_UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
-"""Unicode categories of invisible characters that change a line."""
+DIGITS = 6  # decimals that figures keep: micrometres and microseconds
+_UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")  # unicode categories of invisible characters that change a line
 
 PARTS = (
     "data", "words", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "mounts",
@@ -179,10 +173,8 @@ class FigureShown(NamedTuple):
     """A figure of a row."""
 
     name: str
-    value: str
-    """With its unit."""
-    means: str = ""
-    """The word in the page's list of words that says what it is, if there is one."""
+    value: str  # with its unit
+    means: str = ""  # the word in the page's list of words that says what it is, if there is one
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +252,7 @@ def row(entry: PageRow) -> dict[str, Any]:
 
 # Colours of pages and pictures
 
-Color = tuple[int, int, int]
-"""Red, green and blue, 0 to 255."""
+Color = tuple[int, int, int]  # red, green and blue, 0 to 255
 
 COVERED: Color = (42, 157, 111)
 HIDDEN: Color = (208, 58, 75)

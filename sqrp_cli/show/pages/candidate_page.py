@@ -164,8 +164,7 @@ def played(assignment: Assignment, explained: Explained, *, brief: bool = False)
     return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
 
 
-STEP = 1e-4
-"""Coordinates of meshes are given in multiples of this [m]."""
+STEP = 1e-4  # coordinates of meshes are given in multiples of this [m]
 
 
 def scene_model(cell: Cell) -> Mapping[str, object]:

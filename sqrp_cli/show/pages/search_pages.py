@@ -23,11 +23,9 @@ from sqrp_cli.study.result import CandidateResult
 class _Row(NamedTuple):
     """A row, and where it is computed."""
 
-    row: PageRow
-    """Without figures, cell and playback."""
+    row: PageRow  # without figures, cell and playback
     found: CandidateResult
-    assignment: Assignment
-    """The cell and the world with the change."""
+    assignment: Assignment  # the cell and the world with the change
 
 
 def write_advice(

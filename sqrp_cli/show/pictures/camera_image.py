@@ -21,8 +21,7 @@ from sqrp_cli.shapes import Triangles
 from sqrp_cli.show.pages.assembly import Color
 from sqrp_cli.sight.scene_states import SceneStates
 
-_LIFT = 1e-4
-"""How far above a surface a ray to the light starts [m], so that the surface does not shade itself."""
+_LIFT = 1e-4  # how far above a surface a ray to the light starts [m], so that the surface does not shade itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +71,7 @@ def check_rays() -> None:
         import embreex.rtcore_scene  # noqa: F401
 
 
-CLOSE = 1e-2
-"""Greatest distance of a projected direction from its pixel [pixels]."""
+CLOSE = 1e-2  # greatest distance of a projected direction from its pixel [pixels]
 
 _ITERATIONS = 25
 _STEP = 1e-5
@@ -82,10 +80,8 @@ _STEP = 1e-5
 class SeenDirections(NamedTuple):
     """Where pixels look."""
 
-    rays: Array
-    """Unit vectors in the optical frame, shape (n, 3)."""
-    shown: NDArray[np.bool_]
-    """Whether the lens shows any direction there, shape (n,)."""
+    rays: Array  # unit vectors in the optical frame, shape (n, 3)
+    shown: NDArray[np.bool_]  # whether the lens shows any direction there, shape (n,)
 
 
 def directions(projection: Projection, pixels: Array) -> SeenDirections:
@@ -122,21 +118,16 @@ def directions(projection: Projection, pixels: Array) -> SeenDirections:
     return SeenDirections(unit / np.linalg.norm(unit, axis=1, keepdims=True), shown)
 
 
-Image = NDArray[np.uint8]
-"""Rows of pixels, shape (height, width, 3)."""
+Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)
 
-SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])
-"""Direction to the light, in the world."""
+SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])  # direction to the light, in the world
 
 _AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
 """Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
 
 _SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
-_OUTSIDE = 24.0
-"""Grey of pixels that the lens does not reach."""
-
-_SAME_SURFACE = 0.95
-"""Cosine of the angle between neighbouring normals below which there is an edge."""
+_OUTSIDE = 24.0  # grey of pixels that the lens does not reach
+_SAME_SURFACE = 0.95  # cosine of the angle between neighbouring normals below which there is an edge
 
 _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 """Where a pixel on an edge is sampled instead of at its centre."""

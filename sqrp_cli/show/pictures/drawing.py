@@ -16,23 +16,16 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.show.pages.assembly import Color, visible
 from sqrp_cli.show.pictures.camera_image import Image
 
-LINE = 19
-"""Height of a line of text [pixels]."""
+LINE = 19  # height of a line of text [pixels]
 
 _MARGIN = 8
-_THUMB = 320
-"""Width of a picture in a contact sheet [pixels]."""
-
-_TALLEST = 4 * _THUMB
-"""Greatest height of such a picture; an image may be a single column."""
+_THUMB = 320  # width of a picture in a contact sheet [pixels]
+_TALLEST = 4 * _THUMB  # greatest height of such a picture; an image may be a single column
 
 _INK, _FAINT, _PAPER = (23, 33, 43), (91, 104, 117), (255, 255, 255)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(BOX_SIGNS[a] - BOX_SIGNS[b]).sum() == 2]
-_LEAST_Z = 0.01
-"""Edges are drawn from this distance to the camera on [m]."""
-
-_FARTHEST = 1e4
-"""Edges are drawn up to this distance outside the image [pixels]."""
+_LEAST_Z = 0.01  # edges are drawn from this distance to the camera on [m]
+_FARTHEST = 1e4  # edges are drawn up to this distance outside the image [pixels]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from sqrp_cli.study.verdict import stretches
 
 SHEET = "contact-sheet.png"
 
-MOST_PIXELS = 1_000_000
-"""Most pixels of a picture; a camera with more gets a smaller picture."""
+MOST_PIXELS = 1_000_000  # most pixels of a picture; a camera with more gets a smaller picture
 
 
 @dataclass(frozen=True)

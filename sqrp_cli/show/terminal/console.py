@@ -26,32 +26,20 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.show.terminal.progress_lines import Advance, Verbosity, progress_lines, verbosity
 from sqrp_cli.shown import harmless, one_line
 
-BAR_WIDTH = 8
-"""Cells of a bar in a table."""
+BAR_WIDTH = 8  # cells of a bar in a table
 
-Styled = str | Text
-"""Text with or without a style; only `plain`, `joined` and `percentage` make one, so it is clean."""
+Styled = str | Text  # text with or without a style; only `plain`, `joined` and `percentage` make one, so it is clean
 
-PROGRESS_WIDTH = 20
-"""Cells of the progress bar."""
-
-LEAST_WIDTH = 20
-"""Least width that lines are laid out for, even in a narrower terminal [columns]."""
-
-LONGEST_TITLE = 9
-"""Words of a title up to this length are never broken."""
-
-LEAST_FOLDED = 16
-"""Least width of a column with folded text [cells]."""
+PROGRESS_WIDTH = 20  # cells of the progress bar
+LEAST_WIDTH = 20  # least width that lines are laid out for, even in a narrower terminal [columns]
+LONGEST_TITLE = 9  # words of a title up to this length are never broken
+LEAST_FOLDED = 16  # least width of a column with folded text [cells]
 
 _BEFORE_UNIT = re.compile(r"(?<=[0-9]) (?=(?:s|ms|%|m|mm|cm|deg|px|Hz|points?)(?![A-Za-z]))")
 """A space between a number and its unit, where no line is folded."""
 
-_KEPT = "\ue000"
-"""Stands for that space meanwhile, as no text has it."""
-
-SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
-"""Styles of errors and warnings."""
+_KEPT = "\ue000"  # stands for that space meanwhile, as no text has it
+SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}  # styles of errors and warnings
 
 
 @dataclass(frozen=True)
@@ -93,15 +81,13 @@ class Share:
     value: float | None
 
 
-Cell = Styled | Share
-"""What a table may hold."""
+Cell = Styled | Share  # what a table may hold
 
 
 _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
 """The console of results while they are captured as text."""
 
-NOTEBOOK_WIDTH = 100
-"""Columns of results in a notebook."""
+NOTEBOOK_WIDTH = 100  # columns of results in a notebook
 
 
 def as_plain_text(show: Callable[[], None]) -> str:
@@ -362,8 +348,7 @@ def _progress(title: str, total: int | None) -> Iterator[Advance]:
         yield lambda count=1: bars.advance(task, count)
 
 
-Show = Callable[[Styled], None]
-"""Called with the new text to show: replaces what was shown."""
+Show = Callable[[Styled], None]  # called with the new text to show: replaces what was shown
 
 
 @contextmanager

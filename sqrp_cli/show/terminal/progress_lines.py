@@ -19,29 +19,21 @@ class Advance(Protocol):
         """Count them."""
 
 
-PERIOD = 10.0
-"""Least time before the first line and between two [s]."""
+PERIOD = 10.0  # least time before the first line and between two [s]
+SLOWER = 0.2  # least time between two lines, as a share of what has passed: a step of hours has tens of lines
 
-SLOWER = 0.2
-"""Least time between two lines, as a share of what has passed: a step of hours has tens of lines."""
-
-wanted: ContextVar[bool] = ContextVar("wanted", default=True)
-"""Whether there may be lines: not beside a document."""
+wanted: ContextVar[bool] = ContextVar("wanted", default=True)  # whether there may be lines: not beside a document
 
 
 class Verbosity(IntEnum):
     """What is said on stderr besides errors."""
 
-    QUIET = 0
-    """Nothing: no warnings, notes or progress."""
-    NORMAL = 1
-    """Warnings, notes, and progress that vanishes."""
-    VERBOSE = 2
-    """How long each step took, too."""
+    QUIET = 0  # nothing: no warnings, notes or progress
+    NORMAL = 1  # warnings, notes, and progress that vanishes
+    VERBOSE = 2  # how long each step took, too
 
 
-verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity.NORMAL)
-"""As asked by `-q` and `-v`."""
+verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity.NORMAL)  # as asked by `-q` and `-v`
 
 
 @contextmanager

@@ -24,14 +24,9 @@ from sqrp_cli.show.terminal.console import (
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking, WayFigures
 
-MOST_NAMED = 3
-"""Most candidates, or choices of objects, that a line names."""
-
-SHORTEST_BLIND = 0.05
-"""Blind ends of moves that cost less are not named [s]."""
-
-MOST_ROWS = 20
-"""A ranking of more candidates shows only some, unless all are asked for."""
+MOST_NAMED = 3  # most candidates, or choices of objects, that a line names
+SHORTEST_BLIND = 0.05  # blind ends of moves that cost less are not named [s]
+MOST_ROWS = 20  # a ranking of more candidates shows only some, unless all are asked for
 
 
 def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:

@@ -34,17 +34,13 @@ if TYPE_CHECKING:
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
     from sqrp_cli.field.calibrating.fit import CalibrateDocument
 
-MOST_DISAGREEMENTS = 8
-"""Groups of disagreements in a table."""
-
-TAIL = 0.3
-"""A step whose last image that is compared is earlier than this before its end [s] is not seen to its end."""
+MOST_DISAGREEMENTS = 8  # groups of disagreements in a table
+TAIL = 0.3  # a step whose last image that is compared is earlier than this before its end [s] is not seen to its end
 
 
 _STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
 
-_REPLAY_SPEED = 4.0
-"""Speed of a replay, as a multiple of real time."""
+_REPLAY_SPEED = 4.0  # speed of a replay, as a multiple of real time
 
 
 class LiveView:

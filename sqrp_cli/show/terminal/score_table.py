@@ -22,8 +22,7 @@ from sqrp_cli.show.terminal.console import (
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
-ROWS = 20
-"""Variants in the table; the document has all."""
+ROWS = 20  # variants in the table; the document has all
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nat worst", "can be\ndone", "tasks\npassed")
 

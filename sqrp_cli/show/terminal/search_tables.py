@@ -114,8 +114,7 @@ def _figures(found: AdvisedFigures, want: Goal) -> str:
     return ", ".join(parts)
 
 
-MOST_UNSEEN = 8
-"""Most targets that are named where a wish cannot be met."""
+MOST_UNSEEN = 8  # most targets that are named where a wish cannot be met
 
 
 class Bounds:

@@ -12,17 +12,10 @@ from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.show.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
 from sqrp_cli.study.result import CandidateResult
 
-MOST_SIGNS = 50
-"""Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""
-
-LEAST_SIGNS = 10
-"""Least number of signs in a row, even in a narrow terminal."""
-
-FIGURES = 12
-"""Width of the figures behind the rows."""
-
-LABEL = 18
-"""Width of the names in front of the rows."""
+MOST_SIGNS = 50  # signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time
+LEAST_SIGNS = 10  # least number of signs in a row, even in a narrow terminal
+FIGURES = 12  # width of the figures behind the rows
+LABEL = 18  # width of the names in front of the rows
 
 SIGNS: Mapping[str | None, tuple[str, str]] = {
     None: ("█", "green"),
@@ -41,8 +34,7 @@ SIGNS: Mapping[str | None, tuple[str, str]] = {
 }
 """Sign and colour of each cause; None: covered."""
 
-NOT_REQUIRED = ("·", "dim")
-"""Sign where no formula requires a literal."""
+NOT_REQUIRED = ("·", "dim")  # sign where no formula requires a literal
 
 LEGEND = (
     *("█ covered", "h hidden", "o out of image", "f too far", "n too near", "a angle", "s too small"),
@@ -187,8 +179,7 @@ def _camera_failures(found: CandidateStudy) -> str:
 
 # The chart
 
-Seen = Callable[[Sample], bool | None]
-"""Whether something is covered in a sample; None where nothing requires it."""
+Seen = Callable[[Sample], bool | None]  # whether something is covered in a sample; None where nothing requires it
 
 
 def _state(sample: Sample) -> bool | None:
