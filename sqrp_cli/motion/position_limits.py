@@ -15,14 +15,6 @@ LIMIT_SLACK = 1e-9  # tolerated excess of joint positions over a limit [rad or m
 WIDE = 4 * np.pi + 1e-6  # a joint with a wider range than this is treated as one without limits [rad]
 
 
-def past_limits(model: RobotModel, path: JointPath, may_turn: Mask | None = None) -> Array:
-    """Largest excess of a path of the arm's joints over their limits [rad or m], shape (n,); 0 within the slack.
-
-    may_turn: joints that whole turns may bring within their limits, shape (n,); none by default.
-    """
-    return outside(path, model.lower, model.upper, may_turn)
-
-
 class WholeTurns(NamedTuple):
     """Possible whole turns of joints: signed, and `fewest` above `most` if there are none."""
 
@@ -37,8 +29,11 @@ def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> WholeTur
     )
 
 
-def outside(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None = None) -> Array:
-    """As `past_limits`, for any joints with limits of shape (n,); exact only where bounds do not decide."""
+def past_limits(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None = None) -> Array:
+    """Largest excess of a path of n joints over limits, shape (n,) each [rad or m], shape (n,); 0 within the slack.
+
+    may_turn: joints that whole turns may bring within their limits, shape (n,); none by default.
+    """
     low, high = path.range_bounds()
     excess = np.zeros(len(lower))
     for joint in np.flatnonzero((low < lower - LIMIT_SLACK) | (high > upper + LIMIT_SLACK)).tolist():
@@ -53,7 +48,7 @@ def outside(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None =
 
 def worst_past_limit(model: RobotModel, path: JointPath) -> PastLimit | None:
     """The joint that leaves its limits most on a path of the driven joints, n + f of them; None if none does."""
-    excess = outside(path, *model.position_limits)
+    excess = past_limits(path, *model.position_limits)
     if not excess.any():
         return None
     joint = int(excess.argmax())

@@ -39,7 +39,7 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
     the path is the one that moves the joints least, limits ignored.
     """
     followed = follow(model, q0, line)
-    held = np.zeros(q0.shape, dtype=bool)
+    held, limits = np.zeros(q0.shape, dtype=bool), (model.lower, model.upper)
     at_limit = ((q0 <= model.lower + LIMIT_SLACK) | (q0 >= model.upper - LIMIT_SLACK)) & (model.angle_tolerance > 0.0)
     most = len(model.arm) - (0 if model.angle_tolerance else AXES_OF_A_POSE)
     tried, going = list(followed), list(range(len(q0)))
@@ -47,7 +47,7 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
         for row in list(going):
             path = tried[row]
             # Where a joint that begins at its limit would move past it at once, there may be no path to judge by.
-            more = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else at_limit[row]
+            more = past_limits(path, *limits, may_turn) > 0.0 if isinstance(path, JointPath) else at_limit[row]
             if more.any() and not (more & held[row]).any() and (more | held[row]).sum() <= most:
                 held[row] |= more
             else:
@@ -57,7 +57,7 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolCurve, may_turn
             for row, path in zip(rows, follow(model, q0[rows], line, ~mask), strict=True):
                 tried[row] = path
     return [
-        trial if isinstance(trial, JointPath) and not past_limits(model, trial, may_turn).any() else path
+        trial if isinstance(trial, JointPath) and not past_limits(trial, *limits, may_turn).any() else path
         for trial, path in zip(tried, followed, strict=True)
     ]
 
@@ -125,7 +125,7 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
 
 def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | None:
     """Why a path along the line is outside the joints' limits, or None when it keeps them."""
-    excess = past_limits(model, path)
+    excess = past_limits(path, model.lower, model.upper)
     if not excess.any():
         return None
     s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)

@@ -175,15 +175,8 @@ def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motio
         dt = 1e-3 if primitive.name in ("a1", "a5", "b1", "b6") else 4e-3
         t = np.arange(0, primitive.end - primitive.start, dt)
         assert independent.contacts(motion, index, meant.get(primitive.name, set()), t) == set(), primitive.name
-
-
-def test_the_independent_check_does_see_contacts(cell: Cell) -> None:
-    motion = cell.plan()
-    assert isinstance(motion, Motion)
-    seen = PinocchioCell(cell, 0.9 * CLEARANCE).contacts(
-        motion, 3, set(), np.arange(0, motion.primitives[3].trajectory.duration, 4e-3)
-    )
-    assert pair("cube@tool", "table") in seen
+    lift = np.arange(0, motion.primitives[3].trajectory.duration, 4e-3)
+    assert pair("cube@tool", "table") in independent.contacts(motion, 3, set(), lift)  # it does see contacts
 
 
 def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:

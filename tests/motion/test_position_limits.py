@@ -62,7 +62,7 @@ def test_an_arm_with_a_torso_holds_it_still_where_it_would_leave_its_limit(tmp_p
     line = down(model, q0, 0.1)
     (free,) = follow(model, q0[None], line)
     assert isinstance(free, JointPath)
-    assert past_limits(model, free)[0] > 0.01
+    assert past_limits(free, model.lower, model.upper)[0] > 0.01
     path = straight_line(model, q0, line)
     assert isinstance(path, JointPath)
     s = np.linspace(0, 1, 501)

@@ -17,10 +17,14 @@ def test_a_file_is_replaced_as_a_whole_and_nothing_else_is_left(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_missing_folder_is_refused_with_the_command_that_makes_it(tmp_path: Path) -> None:
+def test_what_cannot_be_a_file_is_refused_and_a_missing_folder_with_the_command_that_makes_it(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no folder") as caught:
         write_atomically(tmp_path / "a" / "b.txt", "text")
     assert caught.value.problems[0].mend == f"mkdir -p {tmp_path / 'a'}"
+    with pytest.raises(InputError, match="cannot be written"):
+        write_atomically(tmp_path / ("x" * 300), "text")
+    with pytest.raises(InputError, match="this is a folder"):
+        write_atomically(tmp_path, "text")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -39,11 +43,6 @@ def test_whoever_wants_to_be_alone_with_a_file_waits_for_the_others(tmp_path: Pa
         fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
     fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(folder)
-
-
-def test_a_name_that_is_too_long_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        write_atomically(tmp_path / ("x" * 300), "text")
 
 
 def test_only_an_executable_file_gets_the_run_bit(tmp_path: Path) -> None:
@@ -69,11 +68,6 @@ def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
     assert caught.value.problems[0].place.file == path
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="this is a folder"):
-        write_atomically(tmp_path, "text")
 
 
 def test_a_device_or_pipe_is_written_to_and_stays_what_it_is(tmp_path: Path) -> None:

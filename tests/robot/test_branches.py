@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -12,26 +14,18 @@ from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from tests.task.robots import real_arm
 
+WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
 DOWN = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.2))
 
 
-def test_each_name_halves_the_branches_of_a_ur5(ur5: RobotModel) -> None:
+def test_each_name_halves_the_branches_of_a_ur5_and_together_they_leave_one(ur5: RobotModel) -> None:
     q = all_solutions(ur5, DOWN).solutions
     assert len(q) == 8
-    for name, words in (("elbow", ("up", "down")), ("shoulder", ("left", "right")), ("wrist", ("no_flip", "flip"))):
+    for name, words in WORDS.items():
         first, second = (chosen_branches(ur5, q, BranchChoice(**{name: word})) for word in words)
         assert (first != second).all(), name
         assert first.sum() == 4, name
-
-
-def test_together_they_leave_one_branch(ur5: RobotModel) -> None:
-    q = all_solutions(ur5, DOWN).solutions
-    chosen = [
-        chosen_branches(ur5, q, BranchChoice(elbow, shoulder, wrist))
-        for elbow in ("up", "down")
-        for shoulder in ("left", "right")
-        for wrist in ("no_flip", "flip")
-    ]
+    chosen = [chosen_branches(ur5, q, BranchChoice(*words)) for words in product(*WORDS.values())]
     assert np.array_equal(np.sum(chosen, axis=0), np.ones(8))
 
 
@@ -46,14 +40,11 @@ def test_elbow_and_wrist_of_a_ur5_go_by_the_signs_of_its_joints(ur5: RobotModel)
 
 
 def test_an_elbow_that_is_up_is_higher(ur5: RobotModel) -> None:
-    for shoulder in ("left", "right"):
-        for wrist in ("no_flip", "flip"):
-            q = all_solutions(ur5, DOWN).solutions
-            heights = [
-                ur5.joint_origins(q[chosen_branches(ur5, q, BranchChoice(elbow, shoulder, wrist))][0])[2, 2]
-                for elbow in ("up", "down")
-            ]
-            assert heights[0] > heights[1] + 0.05
+    q = all_solutions(ur5, DOWN).solutions
+    for others in product(*[*WORDS.values()][1:]):
+        rows = [chosen_branches(ur5, q, BranchChoice(elbow, *others)) for elbow in ("up", "down")]
+        up, down = (ur5.joint_origins(q[row][0])[2, 2] for row in rows)
+        assert up > down + 0.05
 
 
 def test_a_name_without_meaning_is_refused_and_any_has_one_for_every_arm() -> None:
