@@ -107,8 +107,3 @@ class ObjectMarker(_Code):
 
 StatedMarker = MappingOr[ObjectMarker, MarkerNumber]
 """A marker on an object as a file states it: its id alone, or a mapping."""
-
-
-def object_marker(stated: ObjectMarker | int) -> ObjectMarker:
-    """The marker that a file states."""
-    return stated if isinstance(stated, ObjectMarker) else ObjectMarker(id=stated)

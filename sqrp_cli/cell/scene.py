@@ -7,12 +7,12 @@ top (+z), black square and margin together as large as fits there unless the wor
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.camera.markers import Marker, ObjectMarker, StatedMarker, object_marker
+from sqrp_cli.camera.markers import Marker, ObjectMarker, StatedMarker
 from sqrp_cli.files.entries import (
     Angle,
     DescriptionEntry,
@@ -56,11 +56,6 @@ Symmetry = Annotated[
 """Into how many equal turns about an axis something looks the same, or `round`: any turn."""
 
 
-def _without_default(schema: dict[str, Any]) -> None:
-    """Leaves out of a JSON Schema a default that stands for none."""
-    schema.pop("default", None)
-
-
 BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]  # a side of a box, by its outward axis
 
 
@@ -81,22 +76,24 @@ class Held(FileRecord):
         return read_only(inverse(X_OT))
 
 
-def _kind_of_pose(data: object) -> str:
-    if not isinstance(data, dict):
-        return "<else>"
-    return "<held>" if data.keys() & {"held", "yaw", "depth"} else "<mapping>"
-
-
 _StatedPose = Annotated[
     Annotated[Pose, Tag("<mapping>")] | Annotated[Held, Tag("<held>")] | Annotated[Literal["unknown"], Tag("<else>")],
-    Discriminator(_kind_of_pose),
+    Discriminator(
+        lambda data: (
+            "<else>"
+            if not isinstance(data, dict)
+            else "<held>"
+            if data.keys() & {"held", "yaw", "depth"}
+            else "<mapping>"
+        )
+    ),
 ]
-
-
-def _placement(stated: Pose | Held | str) -> Array | Held | None:
-    if isinstance(stated, Pose):
-        return read_only(stated.matrix())
-    return stated if isinstance(stated, Held) else None
+_Placement = SerializedAs(
+    _StatedPose,
+    lambda stated: (
+        read_only(stated.matrix()) if isinstance(stated, Pose) else stated if isinstance(stated, Held) else None
+    ),
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,7 +107,7 @@ class ObjectTraits(FileRecord):
     """What a task calls it, and what detectors of colours look for."""
     attributes: Annotated[tuple[Name, ...], Field(description="Further words that a task may use for it.")] = ()
     size: Annotated[Extents, Field(description="Full extents of the box around it, along its own axes.")]
-    pose: Annotated[Array | Held | None, SerializedAs(_StatedPose, _placement)]
+    pose: Annotated[Array | Held | None, _Placement]
     """Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`."""
     fixed: Annotated[bool, Field(description="Whether it never moves.")] = False
     on: Annotated[Name | None, Field(description="The object that it stands on.")] = None
@@ -119,7 +116,9 @@ class ObjectTraits(FileRecord):
     does."""
     marker: Annotated[
         ObjectMarker | None,
-        SerializedAs(StatedMarker | None, lambda stated: None if stated is None else object_marker(stated)),
+        SerializedAs(
+            StatedMarker | None, lambda stated: ObjectMarker(id=stated) if isinstance(stated, int) else stated
+        ),
         Field(description="The marker on it: its id in `aruco_original`, or {id, dictionary, side}."),
     ] = None
 
@@ -209,7 +208,7 @@ class ObjectEntry(ObjectTraits):
     Without `size`, the size is that of its parts or its URDF, and `pose` is the pose of their frame.
     """
 
-    size: Annotated[Extents, Field(json_schema_extra=_without_default)] = NO_SIZE
+    size: Annotated[Extents, Field(json_schema_extra=lambda schema: schema.pop("default", None))] = NO_SIZE
     """Full extents of the box around it, along its own axes; default: those of its parts."""
     parts: tuple[PartEntry, ...] = ()
     """Its solid pieces; default: the box."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, DistortionModel
-from sqrp_cli.camera.markers import ObjectMarker, object_marker
+from sqrp_cli.camera.markers import ObjectMarker
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace, World
@@ -85,7 +85,7 @@ def thing(
         size=size,
         pose=X_WO,
         fixed=fixed,
-        marker=None if marker is None else object_marker(marker),
+        marker=ObjectMarker(id=marker) if isinstance(marker, int) else marker,
         parts=(part,),
     )
 
