@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rp
 from sqrp_cli.records import dataclass
 
 _SAME = 1e-9  # numbers that differ by less are the same
+_THEN = " then "  # between the steps of a task of several
 _LEAST = ("min_q_eoi", "min_q_avg")  # the thresholds of tasks that are least shares; the others are longest times
 
 
@@ -167,7 +168,10 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
     thresholds: by key. One that the listed task has as well becomes the stricter of both. A task that the file lists
     with this text gets no second entry. instead_of: the text of the listed task that is replaced; None: of none.
     """
-    listed = [_text_of(entry) for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
+    listed = list[str | None]()  # None where a step has steps itself
+    for entry in (one for one in document.data.get("tasks") or [] if isinstance(one, dict)):
+        steps = entry.get("steps") or []
+        listed.append(None if any(_THEN in step for step in steps) else _THEN.join(steps) or entry.get("task"))
     replaced = next((text for text in (task, instead_of) if text is not None and text in listed), None)
     if replaced is None:
         said = {"steps": task.split(_THEN)} if _THEN in task else {"task": task}
@@ -186,15 +190,6 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
             changed[dotted((*path, key))] = text
     added = {dotted((*path, key)): _flow(value) for key, value in thresholds.items() if key not in stated}
     return with_values(document, changed | added)
-
-
-_THEN = " then "  # between the steps of a task of several
-
-
-def _text_of(entry: Mapping[str, Any]) -> str | None:
-    """The text of a task as a file lists it; None where a step of it has steps itself."""
-    steps = entry.get("steps") or []
-    return None if any(_THEN in step for step in steps) else _THEN.join(steps) or entry.get("task")
 
 
 def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:

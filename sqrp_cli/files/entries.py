@@ -205,23 +205,18 @@ class In:
 
     def read(self, value: object) -> float:
         """The number in a file, in SI units. Raises PydanticCustomError for a wrong unit or value."""
-        read = units.read_quantity(value)
+        read, found = units.read_quantity(value), f"found {describe(value)}"
+        expected = units.expected_quantity(*((self.dimension,) if self.dimension else ()))
         if read is None or read.dimension not in (None, self.dimension):
-            raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
+            raise refused("wrong-unit", f"{found}, expected {expected}")
         if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
-            found = f"found {describe(value)}, which would be radians"
-            raise refused("wrong-unit", f"{found}; expected {self._expected()}")
+            raise refused("wrong-unit", f"{found}, which would be radians; expected {expected}")
         if not self.least <= read.value <= self.most:
-            raise refused("wrong-value", f"found {describe(value)}, expected {self._bound(value, read.value)}")
+            word, bound = ("least", self.least) if read.value < self.least else ("most", self.most)
+            meant = units.meant_instead(value, self.dimension, self.least, self.most)
+            message = f"{found}, expected a value of at {word} {units.in_unit(bound, self.dimension)}"
+            raise refused("wrong-value", message + (f"; {meant}" if meant else ""))
         return read.value
-
-    def _expected(self) -> str:
-        return units.expected_quantity(*((self.dimension,) if self.dimension else ()))
-
-    def _bound(self, value: object, number: float) -> str:
-        word, bound = ("least", self.least) if number < self.least else ("most", self.most)
-        meant = units.meant_instead(value, self.dimension, self.least, self.most)
-        return f"a value of at {word} {units.in_unit(bound, self.dimension)}" + (f"; {meant}" if meant else "")
 
 
 def refused(code: LiteralString, message: str) -> PydanticCustomError:
@@ -343,16 +338,15 @@ class CameraPose(Pose):
         return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)
 
 
-def _argument(value: object) -> object:
-    """An argument as xacro takes it: text."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.15g}" if isinstance(value, int | float) else value
-
-
 XacroArgument = Annotated[
-    str, BeforeValidator(_argument), WithJsonSchema({"type": ["string", "number", "boolean"]}),
+    str,
+    BeforeValidator(
+        lambda value: str(value).lower() if isinstance(value, bool)
+        else f"{value:.15g}" if isinstance(value, int | float) else value
+    ),
+    WithJsonSchema({"type": ["string", "number", "boolean"]}),
 ]  # fmt: skip
+"""An argument as xacro takes it: text."""
 
 
 class XacroEntry(Entry):
