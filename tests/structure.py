@@ -28,10 +28,10 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_386),
-    "files": ("files", 2_231),
+    "files": ("files", 2_225),
     "robot": ("robot", 2_998),
-    "camera": ("camera", 2_159),
-    "cell": ("cell", 3_370),
+    "camera": ("camera", 2_154),
+    "cell": ("cell", 3_364),
     "logic": ("logic", 2_874),
     "skill, program": ("skill program", 1_869),
     "task": ("task", 1_091),
