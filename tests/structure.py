@@ -43,7 +43,7 @@ ROOMS = {
     "run": ("run", 8_180),
     "field": ("field ros", 3_217),
     "score": ("score", 2_437),
-    "show": ("show", 5_071),
+    "show": ("show", 5_034),
     "ask": ("ask cli __init__ __main__", 5_447),
     "studio": ("studio", 2_070),
     "starter, platform": ("starter platform", 1_918),

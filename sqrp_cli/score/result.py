@@ -220,7 +220,7 @@ class Scorecard(Document):
     The same bytes wherever it is computed.
     """
 
-    VIEW = "sqrp_cli.show.terminal.score_table:print_scorecard"
+    VIEW = "sqrp_cli.show.terminal.search_tables:print_scorecard"
 
     document: Literal["score", "diff"] = "score"
     results: tuple[TaskScore, ...]
@@ -291,7 +291,7 @@ class Sweep(WorkspaceDocument):
     the others are in the order of their values.
     """
 
-    VIEW = "sqrp_cli.show.terminal.score_table:print_sweep"
+    VIEW = "sqrp_cli.show.terminal.search_tables:print_sweep"
 
     document: Literal["score --vary"] = "score --vary"
     variants: tuple[ScoredVariant, ...]

@@ -15,7 +15,7 @@ import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
-from sqrp_cli.show.terminal.score_table import column_titles
+from sqrp_cli.show.terminal.search_tables import column_titles
 from sqrp_cli.study.pipeline import Assignment
 from tests.cli.ctrl_c import press_ctrl_c
 

@@ -18,7 +18,7 @@ from sqrp_cli.score.comparison import compare_versions
 from sqrp_cli.score.compute import Means, open_computer
 from sqrp_cli.score.result import LostView, Shift, WayChange
 from sqrp_cli.score.score import ScoredCell, read_cell, shortcomings
-from sqrp_cli.show.terminal.score_table import print_difference
+from sqrp_cli.show.terminal.search_tables import print_difference
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 

@@ -48,7 +48,17 @@ def print_ranking(found: Ranking, *, all_rows: bool = False) -> None:
         _print_feasible(feasible, shown)
         if feasible[0].faults and found.assumed:
             say(f"Delays: {found.assumed}.")
-        _print_calibration(found)
+        if (drawn := found.calibration) is not None:
+            errors = f"{1000 * drawn.position:g} mm, {degrees(drawn.rotation):g} deg (one standard deviation"
+            say(f"\nIf every camera is off by {errors}; {drawn.draws} draws, 5th to 95th percentile):")
+            of = {tuple(one.parameters.items()): one for one in drawn.candidates}
+            pairs = [(one.name, of[tuple(one.parameters.items())]) for one in feasible]
+
+            def span(ends: Sequence[float] | None) -> str:
+                return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
+
+            rows = [(name, span(o.q_eoi), span(o.q_avg), f"{o.first} of {drawn.draws}") for name, o in pairs]
+            print_table([Column(""), *numbers("Q_eoi [%]", "Q_avg [%]", "first in")], rows)
     for one in feasible:
         if one.remarks:
             say(f"{one.name}: {', '.join(one.remarks)}")
@@ -123,23 +133,6 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             print_table(columns, rows)
 
 
-def _print_calibration(found: Ranking) -> None:
-    """The effect of inexact camera poses on the qualities and on the first place."""
-    drawn = found.calibration
-    if drawn is None:
-        return
-    errors = f"{1000 * drawn.position:g} mm, {degrees(drawn.rotation):g} deg"
-    say(f"\nIf every camera is off by {errors} (one standard deviation; {drawn.draws} draws, 5th to 95th percentile):")
-    of = {tuple(one.parameters.items()): one for one in drawn.candidates}
-    pairs = [(one.name, of[tuple(one.parameters.items())]) for one in found.feasible]
-
-    def span(ends: Sequence[float] | None) -> str:
-        return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
-
-    rows = [(name, span(one.q_eoi), span(one.q_avg), f"{one.first} of {drawn.draws}") for name, one in pairs]
-    print_table([Column(""), *numbers("Q_eoi [%]", "Q_avg [%]", "first in")], rows)
-
-
 class _Figure(NamedTuple):
     """A column with a figure of each feasible candidate."""
 
@@ -192,18 +185,18 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     if len(faults) > 1:
         done = f"; all done: after a retry of {', '.join(retried)}" if retried else ""
         say(plain(f"seen, at worst: the longest of {', '.join(faults)}{done}.", "dim"))
-    if unseen := [said for name in faults if (said := _unseen(name, shown))]:
+    unseen = []  # of which candidates a fault may be seen in no image, and how often
+    for name in faults:
+        blind = sorted(
+            (-one.faults[name].unseen, place) for place, one in enumerate(shown) if one.faults[name].unseen > 0
+        )
+        if blind:
+            more = f" and {len(blind) - 1} more" if len(blind) > 1 else ""
+            whose = f" of {shown[blind[0][1]].name}{more}" if len(shown) > 1 else ""
+            share = f"{'up to ' if more else ''}{-100 * blind[0][0]:.3g} % of cases"
+            unseen.append(f"{name}{whose} in {share}")
+    if unseen:
         say(f"Never noticed, as no image is sure to show it: {', '.join(unseen)}.")
-
-
-def _unseen(fault: str, shown: Sequence[CandidateResult]) -> str | None:
-    """Of which candidates a fault may be seen in no image, and how often; None if it is always seen."""
-    blind = sorted((one for one in shown if one.faults[fault].unseen > 0), key=lambda one: -one.faults[fault].unseen)
-    if not blind:
-        return None
-    more = f" and {len(blind) - 1} more" if len(blind) > 1 else ""
-    whose = f" of {blind[0].name}{more}" if len(shown) > 1 else ""
-    return f"{fault}{whose} in {'up to ' if more else ''}{100 * blind[0].faults[fault].unseen:.3g} % of cases"
 
 
 def print_infeasible(found: Iterable[tuple[str, Mapping[str, str], str]]) -> None:
