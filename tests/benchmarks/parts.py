@@ -66,7 +66,7 @@ def _part(frame: FrameType | None) -> str:
     while frame is not None:
         name = frame.f_globals.get("__name__", "")
         ours = name.startswith("sqrp_cli")
-        if frame.f_code.co_name == "<module>" and name != "__main__":
+        if frame.f_code.co_name == "<module>" and name not in ("", "__main__"):
             return f"imports of {'our modules' if ours else name.partition('.')[0]}"
         if found is None and ours:
             found = "/".join(name.split(".")[1:-1]) or name
