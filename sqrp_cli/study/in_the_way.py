@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -111,13 +112,9 @@ def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove,
     objects = cell.workspace.objects
     supports = {one.on for one in objects.values() if one.on is not None and objects[one.on].fixed}
     kept = supports.union(study.candidate.binding.values())
-    shares: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
-    for part in parts:
-        parent = parents[part.name]
-        if parent in objects and parent not in kept:
-            shares[parent][0] += part.share / total
-            shares[parent][1] += part.alone / total
-    found = [ObjectToMove(name=name, share=share, alone=alone) for name, (share, alone) in shares.items()]
+    of_objects = [replace(part, name=parents[part.name]) for part in parts]
+    movable = _mean([(1.0, [part for part in of_objects if part.name in objects and part.name not in kept])], total)
+    found = [ObjectToMove(name=one.name, share=one.share, alone=one.alone) for one in movable]
     return tuple(sorted(found, key=lambda one: (-one.alone, -one.share, one.name)))
 
 

@@ -19,7 +19,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.assessment import Study
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import Timeline, observe
+from sqrp_cli.study.timeline import observe
 
 DRAWS = 20
 """Number of random sets of camera poses for the influence of calibration errors."""
@@ -108,17 +108,10 @@ def expectation(cell: Cell, study: Study) -> Expectation | None:
 
 def expected_quality(cell: Cell, study: Study) -> float | None:
     """q_expected: the mean of the probability over the time T; None without curves, or where T is 0."""
-    found = expectation(cell, study)
-    return None if found is None else _mean(study.timeline, found.states)
-
-
-def _mean(timeline: Timeline, states: Array) -> float | None:
-    """The time integral of what holds at samples, over T.
-
-    Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
-    """
-    if timeline.T <= 0:
+    found, timeline = expectation(cell, study), study.timeline
+    if found is None or timeline.T <= 0:
         return None
-    before, after = np.nan_to_num(states[:-1]), np.nan_to_num(states[1:])
+    # Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
+    before, after = np.nan_to_num(found.states[:-1]), np.nan_to_num(found.states[1:])
     height = np.where((before > 0) & (after > 0), 0.5 * (before + after), 0.0)
     return min(1.0, float((height * np.nan_to_num(timeline.steps)).sum() / timeline.T))

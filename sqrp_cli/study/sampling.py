@@ -138,7 +138,7 @@ def _steps(
     first = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
     counts = [len(t) for t in instants.values()]
     samples = Samples(np.repeat([first[index] for index in instants], counts), np.concatenate([*instants.values()]))
-    moving = {name: X_WF for name, X_WF in stage.states(samples).X_WF.items() if stage.moves(name)}
+    moving = {name: X_WF for name, X_WF in stage.states(samples).X_WF.items() if len(X_WF) > 1}
     boxes = [box for target in targets for box in target.boxes]
     paths = [_paths(moving[s.part.parent], s.corners) for s in observer.solids if s.part.parent in moving]
     paths += [_paths(moving[box.frame] @ box.X_FB, box_corners(box.size)) for box in boxes if box.frame in moving]

@@ -181,11 +181,6 @@ class _Runner:
         """What is minimised, with the best paths so far [s]."""
         return self.cost_with([search.best for search in self.searches])
 
-    @property
-    def direct_cost(self) -> float:
-        """The same of the direct way [s]."""
-        return self.cost_with([search.space.direct for search in self.searches])
-
     def cost_with(self, paths: Sequence[SeenPath]) -> float:
         """The same with one path for each search [s]."""
         longer = sum(path.time - search.space.direct.time for search, path in zip(self.searches, paths, strict=True))
@@ -306,4 +301,5 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
     blind = (1.0 - (average_quality(found.timeline) or 0.0)) * found.timeline.T
-    return found if runner.cost_of(blind, found.motion.time) < runner.direct_cost else None
+    direct = runner.cost_with([search.space.direct for search in runner.searches])
+    return found if runner.cost_of(blind, found.motion.time) < direct else None

@@ -133,10 +133,6 @@ class Stage:
         held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
         return held[samples.piece]
 
-    def moves(self, frame: str) -> bool:
-        """Whether a frame ever moves, as far as its kind tells."""
-        return frame in self._carried or (frame in self.model.links and frame not in self.model.still_links)
-
     def asks(self, primitive: int) -> bool:
         """Whether something moves during a primitive, by index, in which anything must be seen."""
         asked = any(piece.literals for piece in self.pieces if piece.primitive == primitive)

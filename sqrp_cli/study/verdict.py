@@ -380,29 +380,35 @@ def _least_change(
         [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)], 1
     )
 
-    def inside(camera: Camera) -> Array:
-        """The world in the camera, shape (m, 4, 4)."""
-        X_CW: Array = np.broadcast_to(inverse(states.camera_poses(camera)), (len(rows), 4, 4))[lost]
-        return X_CW
+    def inside(cameras: Sequence[Camera]) -> Array:
+        """The world in c cameras, shape (c, m, 4, 4)."""
+        X_WC = [np.broadcast_to(states.camera_poses(camera), (len(rows), 4, 4))[lost] for camera in cameras]
+        return inverse(np.array(X_WC).reshape(len(cameras), int(lost.sum()), 4, 4))
+
+    def beyond(seen: Array, upper: Array, lower: Array) -> Array:
+        """By how much angles (c, m, n) are beyond those that each camera shows, shape (c,) [rad]."""
+        over = np.maximum(seen.max(axis=(1, 2)) - upper, 0.0)
+        by: Array = np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
+        return by
 
     tried: list[tuple[float, Camera, Turn | Shift, Array]] = []
-    for camera in outside:
-        right, left, top, bottom = _angles_of_view(camera)
-        x, y, z = np.moveaxis(transform(inside(camera), corners_W), -1, 0)
-        pan = np.arctan2(x, z)
-        pan = max(pan.max() - right, 0.0) or min(pan.min() + left, 0.0)
-        above = np.arctan2(-y, np.hypot(x, z) * np.cos(np.arctan2(x, z) - pan))
-        tilt = max(above.max() - top, 0.0) or min(above.min() + bottom, 0.0)
-        least = Turn(*np.degrees([tilt, pan]).tolist())
+    right, left, top, bottom = np.array(list(map(_angles_of_view, outside))).reshape(-1, 4).T
+    x, y, z = np.moveaxis(transform(inside(outside), corners_W), -1, 0)
+    sideways = np.arctan2(x, z)
+    pan = beyond(sideways, right, left)
+    tilt = beyond(np.arctan2(-y, np.hypot(x, z) * np.cos(sideways - pan[:, None, None])), top, bottom)
+    for camera, *angles in zip(outside, *np.degrees([tilt, pan]).tolist(), strict=True):
+        least = Turn(*angles)
         if 0.0 < least.angle <= _MOST_TURN:
             whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
             turn = Turn(whole * least.up, whole * least.right)
             tried.append((turn.angle, camera, turn, pose(turn.rotation)))
     for camera in aside:
-        z = transform(inside(camera), corners_W)[..., 2]
+        (X_CW,) = inside([camera])
+        z = transform(X_CW, corners_W)[..., 2]
         back, closer = camera.near - z.min(), z.max() - camera.far
         for X, box in zip(poses, target.boxes, strict=True):
-            x, y, depth = np.moveaxis(transform(inside(camera), X[:, None, :3, 3])[:, 0], -1, 0)
+            x, y, depth = np.moveaxis(transform(X_CW, X[:, None, :3, 3])[:, 0], -1, 0)
             near, far = (np.sqrt(np.maximum(edge**2 - x**2 - y**2, 0.0)) - depth for edge in box.limits.distance)
             back, closer = max(back, near.max()), max(closer, -far.min())
         shift = Shift(float(np.ceil(100 * back - 1e-6) / 100 if back > 0 else -np.ceil(100 * closer - 1e-6) / 100))
