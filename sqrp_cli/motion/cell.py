@@ -26,8 +26,7 @@ class Cell:
     observer: Observer
     self_contacts: SelfContacts | None
     """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
-    seed: int
-    """Seed of all random numbers in planning."""
+    seed: int  # seed of all random numbers in planning
 
     @classmethod
     def load(cls, workspace: Workspace, seed: int = 0) -> Cell:

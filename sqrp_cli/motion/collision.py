@@ -42,12 +42,9 @@ class Contact:
     first: str
     second: str
     """Names of links or objects, the outer one of the arm first."""
-    s: float = 0.0
-    """Position on the path, in [0, 1]."""
-    clearance: float = CLEARANCE
-    """Distance that they have to keep [m]."""
-    doubt: str = ""
-    """What makes the size of one of them doubtful, if anything does."""
+    s: float = 0.0  # position on the path, in [0, 1]
+    clearance: float = CLEARANCE  # distance that they have to keep [m]
+    doubt: str = ""  # what makes the size of one of them doubtful, if anything does
 
     def __str__(self) -> str:
         hits = f"{self.first} hits {self.second}"
@@ -101,17 +98,13 @@ class PlacedScene:
     solids: tuple[Solid, ...]
     mounts: tuple[Mount, ...]
     """What carries the parent of each."""
-    depth: tuple[int, ...]
-    """How many joints of the spine move each."""
+    depth: tuple[int, ...]  # how many joints of the spine move each
     inner: Indices
     outer: Indices
     """Indices of the solids of each pair, the outer one of the arm in `outer`, shape (P,)."""
-    clearance: Array
-    """Distance that each pair has to keep [m], shape (P,)."""
-    fingers: Array
-    """Positions of the fingers' joints, shape (f,)."""
-    doubts: Mapping[str, str] = field(default_factory=dict)
-    """What makes the sizes of some objects doubtful, by name."""
+    clearance: Array  # distance that each pair has to keep [m], shape (P,)
+    fingers: Array  # positions of the fingers' joints, shape (f,)
+    doubts: Mapping[str, str] = field(default_factory=dict)  # what makes the sizes of some objects doubtful, by name
 
     def allowing(self, allowed: NamePairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
@@ -348,12 +341,9 @@ class CollisionScene:
 class SelfContacts:
     """Pairs of links, neither neighbours nor rigidly connected, by how they touch: closer than the clearance."""
 
-    at_home: NamePairs
-    """At the home position."""
-    always: NamePairs
-    """In `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked."""
-    never: NamePairs
-    """In none of them; that proves little, so they are still checked."""
+    at_home: NamePairs  # at the home position
+    always: NamePairs  # in `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked.
+    never: NamePairs  # in none of them; that proves little, so they are still checked
 
     @property
     def unchecked(self) -> NamePairs:

@@ -44,26 +44,20 @@ class SkillUse:
     skill: Skill
     binding: Mapping[str, str]
     """The object of each skill parameter."""
-    values: Mapping[str, MotionValue]
-    """Value of every motion parameter."""
-    objects: Mapping[str, SceneObject]
-    """Of the workspace."""
-    world: World
-    """World before it."""
+    values: Mapping[str, MotionValue]  # value of every motion parameter
+    objects: Mapping[str, SceneObject]  # of the workspace
+    world: World  # world before it
     vias: Mapping[str, Array] = field(default_factory=dict)
     """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
-    branch: Mapping[str, MotionValue] = field(default_factory=dict)
-    """Of a way: its choice among `plan_motion.Branches`."""
+    branch: Mapping[str, MotionValue] = field(default_factory=dict)  # of a way: its choice among `plan_motion.Branches`
 
 
 @dataclass(frozen=True)
 class GuardedLine:
     """What a straight move does that ends at contact."""
 
-    force: float
-    """At the tool, what counts as contact [N]."""
-    beyond: ToolCurve
-    """The line from where contact is expected to where the move ends without."""
+    force: float  # at the tool, what counts as contact [N]
+    beyond: ToolCurve  # the line from where contact is expected to where the move ends without
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +70,13 @@ class GroundPrimitive:
     X_start: Array
     X_end: Array
     """Pose X_WT of the tool frame when it begins and ends, shape (4, 4)."""
-    world: World
-    """Poses of objects, and the held one, during it."""
+    world: World  # poses of objects, and the held one, during it
     home: bool = False
     """A joint move to the home configuration.
 
     Otherwise any joint positions of the wanted branches that bring the tool to `X_end`.
     """
-    via_home: bool = False
-    """A joint move that stops at home on the way."""
+    via_home: bool = False  # a joint move that stops at home on the way
     vias: Array | None = None
     """Joint positions that a joint move bends around on its way, shape (k, n) [rad or m]; not one by home."""
     branches: BranchChoice = field(default_factory=BranchChoice)
@@ -94,20 +86,15 @@ class GroundPrimitive:
     acceleration: float = 0.0
     jerk: float = 0.0
     """Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0."""
-    turn_speed: float | None = None
-    """How fast the tool may turn on a curve [rad/s], None if only its joints limit that."""
+    turn_speed: float | None = None  # how fast the tool may turn on a curve [rad/s], None if only its joints limit that
     curves: tuple[ToolCurve, ...] = ()
     """Of a move of the tool: what it moves along, with a stop after each; empty for all else."""
-    guard: GuardedLine | None = None
-    """Of a move that looks for contact."""
+    guard: GuardedLine | None = None  # of a move that looks for contact
     touching: frozenset[str] = frozenset()
     """Names of the objects that tool and held object may touch from here to the next joint move."""
-    hold: float = 0.0
-    """How long it stands still [s]; 0 for moves."""
-    fingers: Trajectory | None = None
-    """Motion of the fingers during it, None if they stand still."""
-    allowed: NamePairs = frozenset()
-    """Pairs of names that may touch as part of the skill."""
+    hold: float = 0.0  # how long it stands still [s]; 0 for moves
+    fingers: Trajectory | None = None  # motion of the fingers during it, None if they stand still
+    allowed: NamePairs = frozenset()  # pairs of names that may touch as part of the skill
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,7 @@ MOST_BRANCHES = 256
 class Guard:
     """How a guarded move goes on where it meets nothing, and what it takes for contact."""
 
-    force: float
-    """At the tool [N]."""
+    force: float  # at the tool [N]
     trajectory: Trajectory
     """Of the driven joints, over the whole time of the primitive, to where it ends without contact."""
 
@@ -53,18 +52,13 @@ class TimedPrimitive:
     start: float
     end: float
     """[s] from the start of the motion."""
-    trajectory: Trajectory
-    """Of the driven joints, from 0 to end - start."""
+    trajectory: Trajectory  # of the driven joints, from 0 to end - start
     held: str | None
     """The object in the tool during it, None if there is none: grasp attaches and release detaches at `end`."""
-    X_TO: Array | None
-    """Pose of the held object in the tool frame, shape (4, 4); None if there is none."""
-    X_WO: Mapping[str, Array]
-    """Poses of the objects that are not held."""
-    around: str | None = None
-    """The link or object that it goes around, None if it is direct."""
-    guard: Guard | None = None
-    """Of a move that ends at contact; its trajectory then ends where contact is expected."""
+    X_TO: Array | None  # pose of the held object in the tool frame, shape (4, 4); None if there is none
+    X_WO: Mapping[str, Array]  # poses of the objects that are not held
+    around: str | None = None  # the link or object that it goes around, None if it is direct
+    guard: Guard | None = None  # of a move that ends at contact; its trajectory then ends where contact is expected
     too_slow: str | None = None
     """The highest speed of its tool where that is below the stated one, such as `reaches 3.4 of 5 cm/s`."""
 
@@ -75,10 +69,8 @@ class Motion:
 
     joint_names: tuple[str, ...]
     """The driven joints, in the order of all joint positions: those of the arm, then those of the fingers."""
-    primitives: tuple[TimedPrimitive, ...]
-    """Without gaps, in order."""
-    final: World
-    """The world after it, with the facts from before; X_WO of a held object is its final pose."""
+    primitives: tuple[TimedPrimitive, ...]  # without gaps, in order
+    final: World  # the world after it, with the facts from before; X_WO of a held object is its final pose
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -114,12 +106,9 @@ class BranchMotion:
 class Branches:
     """All branches that were tried for a motion."""
 
-    tried: int
-    """One where no branch reaches its place, or nothing is free."""
-    feasible: tuple[BranchMotion, ...]
-    """Those with a motion, in a fixed order."""
-    reasons: tuple[str, ...]
-    """Why others fail, most useful first; not empty if all fail."""
+    tried: int  # one where no branch reaches its place, or nothing is free
+    feasible: tuple[BranchMotion, ...]  # those with a motion, in a fixed order
+    reasons: tuple[str, ...]  # why others fail, most useful first; not empty if all fail
 
 
 _Planned = TypeVar("_Planned", Motion, Branches)

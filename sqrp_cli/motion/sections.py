@@ -44,15 +44,13 @@ class MotionProblem:
     primitives: Sequence[GroundPrimitive]
     scenes: Sequence[PlacedScene]
     """The surroundings of each."""
-    q_start: Array
-    """Where the arm begins, shape (n,)."""
+    q_start: Array  # where the arm begins, shape (n,)
     seed: int
     redundancy_samples: int
     """As of `all_solutions`."""
     failures: list[tuple[int, str]] = field(default_factory=list)
     """Why branches fail, each with the index of the failing primitive."""
-    out_of_reach: bool = False
-    """Whether a waypoint is, obstacles ignored."""
+    out_of_reach: bool = False  # whether a waypoint is, obstacles ignored
 
     def note(self, index: int, reason: str) -> None:
         """Record why a branch fails at a primitive."""
@@ -105,25 +103,20 @@ class Branch:
     trajectories: tuple[Trajectory, ...]
     turns: Array
     """Offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n)."""
-    name: Names
-    """Of the branch at the end of the joint move; empty where nothing is free."""
+    name: Names  # of the branch at the end of the joint move; empty where nothing is free
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """All k ways through a section: its branches, with each of their turns."""
 
-    branches: tuple[Branch, ...]
-    """Some of one or more ways."""
-    of: Indices
-    """Index of the branch of each way, shape (k,)."""
-    turns: Array
-    """Of each, shape (k, n)."""
+    branches: tuple[Branch, ...]  # some of one or more ways
+    of: Indices  # index of the branch of each way, shape (k,)
+    turns: Array  # of each, shape (k, n)
     q_start: Array
     q_end: Array
     """Where each begins and ends, shape (k, n)."""
-    duration: Array
-    """Of each, shape (k,) [s]."""
+    duration: Array  # of each, shape (k,) [s]
 
     @staticmethod
     def through(branches: Sequence[Branch]) -> Ways:

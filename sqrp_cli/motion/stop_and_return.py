@@ -65,10 +65,8 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
 class ShortestStop(NamedTuple):
     """How joints come to rest."""
 
-    duration: Array
-    """Shortest time to rest [s], shape (m, n)."""
-    displacement: Array
-    """How far they move meanwhile [rad or m], shape (m, n)."""
+    duration: Array  # shortest time to rest [s], shape (m, n)
+    displacement: Array  # how far they move meanwhile [rad or m], shape (m, n)
 
 
 def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> ShortestStop:

@@ -176,14 +176,10 @@ def _meet(model: RobotModel, guesses: Array, X_WT: Array, moving: Mask | None) -
 class _Interpolation(NamedTuple):
     """Polynomials of a degree on [0, 1]."""
 
-    s: Array
-    """The Chebyshev points, ends included, shape (degree + 1,)."""
-    between: Array
-    """Those of twice the degree in between, shape (degree,)."""
-    fit: Array
-    """Maps values at the points to the coefficients of the polynomial through them."""
-    refine: Array
-    """Maps values at the points to those in between."""
+    s: Array  # the Chebyshev points, ends included, shape (degree + 1,)
+    between: Array  # those of twice the degree in between, shape (degree,)
+    fit: Array  # maps values at the points to the coefficients of the polynomial through them
+    refine: Array  # maps values at the points to those in between
 
 
 @cache

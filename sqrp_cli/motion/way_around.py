@@ -107,10 +107,8 @@ def _corner_curve(corner: Array, before: Array, after: Array, reach: float) -> A
 class WaySearch:
     """The result of a search for a way around."""
 
-    trajectory: Trajectory | None
-    """The motion, None if none was found, which does not prove that there is none."""
-    tries: int
-    """Straight pieces that the planner checked."""
+    trajectory: Trajectory | None  # the motion, None if none was found, which does not prove that there is none
+    tries: int  # straight pieces that the planner checked
 
 
 def find_way(

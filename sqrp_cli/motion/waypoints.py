@@ -28,19 +28,14 @@ class _UnknownPlaceError(Exception):
 class WaypointGrounder:
     """Waypoints of a skill in one binding and one world."""
 
-    waypoints: Mapping[str, skill.Waypoint]
-    """Of the skill."""
-    binding: Mapping[str, str]
-    """The object of each skill parameter."""
-    values: Mapping[str, MotionValue]
-    """Of the motion parameters."""
+    waypoints: Mapping[str, skill.Waypoint]  # of the skill
+    binding: Mapping[str, str]  # the object of each skill parameter
+    values: Mapping[str, MotionValue]  # of the motion parameters
     objects: Mapping[str, SceneObject]
     X_WH: Array
     """Pose of the tool frame at home."""
-    X_WO: Mapping[str, Array]
-    """Poses of the objects whose place is known."""
-    X_TO: Mapping[str, Array]
-    """Poses in the tool frame of the objects that are held, or were last."""
+    X_WO: Mapping[str, Array]  # poses of the objects whose place is known
+    X_TO: Mapping[str, Array]  # poses in the tool frame of the objects that are held, or were last
     _found: dict[str, Array] = field(default_factory=dict, init=False)
     """Poses that were asked for: several waypoints may be defined by the same one."""
 

@@ -212,8 +212,7 @@ class _Post(Generic[Message, Answer]):
     own: deque[int]
     since: float = 0.0
     """When it began with the first of them [s]."""
-    kind: object = None
-    """Of the last message that it got."""
+    kind: object = None  # of the last message that it got
 
 
 class Pool(Generic[Message, Answer]):

@@ -26,8 +26,7 @@ LEAST_OFFSET = 5e-3
 class BranchChoice:
     """The wanted branches; `any` accepts all."""
 
-    elbow: str = ANY
-    """`up` or `down`: the third joint is above or below the line from the second joint to the wrist."""
+    elbow: str = ANY  # `up` or `down`: the third joint is above or below the line from the second joint to the wrist
     shoulder: str = ANY
     """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
     wrist: str = ANY

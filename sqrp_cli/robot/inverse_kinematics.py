@@ -79,8 +79,7 @@ class IkResult:
 
     Some may be within the limits again with whole turns added.
     """
-    reason: Unreachable | None
-    """Why there is no solution; None if there are some."""
+    reason: Unreachable | None  # why there is no solution; None if there are some
 
 
 _known: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], IkResult]] = WeakKeyDictionary()

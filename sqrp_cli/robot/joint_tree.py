@@ -18,10 +18,8 @@ from sqrp_cli.robot.urdf import UrdfJoint
 class Mount:
     """What a link is rigidly fixed to."""
 
-    joint: int
-    """Its index, -1 for the world."""
-    X_JL: Array
-    """Pose of the link in it, shape (4, 4)."""
+    joint: int  # its index, -1 for the world
+    X_JL: Array  # pose of the link in it, shape (4, 4)
 
     def with_offset(self, X_LC: Array) -> Mount:
         """The mount of something fixed to the link at a pose X_LC, (4, 4)."""
@@ -49,18 +47,12 @@ class JointTree:
     and `A + q B` if it slides.
     """
 
-    joints: tuple[UrdfJoint, ...]
-    """As in the URDFs."""
-    parents: tuple[int, ...]
-    """Index of each joint's parent, -1 for the world."""
-    turns: NDArray[np.bool_]
-    """Whether each joint turns, shape (N,); the others slide."""
-    axes: Array
-    """Unit vectors in the joints' frames, shape (N, 3)."""
-    terms: Array
-    """The matrices A, B and C of each joint, shape (N, 3, 4, 4)."""
-    mounts: dict[str, Mount]
-    """What carries each link of robot and tool."""
+    joints: tuple[UrdfJoint, ...]  # as in the URDFs
+    parents: tuple[int, ...]  # index of each joint's parent, -1 for the world
+    turns: NDArray[np.bool_]  # whether each joint turns, shape (N,); the others slide
+    axes: Array  # unit vectors in the joints' frames, shape (N, 3)
+    terms: Array  # the matrices A, B and C of each joint, shape (N, 3, 4, 4)
+    mounts: dict[str, Mount]  # what carries each link of robot and tool
 
     @staticmethod
     def of(robot: Robot) -> JointTree:
@@ -121,10 +113,8 @@ class JointTree:
 class Couplings:
     """Positions of all N joints from those of the n driven ones: `q @ ratios.T + offsets`."""
 
-    ratios: Array
-    """Shape (N, n)."""
-    offsets: Array
-    """Shape (N,) [rad or m]."""
+    ratios: Array  # shape (N, n)
+    offsets: Array  # shape (N,) [rad or m]
 
     @staticmethod
     def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:

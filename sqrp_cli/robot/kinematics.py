@@ -24,8 +24,7 @@ from sqrp_cli.trajectory import JointSpan
 class FingerModel:
     """The fingers of a gripper; without any, f is 0. Positions and limits in rad or m, and s, of shape (f,) each."""
 
-    joints: tuple[str, ...]
-    """Names of the f joints that drive them."""
+    joints: tuple[str, ...]  # names of the f joints that drive them
     open: Array
     closed: Array
     lower: Array
@@ -35,26 +34,21 @@ class FingerModel:
     jerk: Array
     links: frozenset[str]
     """All links that these joints move."""
-    width: float | None = None
-    """Clear width between them when open, if stated [m]; closed, it is 0."""
+    width: float | None = None  # clear width between them when open, if stated [m]; closed, it is 0
 
 
 class ToolMotion(NamedTuple):
     """Poses and Jacobians of the tool frame at m joint positions."""
 
-    X_WT: Array
-    """Shape (m, 4, 4)."""
-    J: Array
-    """Jacobians, shape (m, 6, n): velocity over angular velocity, in world axes."""
+    X_WT: Array  # shape (m, 4, 4)
+    J: Array  # jacobians, shape (m, 6, n): velocity over angular velocity, in world axes
 
 
 class JointLines(NamedTuple):
     """The axes of joints at m positions, shape (m, n, 3) each."""
 
-    axes: Array
-    """Unit vectors."""
-    origins: Array
-    """A point on each [m]."""
+    axes: Array  # unit vectors
+    origins: Array  # a point on each [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +60,8 @@ class RobotModel:
     arm's joints are in rad or m, and s, of shape (n,) each.
     """
 
-    arm: tuple[str, ...]
-    """Names of the arm's joints, from the root outwards."""
-    turns: Mask
-    """Which of them turn; the others slide."""
+    arm: tuple[str, ...]  # names of the arm's joints, from the root outwards
+    turns: Mask  # which of them turn; the others slide
     lower: Array
     upper: Array
     velocity: Array
@@ -77,25 +69,19 @@ class RobotModel:
     jerk: Array
     home: Array
     """Their positions at the start of a program."""
-    fingers: FingerModel
-    """Those of its gripper."""
+    fingers: FingerModel  # those of its gripper
     tool_links: frozenset[str]
     tool_frame: str
     """The link that grasps."""
-    parts: tuple[Part, ...]
-    """The solid parts of robot and tool."""
+    parts: tuple[Part, ...]  # the solid parts of robot and tool
     adjacent_pairs: frozenset[tuple[str, str]]
     """Links with parts, each pair in alphabetical order, that are rigidly connected or meet at a joint."""
     angle_tolerance: float
     """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
-    tree: JointTree
-    """Every joint and link of robot and tool."""
-    couplings: Couplings
-    """Positions of all joints from those of the driven ones, which are those of arm and fingers."""
-    _chain_tree: JointTree
-    """Of the joints that carry the tool frame."""
-    _chain_couplings: Couplings
-    """Of the joints of that chain to those of the arm."""
+    tree: JointTree  # every joint and link of robot and tool
+    couplings: Couplings  # positions of all joints from those of the driven ones, which are those of arm and fingers
+    _chain_tree: JointTree  # of the joints that carry the tool frame
+    _chain_couplings: Couplings  # of the joints of that chain to those of the arm
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:

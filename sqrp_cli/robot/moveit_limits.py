@@ -45,12 +45,9 @@ class MoveitLimits:
     document: SourceDocument
     stated: Mapping[str, Mapping[str, float]]
     """Of each kind of `KINDS`, by joint; only limits that are switched on."""
-    positions: Mapping[str, tuple[float, float]]
-    """Position limits by joint."""
-    scaling: Mapping[str, float]
-    """Factor of each kind of `SCALED`; 1 where none is stated."""
-    joints: tuple[str, ...]
-    """All joints that it names."""
+    positions: Mapping[str, tuple[float, float]]  # position limits by joint
+    scaling: Mapping[str, float]  # factor of each kind of `SCALED`; 1 where none is stated
+    joints: tuple[str, ...]  # all joints that it names
 
     def unknown(self, known: tuple[str, ...]) -> Problem | None:
         """A warning about joints that the robot lacks; None if there are none."""

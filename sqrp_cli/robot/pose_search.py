@@ -27,10 +27,8 @@ NEWTON_STEPS = 8  # most steps of Newton's method; each squares the error of an 
 class Approach(NamedTuple):
     """The result of a search from each of m starts."""
 
-    q: Array
-    """Joint positions, shape (m, n)."""
-    errors: Array
-    """Remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
+    q: Array  # joint positions, shape (m, n)
+    errors: Array  # remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)
 
     def best(self, count: int) -> Approach:
         """The closest ones of `descend`, in order."""
@@ -65,12 +63,9 @@ def pose_errors(X_WT: Array, X_target: Array) -> Array:
 class Misses(NamedTuple):
     """What keeps a tool from its targets, at m joint positions of n joints."""
 
-    errors: Array
-    """What is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)."""
-    J: Array
-    """How these errors decrease with the joints, shape (m, 6, n)."""
-    turned_away: Array
-    """By how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it."""
+    errors: Array  # what is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)
+    J: Array  # how these errors decrease with the joints, shape (m, 6, n)
+    turned_away: Array  # by how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it
 
 
 def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = None) -> Misses:

@@ -47,13 +47,11 @@ class StopLimits:
 class Tool:
     """A tool, whose root link is fixed to a link of the robot."""
 
-    urdf: UrdfModel
-    """Its links and joints."""
+    urdf: UrdfModel  # its links and joints
     link: str
     X_LT: Array
     """Pose of its root link in `link`, shape (4, 4)."""
-    file: Path | None
-    """The URDF that describes it; None for a tool of boxes."""
+    file: Path | None  # the URDF that describes it; None for a tool of boxes
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_LT` is not a pose."""
@@ -67,26 +65,19 @@ class Fingers:
     Both name the same joints. Joints that mimic them follow; between the two positions, all move in step.
     """
 
-    open: Mapping[str, float]
-    """By the joint's name."""
-    closed: Mapping[str, float]
-    """By the joint's name, with nothing between the fingers."""
-    width: float | None = None
-    """Clear width between them when open, None where it is not stated [m]."""
+    open: Mapping[str, float]  # by the joint's name
+    closed: Mapping[str, float]  # by the joint's name, with nothing between the fingers
+    width: float | None = None  # clear width between them when open, None where it is not stated [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
     """The robot of a cell."""
 
-    urdf: UrdfModel
-    """Its links and joints, without those of the tool."""
-    srdf: Path | None
-    """Resolved path."""
-    package_roots: tuple[Path, ...]
-    """Folders that `package://NAME/` is looked up in, first hit wins."""
-    X_WB: Array
-    """Pose of the robot's root link in the world, shape (4, 4)."""
+    urdf: UrdfModel  # its links and joints, without those of the tool
+    srdf: Path | None  # resolved path
+    package_roots: tuple[Path, ...]  # folders that `package://NAME/` is looked up in, first hit wins
+    X_WB: Array  # pose of the robot's root link in the world, shape (4, 4)
     tool: Tool | None
     tool_frame: str
     """The link of robot or tool that grasps: its z axis points out of the tool, into the object."""
@@ -95,20 +86,16 @@ class Robot:
     limit."""
     limits: Mapping[str, JointLimits]
     """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
-    stop_limits: Mapping[str, StopLimits]
-    """Of the same joints while the robot stops to protect itself and others."""
+    stop_limits: Mapping[str, StopLimits]  # of the same joints while the robot stops to protect itself and others
     angle_tolerance: float
     """By how much the tool may be turned away from a pose, for an arm with fewer than six axes [rad]; else 0."""
     geometry: Geometry
     """Which geometry of the links is solid and opaque; a link without collision geometry uses its visual one."""
-    parts: tuple[Part, ...]
-    """That geometry, of the robot's links and then of the tool's."""
+    parts: tuple[Part, ...]  # that geometry, of the robot's links and then of the tool's
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
-    fingers: Fingers | None = None
-    """Of its gripper; None if it has none that move."""
-    markers: Mapping[str, Marker] = field(default_factory=dict)
-    """On links, by the link's name."""
+    fingers: Fingers | None = None  # of its gripper; None if it has none that move
+    markers: Mapping[str, Marker] = field(default_factory=dict)  # on links, by the link's name
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_WB` is not a pose."""
@@ -182,12 +169,9 @@ class FingersEntry(Entry):
 class LimitKind:
     """Marks a joint limit with its dimensions and default."""
 
-    turning: Dimension
-    """Of a joint that turns."""
-    sliding: Dimension
-    """Of a joint that slides."""
-    assumed: float
-    """The limit where neither the workspace nor the URDF states one, in rad (or m) and s."""
+    turning: Dimension  # of a joint that turns
+    sliding: Dimension  # of a joint that slides
+    assumed: float  # the limit where neither the workspace nor the URDF states one, in rad (or m) and s
 
     def of(self, joint: UrdfJoint) -> Dimension:
         """Its dimension for a joint."""

@@ -29,10 +29,8 @@ ROOT = "robot"  # the root element of URDF and SRDF
 class RobotSource:
     """What a robot description is made of besides its own file."""
 
-    roots: Sequence[Path] = ()
-    """Folders in which packages are looked up."""
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    """Values of xacro arguments by name."""
+    roots: Sequence[Path] = ()  # folders in which packages are looked up
+    arguments: Mapping[str, str] = field(default_factory=dict)  # values of xacro arguments by name
     search: Sequence[Path] = ()
     """Further folders in which packages may be found; of these folders, nothing but those packages is read."""
 
@@ -41,16 +39,11 @@ class RobotSource:
 class RobotXml:
     """A robot description as XML."""
 
-    root: Element
-    """Its `<robot>`, without xacro."""
-    expanded: str | None
-    """The same as text, if it was expanded from xacro."""
-    content: bytes
-    """What its digest is of: the file, or what its xacro stands for."""
-    packages: tuple[str, ...] = ()
-    """The packages that its xacro names."""
-    warnings: tuple[Problem, ...] = ()
-    """Those that the file itself gives."""
+    root: Element  # its `<robot>`, without xacro
+    expanded: str | None  # the same as text, if it was expanded from xacro
+    content: bytes  # what its digest is of: the file, or what its xacro stands for
+    packages: tuple[str, ...] = ()  # the packages that its xacro names
+    warnings: tuple[Problem, ...] = ()  # those that the file itself gives
 
 
 _OLD_TAGS = frozenset({"include", "macro", "property", "insert_block"})

@@ -25,32 +25,24 @@ class EndEffector:
     name: str
     parent_link: str
     """The link of the arm that it is fixed to."""
-    group: str
-    """Its own joints and links."""
-    parent_group: str | None
-    """The arm's group; None if it is not stated."""
+    group: str  # its own joints and links
+    parent_group: str | None  # the arm's group; None if it is not stated
 
 
 @dataclass(frozen=True, kw_only=True)
 class SrdfModel:
     """The content of an SRDF."""
 
-    groups: Mapping[str, tuple[str, ...]]
-    """The movable joints of each group, in the order of the URDF."""
-    tips: Mapping[str, str]
-    """The last link of each group whose links are in one line."""
+    groups: Mapping[str, tuple[str, ...]]  # the movable joints of each group, in the order of the URDF
+    tips: Mapping[str, str]  # the last link of each group whose links are in one line
     states: Mapping[str, Mapping[str, float]]
     """Named positions [rad or m] of joints; of two states of one name, for different groups, all joints."""
-    end_effectors: tuple[EndEffector, ...]
-    """In file order."""
+    end_effectors: tuple[EndEffector, ...]  # in file order
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
-    content: bytes = b""
-    """What it was read from: the file, or what its xacro stands for."""
-    expanded: str | None = None
-    """The SRDF as text if the file is a xacro."""
-    warnings: tuple[Problem, ...] = ()
-    """About what was left out."""
+    content: bytes = b""  # what it was read from: the file, or what its xacro stands for
+    expanded: str | None = None  # the SRDF as text if the file is a xacro
+    warnings: tuple[Problem, ...] = ()  # about what was left out
 
 
 def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) -> SrdfModel:

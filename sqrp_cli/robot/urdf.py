@@ -27,18 +27,15 @@ Resolve = Callable[[str, Path], Path]
 class MeshReference:
     """A mesh as the URDF names it."""
 
-    reference: str
-    """`package://...`, `file://...` or a path relative to the URDF."""
-    scale: tuple[float, float, float]
-    """Along x, y, z."""
+    reference: str  # `package://...`, `file://...` or a path relative to the URDF
+    scale: tuple[float, float, float]  # along x, y, z
 
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
     """One solid piece of a link."""
 
-    name: str | None
-    """None where the URDF gives none."""
+    name: str | None  # none where the URDF gives none
     shape: Box | Sphere | Cylinder | Capsule | MeshReference
     X_LG: Array
     """Its pose in the link, shape (4, 4)."""
@@ -59,12 +56,9 @@ class LinkGeometry:
 class Inertial:
     """Mass and inertia of a link."""
 
-    mass: float
-    """[kg]"""
-    X_LI: Array
-    """Pose of the inertial frame, whose origin is the centre of mass, in the link, shape (4, 4)."""
-    inertia: Array
-    """About the centre of mass, along the axes of that frame [kg m^2], shape (3, 3)."""
+    mass: float  # [kg]
+    X_LI: Array  # pose of the inertial frame, whose origin is the centre of mass, in the link, shape (4, 4)
+    inertia: Array  # about the centre of mass, along the axes of that frame [kg m^2], shape (3, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +97,12 @@ class UrdfJoint:
     child: str
     X_PJ: Array
     """Pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)."""
-    axis: Array
-    """Unit vector in the joint's frame, shape (3,); meaningless for a fixed joint."""
-    lower: float = 0.0
-    """Position limit [rad or m], infinite for a continuous joint."""
-    upper: float = 0.0
-    """Likewise."""
-    velocity: float | None = None
-    """Limit [rad/s or m/s]; None if the URDF gives none (0 means the same)."""
-    effort: float | None = None
-    """Limit [Nm or N], likewise."""
-    mimic: Mimic | None = None
-    """Never set for a fixed joint."""
+    axis: Array  # unit vector in the joint's frame, shape (3,); meaningless for a fixed joint
+    lower: float = 0.0  # position limit [rad or m], infinite for a continuous joint
+    upper: float = 0.0  # likewise
+    velocity: float | None = None  # limit [rad/s or m/s]; None if the URDF gives none (0 means the same)
+    effort: float | None = None  # limit [Nm or N], likewise
+    mimic: Mimic | None = None  # never set for a fixed joint
     place: Place
 
     @property
@@ -135,21 +123,15 @@ class UrdfModel:
     name: str
     path: Path
     """The file that it was read from."""
-    links: Mapping[str, UrdfLink]
-    """In file order."""
-    joints: Mapping[str, UrdfJoint]
-    """From the root outwards, parents first."""
+    links: Mapping[str, UrdfLink]  # in file order
+    joints: Mapping[str, UrdfJoint]  # from the root outwards, parents first
     root: str
     warnings: tuple[Problem, ...] = ()
     """About doubtful values."""
-    content: bytes = b""
-    """What it was read from: the file, or what its xacro stands for."""
-    expanded: str | None = None
-    """The URDF as text if the file is a xacro; None for a plain one."""
-    packages: tuple[str, ...] = ()
-    """The packages that the xacro names."""
-    prefix: str = ""
-    """Before the names of all links, joints and pieces, but not in the content."""
+    content: bytes = b""  # what it was read from: the file, or what its xacro stands for
+    expanded: str | None = None  # the URDF as text if the file is a xacro; None for a plain one
+    packages: tuple[str, ...] = ()  # the packages that the xacro names
+    prefix: str = ""  # before the names of all links, joints and pieces, but not in the content
 
     def prefixed(self, prefix: str) -> UrdfModel:
         """The same description with a prefix before the name of every link, joint and piece of geometry."""

@@ -31,18 +31,14 @@ LONGEST_FINGER = 2  # most joints of a finger in a row; a branch with more is an
 class ArmGuess:
     """The arm in a URDF."""
 
-    joints: tuple[UrdfJoint, ...]
-    """Its movable joints, from the root outwards."""
-    tip: str
-    """The link at its end, to which a tool is fixed."""
-    carried: tuple[str, ...]
-    """Every link after the last joint, fingers included."""
+    joints: tuple[UrdfJoint, ...]  # its movable joints, from the root outwards
+    tip: str  # the link at its end, to which a tool is fixed
+    carried: tuple[str, ...]  # every link after the last joint, fingers included
     out: Array
     """Unit vector in the frame of `tip` that points out of the arm, along the axis of the last joint, shape (3,)."""
     swinging: Array | None = None
     """Axis of the last joint in the frame of `tip`, (3,), if it may swing the tool and only shapes tell, else None."""
-    others: tuple[str, ...] = ()
-    """Where a tool would be on other arms of the robot, as on one with two."""
+    others: tuple[str, ...] = ()  # where a tool would be on other arms of the robot, as on one with two
 
 
 def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:

@@ -54,12 +54,9 @@ class OwnRobot:
 
     urdf: str | None = None
     """A path or `package://...`, also of a xacro; None for the one of which the configuration of MoveIt was made."""
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    """Values of the xacro's arguments."""
-    package_roots: tuple[Path, ...] = ()
-    """Folders in which packages are looked up first."""
-    moveit: Path | None = None
-    """The folder of a configuration of MoveIt; None for one that is found beside the URDF."""
+    arguments: Mapping[str, str] = field(default_factory=dict)  # values of the xacro's arguments
+    package_roots: tuple[Path, ...] = ()  # folders in which packages are looked up first
+    moveit: Path | None = None  # the folder of a configuration of MoveIt; None for one that is found beside the URDF
 
 
 @dataclass(frozen=True)
@@ -255,8 +252,7 @@ class MoveitConfig:
     kinematics: Path | None
     urdf: str | None
     """The URDF that it was made of, `package://...`, or the xacro in the configuration; None if it does not say."""
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    """Arguments of that URDF, if it is a xacro."""
+    arguments: Mapping[str, str] = field(default_factory=dict)  # arguments of that URDF, if it is a xacro
 
     def names(self, urdf: Path) -> bool:
         """Whether it was made of a file of this name."""
