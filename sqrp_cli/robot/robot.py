@@ -1,6 +1,6 @@
 """The robot of a cell, and its entries in a workspace file.
 
-`programming.arm.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
+`robot.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, ranges
 from sqrp_cli.motion.collision import CollisionScene, pair
 from sqrp_cli.motion.ground_primitives import SkillUse
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
@@ -21,6 +21,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.shapes import Box, Part
 from sqrp_cli.skill.skill import Skill, Waypoint
+from sqrp_cli.trajectory import Trajectory
 
 VALUES = {
     "approach_yaw": 0.3, "lift": 0.1, "speed": 1.0, "elbow": "any", "shoulder": "any", "wrist": "any", "via": "direct",
@@ -128,3 +129,20 @@ class PinocchioCell:
                     both = geometry.collisionPairs[k]
                     found.add(pair(objects[both.first].name, objects[both.second].name))
         return found
+
+
+def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
+    """Instants [s] in each phase of a trajectory, both its ends included as seen from within, shape (m,).
+
+    A phase lasts from one break of law or path to the next. Each gets `least` of them, 2 or more, and its share of
+    another `whole`, by how much of the path it covers.
+    """
+    law, breaks = trajectory.law, trajectory.law.breaks
+    if joints := [law.time_at(s) for s in trajectory.path.breaks[1:-1]]:
+        breaks = np.unique(np.concatenate([breaks, joints]))
+    counts = least + np.ceil(whole * np.diff(law.positions(breaks))).astype(int)
+    starts, ends = breaks[:-1], np.nextafter(breaks[1:], 0.0)
+    phase, number = ranges(np.zeros(len(counts)), counts)
+    instants: Array = number * ((ends - starts) / (counts - 1))[phase] + starts[phase]
+    instants[np.cumsum(counts) - 1] = ends
+    return instants

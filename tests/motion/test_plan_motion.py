@@ -21,8 +21,7 @@ from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
 from sqrp_cli.trajectory import JointPath
-from tests.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
-from tests.motion.phases import phase_samples
+from tests.motion.cells import VALUES, Cell, PinocchioCell, phase_samples, read_waypoints, thing
 from tests.motion.test_tool_curves import straight_line
 
 PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}

@@ -22,8 +22,7 @@ from sqrp_cli.motion.straight_line import follow
 from sqrp_cli.motion.tool_curve import ToolCurve, tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
-from tests.motion.cells import Cell, thing
-from tests.motion.phases import phase_samples
+from tests.motion.cells import Cell, phase_samples, thing
 from tests.motion.test_tool_curves import straight_line
 from tests.task.robots import joint, robot, torso_arm, written_urdf
 

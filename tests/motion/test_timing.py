@@ -22,7 +22,7 @@ from sqrp_cli.motion.timing import (
     time_paths,
 )
 from sqrp_cli.trajectory import JointPath, Trajectory
-from tests.motion.phases import phase_samples
+from tests.motion.cells import phase_samples
 
 EXPONENT = st.floats(-2, 2)
 JOINTS = 6

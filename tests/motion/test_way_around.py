@@ -23,8 +23,7 @@ from sqrp_cli.motion.way_around import blended_path, motion_through
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import Skill
 from sqrp_cli.trajectory import Trajectory
-from tests.motion.cells import Cell, PinocchioCell, thing
-from tests.motion.phases import phase_samples
+from tests.motion.cells import Cell, PinocchioCell, phase_samples, thing
 
 TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)

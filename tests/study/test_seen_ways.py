@@ -19,7 +19,7 @@ from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
 from sqrp_cli.task.feasibility import feasible_motion
-from tests.motion.phases import phase_samples
+from tests.motion.cells import phase_samples
 from tests.random_cell import Crowd, random_cell
 from tests.study.compared import Compared, blind_time
 

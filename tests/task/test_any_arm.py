@@ -27,7 +27,7 @@ from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
 from tests.cells import write_cell
-from tests.motion.phases import phase_samples
+from tests.motion.cells import phase_samples
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"
 DATA = "package://example-robot-data/robots/"

@@ -1,0 +1,185 @@
+"""Arms of any kind, and a sample of `python -m tests.trials arms`: a workspace, or a refusal that says why."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.errors import InputError
+from sqrp_cli.motion.cell import Cell
+from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.starter.arm_guess import guess_arm
+from sqrp_cli.starter.make import Starter, make_starter
+from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, SIX_AXES, joint, turning, written_urdf
+from tests.trials.arms import BOX, PEDESTAL, side, solid
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+def in_one_point(*axes: str) -> tuple[str, ...]:
+    return tuple(turning(f"j{k}", f"l{k}", f"l{k + 1}", "0 0 0", axis) for k, axis in enumerate(axes))
+
+
+ODD_ARMS = {
+    "one joint": (SIX_AXES[0],),
+    "one joint that slides": (joint("slide", "base", "tip", "prismatic", "0 0 0", "0 0 1"),),
+    "all axes in one point": in_one_point("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0"),
+    "one axis, six times": in_one_point(*["0 0 1"] * 6),
+    **LINKAGES,
+}
+
+
+def urdf_of(folder: Path, joints: Sequence[str], *, boxes: bool) -> Path:
+    path = written_urdf(folder / "odd.urdf", *joints)
+    box = '<collision><origin xyz="0 0 0.05"/><geometry><box size="0.05 0.05 0.1"/></geometry></collision>'
+    if boxes:
+        path.write_text(re.sub(r'(<link name="\w+")/>', rf"\1>{box}</link>", path.read_text()))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "solid"),
+    [
+        *(pytest.param(name, True, id=f"{name}-solid") for name in ODD_ARMS),
+        *(
+            pytest.param(
+                name, False, id=f"{name}-without geometry", marks=[pytest.mark.trial] if name in LINKAGES else []
+            )
+            for name in ODD_ARMS
+        ),
+    ],
+)
+def test_an_odd_arm_gets_a_workspace_that_says_if_nothing_is_in_reach(tmp_path: Path, name: str, solid: bool) -> None:
+    made = make_starter(tmp_path / "cell", str(urdf_of(tmp_path, ODD_ARMS[name], boxes=solid)))
+    assert isinstance(made, Starter)
+    assert made.cubes or "nothing-in-reach" in [problem.code for problem in made.warnings]
+    assert Cell.load(load_workspace(made.folder)).model.arm
+
+
+LOOP = (
+    joint("there", "a", "b", "fixed", "0 0 1", "0 0 1"),
+    joint("back", "b", "a", "fixed", "0 0 1", "0 0 1"),
+    SIX_AXES[0],
+)
+UNUSABLE = {
+    "nothing moves": (
+        (joint("weld", "base", "tip", "fixed", "0 0 1", "0 0 1"),),
+        None,
+        "all its joints are fixed",
+        "arm",
+    ),
+    "only a gripper": ((turning("left_finger", "base", "tip", "0 0 0", "0 0 1"),), None, "`left_finger` look", "--tip"),
+    "links in a circle": (LOOP, None, "links form a cycle", "such as `back`: a URDF is a tree"),
+    "an axis of length zero": ((turning("j0", "base", "tip", "0 0 0", "0 0 0"),), None, "length zero", 'xyz="0 0 1"'),
+    "no such tip": (SIX_AXES, "nolink", "`nolink`, which is no link", "`--tip LINK`"),
+    "a tip that stands still": (SIX_AXES, "base", "no joint moves `base`", "`--tip LINK`"),
+}
+
+
+@pytest.mark.parametrize("name", UNUSABLE)
+def test_a_robot_that_cannot_be_used_is_refused_with_what_to_do(tmp_path: Path, name: str) -> None:
+    joints, tip, said, mend = UNUSABLE[name]
+    with pytest.raises(InputError) as caught:
+        make_starter(tmp_path / "cell", str(urdf_of(tmp_path, joints, boxes=True)), tip=tip)
+    (problem,) = caught.value.problems
+    assert said in problem.message
+    assert mend in (problem.mend or "")
+    assert problem.place is not None
+    assert (problem.place.file, (tmp_path / "cell").exists()) == (tmp_path / "odd.urdf", False)
+
+
+def test_an_empty_urdf_is_said_to_be_empty(tmp_path: Path) -> None:
+    (tmp_path / "odd.urdf").write_text("\n")
+    with pytest.raises(InputError, match=r"odd\.urdf: the file is empty, expected <robot>") as caught:
+        make_starter(tmp_path / "cell", str(tmp_path / "odd.urdf"))
+    assert "completely" in (caught.value.problems[0].mend or "")
+
+
+def test_warnings_of_a_new_workspace_name_files_that_are_there(tmp_path: Path) -> None:
+    urdf = written_urdf(tmp_path / "odd.urdf", *SIX_AXES)
+    urdf.write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', urdf.read_text()))
+    warnings = make_starter(tmp_path / "cell", str(urdf)).warnings
+    places = [warning.place.file for warning in warnings if warning.place is not None]
+    assert tmp_path / "cell" / "workspace.yaml" in places
+    assert all(place.exists() for place in places)
+
+
+def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
+    made = make_starter(tmp_path / "cell", str(solid(tmp_path, "pedestal", PEDESTAL)))
+    assert len(made.cubes) == 4
+    written = (made.folder / "workspace.yaml").read_text()
+    assert "base: {position: [0, 0, 0.9" in written or "base: {position: [0, 0, -" in written
+
+
+def test_of_two_arms_the_first_is_taken_and_the_other_is_named(tmp_path: Path) -> None:
+    urdf = read_urdf(solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25))))
+    guessed = guess_arm(urdf)
+    assert (guessed.tip, guessed.others) == ("left_hand", ("right_hand",))
+    chosen = guess_arm(urdf, "right_hand")
+    assert [joint.name for joint in chosen.joints] == [f"right_joint_{k}" for k in range(1, 7)]
+    with pytest.raises(InputError, match="did you mean `right_hand`"):
+        guess_arm(urdf, "right_hnd")
+    with pytest.raises(InputError, match="no joint moves `torso`"):
+        guess_arm(urdf, "torso")
+
+
+def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25)))
+    made = make_starter(tmp_path / "cell", str(urdf))
+    assert (made.tip, len(made.cubes)) == ("left_hand", 4)
+
+
+def test_the_other_legs_of_a_robot_without_arms_are_named() -> None:
+    guessed = guess_arm(read_urdf(ROBOTS / "go1_description/urdf/go1.urdf"))
+    assert (guessed.tip, guessed.others) == ("FR_foot", ("FL_foot", "RR_foot", "RL_foot"))
+
+
+def test_the_fingers_of_a_hand_are_not_of_the_arm() -> None:
+    guessed = guess_arm(read_urdf(ROBOTS / "tiago_description/robots/tiago.urdf"))
+    assert [joint.name for joint in guessed.joints] == ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
+    assert guessed.others == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "joints"),
+    [("a level flange", ["joint_1", "joint_2", "joint_3", "joint_4"]),
+     ("an elbow led by a rod", ["joint_1", "joint_2", "motor_3", "joint_4", "joint_5", "joint_6"])],
+)  # fmt: skip
+def test_the_joints_of_a_linkage_are_those_that_drive_it(name: str, joints: list[str], tmp_path: Path) -> None:
+    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *LINKAGES[name])))
+    assert [joint.name for joint in guessed.joints] == joints
+    assert guessed.tip == "tool0"
+
+
+def test_a_wrist_without_roll_points_its_tool_across_its_last_axis(tmp_path: Path) -> None:
+    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *FEW_AXES["four axes"])))
+    assert guessed.out.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_where_no_frame_says_which_way_a_wrist_points_its_shape_does(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "wrist", FEW_AXES["four axes"][:-1])
+    urdf.write_text(urdf.read_text().replace(f'"l4">{BOX}', f'"l4">{BOX.replace("0 0 0.03", "0.1 0.005 0")}'))
+    made = make_starter(tmp_path / "cell", str(urdf))
+    assert (made.tip, len(made.cubes)) == ("l4", 4)
+    written = (made.folder / "workspace.yaml").read_text()
+    assert "pose: {position: [0.127, 0, 0], rpy: [90 deg, 0 deg, 90 deg]}" in written
+
+
+def test_shapes_without_size_are_left_out_with_one_warning(tmp_path: Path) -> None:
+    urdf = solid(tmp_path, "flat", FEW_AXES["gantry"])
+    urdf.write_text(urdf.read_text().replace('size="0.05 0.05 0.06"', 'size="0.05 0 0.06"', 1))
+    model = read_urdf(urdf)
+    (warning,) = [problem for problem in model.warnings if problem.code == "no-size"]
+    assert "`base`" in warning.message
+    assert [name for name, link in model.links.items() if not link.collision] == ["base"]
+
+
+def test_where_nothing_is_in_reach_the_first_check_that_fails_is_named_with_its_figure(tmp_path: Path) -> None:
+    made = make_starter(tmp_path / "cell", str(solid(tmp_path, "short", FEW_AXES["SCARA"][:1])))
+    (warning,) = [problem for problem in made.warnings if problem.code == "nothing-in-reach"]
+    assert made.task is None
+    assert "home positions is possible; the first, pointing down" in warning.message
