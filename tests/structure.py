@@ -37,7 +37,7 @@ ROOMS = {
     "task": ("task", 1_091),
     "motion": ("motion", 2_895),
     "sight": ("kernel sight", 1_501),
-    "study": ("study", 4_595),
+    "study": ("study", 4_583),
     "search": ("search", 4_764),
     "checks": ("checks", 1_377),
     "run": ("run", 8_180),
