@@ -282,8 +282,9 @@ def with_held_by_facts(
         f"the state has `{fact}`, so `{name}` begins in the tool, held by its side {first.held} as `{skill.name}` does"
         " it"
     )
-    warning = document.problem("held-by-the-facts", path, message, f"write `pose: {{held: {first.held}}}`")
-    return {**objects, name: replace(objects[name], pose=first)}, [replace(warning, severity="warning")]
+    mend = f"write `pose: {{held: {first.held}}}`"
+    warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
+    return {**objects, name: replace(objects[name], pose=first)}, [warning]
 
 
 def _contradictions(

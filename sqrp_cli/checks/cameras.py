@@ -12,7 +12,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.read_cell import camera_axes_as_body
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.checks.placement import doubted_objects
+from sqrp_cli.checks.placement import doubted_objects, warning
 from sqrp_cli.errors import Problem
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
@@ -50,9 +50,8 @@ def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
     for camera in workspace.cameras.values():
         message = _why_implausible(camera) if camera.distortion_model != "none" else None
         if message is not None:
-            place = workspace.places.get(f"cameras.{camera.name}")
             mend = "compare the coefficients and their order with the calibration"
-            yield Problem("implausible-lens", message, place, severity="warning", mend=mend)
+            yield warning("implausible-lens", message, workspace, f"cameras.{camera.name}", mend)
 
 
 def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
@@ -110,19 +109,17 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
         if near > farthest or far < nearest:
             sees = f"the cameras see from {nearest:g} to {farthest:.3g} m"
             message = f"detector `{name}` works from {near:g} to {far:g} m, and {sees}, so it never detects anything"
-            place = workspace.places.get(f"detectors.{name}.distance")
             mend = "correct `distance`, or `near` and `far` of the cameras"
-            yield Problem("detector-out-of-range", message, place, severity="warning", mend=mend)
+            yield warning("detector-out-of-range", message, workspace, f"detectors.{name}.distance", mend)
 
 
 def assumed_latencies(workspace: Workspace) -> Iterator[Problem]:
     """Cameras whose latency is not stated, in one warning."""
     silent = [camera.name for camera in workspace.cameras.values() if camera.latency is None]
     if silent:
-        place = workspace.places.get(f"cameras.{silent[0]}")
         message = f"{assumed_latency(workspace.cameras.values())}; all delays are too short by what it really is"
         mend = "state `latency`, such as `latency: 50 ms`; `latency: 0 s` if there is none"
-        yield Problem("assumed-latency", message, place, severity="warning", mend=mend)
+        yield warning("assumed-latency", message, workspace, f"cameras.{silent[0]}", mend)
 
 
 def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
@@ -133,10 +130,9 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
         if fastest is not None and most is not None and most < fastest.response - 1e-9:
             takes = f"a frame and the latency of `{fastest.name}`, the fastest camera, take {fastest.response:.3g} s"
             message = f"`max_delay` of `{task.task}` is {most:g} s, but {takes}: nothing can meet it"
-            place = workspace.places.get(f"tasks.{index}.max_delay")
             on_top = "and the time in which a lost part parts from the tool on top"
             mend = f"allow {fastest.response:.3g} s, {on_top}, or use a faster camera"
-            yield Problem("threshold-out-of-reach", message, place, severity="warning", mend=mend)
+            yield warning("threshold-out-of-reach", message, workspace, f"tasks.{index}.max_delay", mend)
 
 
 def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:

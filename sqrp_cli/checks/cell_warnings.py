@@ -12,7 +12,7 @@ from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.cell.read_cell import camera_axes_as_body
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.checks.cameras import sees_any, shown_objects
-from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects
+from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects, warning
 from sqrp_cli.errors import Infeasible, Place, Problem
 from sqrp_cli.files.frames import WORLD, frame_poses
 from sqrp_cli.files.units import shown_length
@@ -123,8 +123,7 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
                 size = ", ".join(f"{value:.5g}" for value in np.maximum(needed, item.size))
                 mend = f"`size: [{size}]` would hold all parts, centred as the box is"
                 mend += "; or correct the part's measures or `pose`"
-                place = workspace.places.get(f"objects.{item.name}.parts.{index}")
-                yield Problem("part-outside-size", message, place, severity="warning", mend=mend)
+                yield warning("part-outside-size", message, workspace, f"objects.{item.name}.parts.{index}", mend)
 
 
 def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Solid]) -> Iterator[Problem]:
@@ -146,8 +145,7 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
             mend = "correct the camera's pose"
             if parent == camera.frame:
                 mend += f", whose origin is that of `{parent}`; its lens must be outside of the link's shape"
-            place = workspace.places.get(f"cameras.{camera.name}")
-            yield Problem(code, message, place, severity="warning", mend=mend)
+            yield warning(code, message, workspace, f"cameras.{camera.name}", mend)
             break
 
 
@@ -211,9 +209,8 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
             if camera.name in left and moves and touched(solid, X_FP, camera.X_FC[None, :3, 3], CAMERA_RADIUS)[0]:
                 del left[camera.name]
                 message = f"camera `{camera.name}` stands where `{solid.name}` passes in `{step.name}`"
-                place = cell.workspace.places.get(f"cameras.{camera.name}")
                 mend = "move it, or state its housing as a fixed object, which the robot then goes around"
-                yield Problem("camera-in-the-way", message, place, severity="warning", mend=mend)
+                yield warning("camera-in-the-way", message, cell.workspace, f"cameras.{camera.name}", mend)
         world = world_after(step, motion, world)
 
 
@@ -226,9 +223,8 @@ def lamps_inside(workspace: Workspace, solids: Sequence[Solid]) -> Iterator[Prob
                 position = transform(inverse(around.X_WO), np.array([light.position]))[0]
                 if solid.contains(position):
                     message = f"light `{name}` is inside `{around.name}`, which keeps all its light"
-                    place = workspace.places.get(f"lights.{name}")
                     mend = f"move one of them; if `{around.name}` is the lamp's housing, leave it out of the workspace"
-                    yield Problem("light-inside-object", message, place, severity="warning", mend=mend)
+                    yield warning("light-inside-object", message, workspace, f"lights.{name}", mend)
                     break
 
 
@@ -348,6 +344,5 @@ def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
                     f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
                     f"second are more than {1e3 * MIN_OVERLAP:g} mm deep in each other"
                 )
-                place = workspace.places.get(f"objects.{pair[1]}.pose")
                 mend = "move one of them, or correct the shapes of its `parts`"
-                yield Problem("overlapping-objects", message, place, severity="warning", mend=mend)
+                yield warning("overlapping-objects", message, workspace, f"objects.{pair[1]}.pose", mend)

@@ -65,6 +65,11 @@ class PlacedBox(NamedTuple):
         return float((between - (reach + others)).max())
 
 
+def warning(code: str, message: str, workspace: Workspace, path: str, mend: str) -> Problem:
+    """A finding that is no error, where the workspace states something, such as `cameras.cam1`."""
+    return Problem(code, message, workspace.places.get(path), severity="warning", mend=mend)
+
+
 def doubted_objects(workspace: Workspace) -> Mapping[str, Problem]:
     """Objects of which a size or position was probably meant in another unit, with the first warning that says so.
 

@@ -99,6 +99,10 @@ def test_codes_that_are_put_together_are_the_listed_ones():
     assert made == {(name, "unknown-") for name in UNKNOWN}
 
 
+WARNINGS = ("warning", "_warning", "_warn")
+"""Functions that make one."""
+
+
 def literal_severities() -> Iterator[tuple[str, str]]:
     """Codes with the severity that their problem is made with: that of the call, or that of a `replace` around it."""
     for path in files():
@@ -107,8 +111,8 @@ def literal_severities() -> Iterator[tuple[str, str]]:
         doubts = {inner for call in around for inner in ast.walk(call)}
         for call, name in made:
             code = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else None
-            if name in {*CALLS, "_warning", "_warn"} and code in rules():
-                warns = call in doubts or name in {"_warning", "_warn"} or ("severity", "warning") in keywords(call)
+            if name in {*CALLS, *WARNINGS} and code in rules():
+                warns = call in doubts or name in WARNINGS or ("severity", "warning") in keywords(call)
                 yield code, "warning" if warns else "error"
 
 
