@@ -22,7 +22,7 @@ import pytest
 import yaml
 
 from sqrp_cli.cli.main import run
-from tests.cells import shipped_cell, write_cell
+from tests.cells import read_cell, shipped_cell, write_cell
 
 if TYPE_CHECKING:
     from tests.cli.slip_run import Cell, SlipRun
@@ -185,15 +185,7 @@ def _read_tabletop() -> dict[str, Any]:
 @pytest.fixture(scope="session")
 def laying(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A part of the tabletop with a skill that lays down what was picked up."""
-    cell = _read_tabletop()
-    kept = ("table", "g1", "g2", "g3", "g6")
-    cell["objects"] = {name: cell["objects"][name] for name in kept}
-    cell["cameras"] = {name: cell["cameras"][name] for name in ("cam1", "cam2")}
-    cell["state"] = ["hand_empty", *(f"obj_on_table({name})" for name in kept[1:])]
-    cell["skills"].append(str(ROOT / "tests" / "cases" / "lay"))
-    folder = tmp_path_factory.mktemp("laying")
-    write_cell(cell, folder)
-    return folder
+    return write_cell(read_cell(ROOT / "tests" / "cases" / "laying"), tmp_path_factory.mktemp("laying")).parent
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
+import yaml
 
+from sqrp_cli import read_result
+from sqrp_cli.checks.registry import rules
+from sqrp_cli.show.documents import KINDS
 from sqrp_cli.show.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_of
+from tests.random_cell import Crowd, random_cell
 
 CELLS = Path(__file__).parents[2] / "workspaces"
 TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"
@@ -112,3 +122,172 @@ def test_the_documents_are_those_of_the_commands_that_print_json():
         "rank", "explain", "advise", "place", "check", "program", "run", "audit", "score", "diff", "show", "init",
         "rules", "calibrate",
     }  # fmt: skip
+
+
+AXES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+
+
+def values(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every number and every 4x4 matrix of a document, with where it stands."""
+    if isinstance(node, list) and len(node) == 4 and all(isinstance(row, list) and len(row) == 4 for row in node):
+        yield path, np.array(node)
+    elif isinstance(node, dict | list):
+        for key, child in node.items() if isinstance(node, dict) else enumerate(node):
+            yield from values(child, f"{path}.{key}")
+    elif isinstance(node, float):
+        yield path, node
+
+
+def assert_sound(document: dict[str, Any]) -> None:
+    found = list(values(document))
+    assert found
+    for path, value in found:
+        if isinstance(value, float):
+            assert math.isfinite(value), path
+        else:
+            R = value[:3, :3]
+            np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9, err_msg=path)
+            assert np.linalg.det(R) > 0, path
+            assert value[3].tolist() == [0, 0, 0, 1], path
+
+
+def assert_all_sound(sqrp: Callable[..., Any], cell: Path, task: str) -> list[dict[str, Any]]:
+    documents = []
+    for command in (("show", cell), ("rank", cell, task), ("explain", cell, task, "--all")):
+        outcome = sqrp(*command, "--json")
+        assert outcome.code in (0, 1), outcome.err
+        assert_sound(outcome.document)
+        documents.append(outcome.document)
+    return documents
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.trial) for seed in (1, 2))])
+def test_every_figure_of_a_random_cell_is_finite_and_every_rotation_orthonormal(
+    sqrp: Callable[..., Any], tmp_path: Path, seed: int
+) -> None:
+    cell = random_cell(tmp_path / "cell", Crowd(seed, objects=3, cameras=4))
+    rng = np.random.default_rng(seed)
+    file = cell / "workspace.yaml"
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for camera in content["cameras"].values():
+        # Cameras along the axes and, as often, with `up` along them, which is where a direction across both is lost.
+        axis = AXES[rng.integers(6)]
+        place = (np.array([0.4, 0.0, 0.1]) - rng.uniform(0.5, 1.5) * np.array(axis)).tolist()
+        up = AXES[rng.integers(6)] if rng.random() < 0.5 else axis
+        camera["pose"] = {"position": place, "look_at": [0.4, 0.0, 0.1], "up": up}
+    for thing in content["objects"].values():
+        if True in thing:
+            thing["on"] = thing.pop(True)  # this reader takes the key `on` for a truth value
+    file.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    assert_all_sound(sqrp, cell, "pickup")
+
+
+@pytest.mark.parametrize("bend", [0.0, -0.01])
+def test_a_camera_along_any_axis_with_any_up_covers_only_what_its_image_holds(
+    sqrp: Callable[..., Any], own_watch: Path, bend: float
+) -> None:
+    file = own_watch / "workspace.yaml"
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    eye = content["cameras"].pop("eye")
+    eye["image"]["distortion"] = {"model": "plumb_bob", "coefficients": [bend, 0, 0, 0, 0]}
+    middle = np.array([2.0, 0.3, 1.0])
+    for number, (axis, up) in enumerate(itertools.product(AXES, AXES)):
+        pose = {"position": (middle - 2 * np.array(axis)).tolist(), "look_at": middle.tolist(), "up": up}
+        content["cameras"][f"cam{number}"] = {**eye, "pose": pose}
+    file.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+    show, _, explained = assert_all_sound(sqrp, own_watch, "watch cube")
+
+    covered = 0
+    boxes = [
+        box
+        for candidate in explained["candidates"]
+        for sample in candidate.get("samples", ())[:1]
+        for literal in sample["literals"].values()
+        for box in literal["boxes"]
+    ]
+    for box, name in itertools.product(boxes, show["cameras"]):
+        if box["cameras"][name]["covered"]:
+            camera, X_WC = show["cameras"][name], np.array(show["cameras"][name]["pose"])
+            corners_C = (np.array(box["corners"]) - X_WC[:3, 3]) @ X_WC[:3, :3]
+            pixels = (corners_C / corners_C[:, 2:] @ np.array(camera["K"]).T)[:, :2]  # the lens moves none by 2 pixels
+            assert (np.abs(pixels - [320, 240]) <= np.array([320.5, 240.5]) + 2).all()
+            covered += 1
+    assert covered >= len(AXES)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("rules",),
+        ("rules", "wrong-unit"),
+        ("check", WATCH),
+        ("check", WATCH, "watch cube"),
+        ("rank", WATCH, "watch green", "--samples", "3"),
+        ("rank", WATCH, "watch green", "--dt", "0.5", "--ways", "all", "--calibration", "5 mm, 0.5 deg"),
+        ("explain", WATCH, "watch seen"),
+        ("explain", WATCH, "watch cube", "--all"),
+        ("score", WATCH, "--samples", "3"),
+        ("score", WATCH, "--samples", "3", "--vary", "cameras.eye.near=0.5:0.6:2"),
+        ("diff", WATCH, WATCH, "--samples", "3"),
+    ],
+    ids=lambda command: " ".join(map(str, command)).replace(str(WATCH), "watch"),
+)
+def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "result.json"
+    file.write_text(sqrp(*command, "--json").out, encoding="utf-8")
+    # A hint how to go on is about this very command.
+    shown = sqrp(*command).out.partition("\n\nHow much of that is enough")[0]
+    assert sqrp("show", file).out == shown
+    assert sqrp("show", file, "--json").out == file.read_text(encoding="utf-8")
+    assert str(read_result(file)) in sqrp(*command).out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"schema": 1, "workspace": "cell"}', "does not say which command wrote it"),
+        ('{"schema": 1, "document": "paint"}', "is of `paint`"),
+        ('{"schema": 1, "document": "rules", "rules": [{"code": 3}]}', "rules[0].code"),
+        ('{"schema": 1, "document": "rules"', "no JSON"),
+    ],
+)
+def test_a_file_without_a_result_of_this_version_is_refused_with_its_place(sqrp, tmp_path, text, said):
+    file = tmp_path / "result.json"
+    file.write_text(text, encoding="utf-8")
+    outcome = sqrp("show", file)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert str(file) in outcome.err
+    assert said in outcome.err
+
+
+def test_every_document_says_which_command_wrote_it(sqrp):
+    assert {kind.split()[0] for kind in KINDS} == set(DOCUMENTS)
+    assert json.loads(sqrp("rules", "--json").out)["document"] == "rules"
+
+
+def test_every_finding_has_a_row_under_its_subject(sqrp):
+    outcome = sqrp("rules")
+    assert outcome.code == 0
+    lines = outcome.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    rows = {line.split()[0] for line in lines if line[:1].strip()}
+    assert rows >= set(rules())
+    for rule in rules().values():
+        assert any(line.startswith(rule.subject) for line in lines)
+
+
+@pytest.mark.parametrize("code", rules())
+def test_every_line_of_an_example_is_shown(sqrp, code):
+    shown = sqrp("rules", code).out
+    for line in (*rules()[code].passes.splitlines(), *rules()[code].fails.splitlines()):
+        assert f"  {line.rstrip()}" in shown
+
+
+def test_the_document_has_what_the_registry_has(sqrp):
+    document = sqrp("rules", "--json").document
+    assert document["schema"] == 1
+    assert [entry["code"] for entry in document["rules"]] == list(rules())
+    (both,) = sqrp("rules", "overlapping-objects", "--json").document["rules"]
+    assert both["severity"] == ["error", "warning"]

@@ -55,39 +55,10 @@ def test_version_is_printed_alone(sqrp):
     assert len(outcome.out.splitlines()) == 1
 
 
-def test_what_a_damaged_file_holds_never_controls_the_terminal(sqrp, tmp_path):
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_bytes(b"<robot \x1b[31m\x00\xff\x07>")
-    outcome = sqrp("init", tmp_path / "new", "--urdf", urdf)
-    assert_refused(outcome, "not well-formed XML", "<robot ?[31m?")
-    assert all(character.isprintable() or character == "\n" for character in outcome.err)
-    urdf.write_bytes(b"")
-    assert sqrp("init", tmp_path / "new", "--urdf", urdf).err.splitlines()[1:] == [
-        "  to mend it: was it exported or copied completely?"
-    ]
-
-
 def test_without_a_command_the_help_is_shown_on_stderr_and_it_is_misuse(sqrp):
     outcome = sqrp()
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err == sqrp("--help").out
-
-
-def test_check_tells_about_bad_input_in_its_document(sqrp, own_watch):
-    file = own_watch / "workspace.yaml"
-    file.write_text(file.read_text(encoding="utf-8").replace("latency:", "latensy:"), encoding="utf-8")
-    outcome = sqrp("check", own_watch, "--json")
-    assert outcome.code == 2
-    assert "Traceback" not in outcome.err
-    document = outcome.document
-    assert (document["schema"], document["candidates"]) == (1, [])
-    (problem,) = document["problems"]
-    assert set(problem) == {"code", "severity", "file", "line", "column", "message"}
-    assert problem["severity"] == "error"
-    assert Path(problem["file"]) == file
-    lines = file.read_text(encoding="utf-8").splitlines()
-    assert lines[problem["line"] - 1][problem["column"] - 1 :].startswith("latensy")
-    assert "latency" in problem["message"]
 
 
 def test_check_without_a_task_lists_no_candidates(sqrp, watch):
@@ -96,17 +67,6 @@ def test_check_without_a_task_lists_no_candidates(sqrp, watch):
     contract = {"schema", "workspace", "task", "candidates", "problems"}
     assert set(outcome.document) - {"example"} == contract | {"document", "path", "suggested"}
     assert (outcome.document["task"], outcome.document["candidates"]) == (None, [])
-
-
-def test_check_gives_every_candidate_its_verdict(sqrp, watch):
-    outcome = sqrp("check", watch, "watch cube", "--json")
-    assert outcome.code == 0
-    assert outcome.document["workspace"] == "watch"
-    assert outcome.document["task"] == "watch cube"
-    for candidate in outcome.document["candidates"]:
-        assert {"parameters", "feasible", "reasons", "plan", "planning"} <= set(candidate)
-        assert candidate["feasible"] is (candidate["parameters"]["object"] != "stray")
-        assert bool(candidate["reasons"]) is not candidate["feasible"]
 
 
 def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
@@ -121,15 +81,6 @@ def test_json_is_one_document_and_nothing_else(sqrp_process, watch):
         outcome = sqrp_process(*arguments, "--json")
         assert (outcome.code, outcome.err) == (0, "")
         assert outcome.document["schema"] == 1
-
-
-@pytest.mark.parametrize(
-    ("which", "keys"), [([], {"robot", "cameras"}), (["workspace"], {"robot", "cameras"}), (["skill"], {"primitives"})]
-)
-def test_schema_is_json_schema_of_a_kind_of_file(sqrp, which, keys):
-    outcome = sqrp("schema", *which)
-    assert (outcome.code, outcome.err) == (0, "")
-    assert keys <= set(outcome.document["properties"])
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
@@ -260,13 +211,6 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
         sqrp("--debug", "rank", watch, "watch seen")
 
 
-def test_a_terminal_that_knows_no_block_characters_shows_look_alikes(sqrp_process, sqrp, watch):
-    outcome = sqrp_process("rank", watch, "watch cube", PYTHONIOENCODING="ascii")
-    assert (outcome.code, outcome.err) == (0, "")
-    expected = sqrp("rank", watch, "watch cube").out
-    assert outcome.out == expected.translate(str.maketrans("█▉▊▋▌▍▎▏", "#####   "))
-
-
 def test_a_reader_that_leaves_early_is_no_error(watch):
     process = subprocess.Popen(
         [sys.executable, "-m", "sqrp_cli", "explain", str(watch), "watch cube", "--all", "--json"],
@@ -279,34 +223,6 @@ def test_a_reader_that_leaves_early_is_no_error(watch):
     assert process.wait(timeout=60) in (0, 141)
     assert process.stderr.read() == ""
     process.stderr.close()
-
-
-@pytest.mark.parametrize("closed", ["2>&-", "<&-"])
-def test_a_stream_that_is_closed_is_no_error_but_for_results(watch, closed):
-    command = f'"{sys.executable}" -m sqrp_cli show "{watch}" --json {closed}'
-    finished = subprocess.run(["/bin/sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
-    assert (finished.returncode, finished.stderr) == (0, "")
-    assert finished.stdout[:1] == "{"
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-@pytest.mark.parametrize(("to", "why"), [("> /dev/full", "No space left on device"), (">&-", "Bad file descriptor")])
-def test_results_that_cannot_be_written_are_an_error(watch, to, why):
-    command = f'"{sys.executable}" -m sqrp_cli show "{watch}" {to}'
-    finished = subprocess.run(["/bin/sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
-    assert finished.returncode == 2
-    assert finished.stderr == f"error: the output cannot be written: {why}\n"
-
-
-def test_the_exit_code_does_not_depend_on_whether_the_reader_leaves_early(watch):
-    arguments = ["explain", str(watch), "watch stray", "--json"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sqrp_cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    process.stdout.close()
-    with process.stderr:
-        assert process.stderr.read() == b""
-    assert process.wait(timeout=60) == 1
 
 
 def test_a_program_is_written_even_if_the_reader_of_the_ranking_leaves_early(watch, tmp_path):

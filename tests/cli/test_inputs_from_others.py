@@ -199,30 +199,6 @@ def test_a_refused_baseline_says_which_entry_in_which_line_is_wrong_and_what_was
             assert any(one.startswith(f"error: {path}:{line}:") for one in below), (line, below)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ('"sqrp baseline 1"', '"sqrp baseline 7"', "`format`: found `sqrp baseline 7`, expected `sqrp baseline 1`"),
-        ('"Adaptive(tolerance=0.001)"', '"Adaptive(x=1)"', "`sampling`: found `Adaptive(x=1)`, expected how motions"),
-        ('"feasible": true', '"feasible": "perhaps"', 'tasks["watch green"].ways.seen.feasible`: found `perhaps`'),
-        ('"q_avg"', '"q_agv"', "did you mean `q_avg`?"),
-        (
-            '"q_avg": 1.0',
-            '"q_avg": NaN',
-            'tasks["watch green"].ways.seen.q_avg`: found `NaN`, expected a finite number',
-        ),
-        ('"candidate"', '"candidate": "a", "candidate"', "ways.seen.candidate`: this key is given twice"),
-    ],
-)
-def test_what_is_wrong_with_a_baseline_is_said_in_words(sqrp, watch, saved, tmp_path, old, new, says):
-    path = tmp_path / "baseline.json"
-    text = json.dumps(saved, indent=1)
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    line = text[: text.index(old)].count("\n") + 1
-    assert_refused(sqrp("score", watch, "--baseline", path), f"{path}:{line}:", says)
-
-
 def test_a_baseline_that_could_not_be_read_again_is_not_written(sqrp, watch, tmp_path, monkeypatch):
     monkeypatch.setattr(baseline_file, "MAX_BYTES", 1000)
     outcome = sqrp("score", watch, "--save-baseline", tmp_path / "baseline.json")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,26 +46,23 @@ def test_a_ranking_is_the_table_and_the_document_of_rank(asked, cell):
     assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g4", "g5", "g1", "g3", "g6"]
 
 
-def test_an_explanation_is_that_of_explain(sqrp, cell):
-    task = "pickup object=g1,g6"
-    command = ("explain", TABLETOP, task, "--choose", "g1", "--ways", "fastest")
-    explanation = cell.explain(task, "g1", ways="fastest")
-    shown, _, advise = printed(sqrp, *command).partition("\n\nHow much ")
-    assert str(explanation) == shown
-    assert f"\nsqrp advise {TABLETOP} " in advise
-    assert explanation.to_json() == printed(sqrp, *command, "--json")
-
-
-def test_all_candidates_can_be_compared(sqrp, cell):
-    command = ("explain", TABLETOP, "pickup green", "--all", "--ways", "fastest")
-    assert str(cell.explain("pickup green", None, ways="fastest")) == printed(sqrp, *command)
-
-
-@pytest.mark.parametrize("task", [(), ("pickup green",)], ids=["workspace", "task"])
-def test_a_check_is_that_of_check(sqrp, cell, task):
-    arguments = ("check", TABLETOP, *task)
-    assert cell.check(*task).to_json() == printed(sqrp, *arguments, "--json")
-    assert str(cell.check(*task)) == printed(sqrp, *arguments)
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (
+            lambda cell: cell.explain("pickup green", None, ways="fastest"),
+            ("explain", "pickup green", "--all", "--ways", "fastest"),
+        ),
+        (lambda cell: cell.check(), ("check",)),
+        (lambda cell: cell.check("pickup green"), ("check", "pickup green")),
+        (lambda cell: cell.scene(), ("show",)),
+    ],
+    ids=["explain", "check", "check a task", "show"],
+)
+def test_an_answer_is_the_table_and_the_document_of_its_command(sqrp, cell, answer, words):
+    command, found = (words[0], TABLETOP, *words[1:]), answer(cell)
+    assert str(found) == printed(sqrp, *command)
+    assert found.to_json() == printed(sqrp, *command, "--json")
 
 
 def test_scores_are_those_of_score(sqrp, scores, tmp_path):
@@ -74,11 +70,6 @@ def test_scores_are_those_of_score(sqrp, scores, tmp_path):
     assert scores.passed
     assert str(scores) == printed(sqrp, *command)
     assert scores.to_json() == printed(sqrp, *command, "--json")
-
-
-def test_a_scene_is_that_of_show(sqrp, cell):
-    assert str(cell.scene()) == printed(sqrp, "show", TABLETOP)
-    assert json.loads(cell.scene().to_json())["workspace"] == "tabletop"
 
 
 def test_a_notebook_shows_the_table_with_colours(cell):

@@ -8,10 +8,11 @@ import fcntl
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -182,3 +183,199 @@ def test_without_any_input_a_dialog_ends(watch: Path) -> None:
     found = redirected(["program", "new", str(watch)], "<&-")
     assert found.returncode == 0
     assert found.stderr.decode() == "no step was chosen, so nothing was written\n"
+
+
+ARM = Path(__file__).parents[2] / "workspaces" / "robots" / "six_axis_arm.urdf"
+FULL = "No space left on device"
+LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))"
+"""No file may have more bytes, which is as good as a full disk."""
+
+
+def full(path: Path) -> Path:
+    """A name for a device that is always full."""
+    path.symlink_to("/dev/full")
+    return path
+
+
+@pytest.mark.parametrize("option", ["--junit", "--summary", "--report", "--save-baseline"])
+def test_a_file_of_score_is_named_and_what_was_scored_is_printed(sqrp, watch, tmp_path, option):
+    path = full(tmp_path / "out.html")
+    outcome = sqrp("score", watch, option, path)
+    assert outcome.code == 2
+    assert f"error: {path}: this file cannot be written: {FULL}" in outcome.err
+    assert "1 of 1 task passed." in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["rank", "WATCH", "watch green", "--report", "out.html"], "out.html: this file cannot be written: "),
+        (["rank", "WATCH", "watch green", "--program", "out.html"], "out.html: this file cannot be written: "),
+        (["explain", "WATCH", "watch turned", "--images", "pictures"], "pictures/"),
+        (["score", "WATCH", "--out", "results"], "results"),
+    ],
+    ids=["page", "program", "picture", "results"],
+)
+def test_what_cannot_be_written_is_named(sqrp_process, watch, tmp_path, monkeypatch, arguments, name):
+    monkeypatch.chdir(tmp_path)
+    filled = (watch if word == "WATCH" else word for word in arguments)
+    outcome = sqrp_process(*filled, prelude=LIMIT.format(100))
+    assert outcome.code == 2
+    assert f"error: {name}" in outcome.err
+    assert "File too large" in outcome.err
+    assert not [file for file in tmp_path.iterdir() if file.is_file()]
+
+
+def test_a_new_workspace_is_named_and_nothing_is_left_of_it(sqrp_process, tmp_path):
+    for limit in (100, 2100):  # the skill does not fit, or the workspace file
+        outcome = sqrp_process("init", tmp_path / "cell", "--urdf", ARM, prelude=LIMIT.format(limit))
+        assert (outcome.code, outcome.out) == (2, "")
+        assert f"error: {tmp_path / 'cell'}: this folder cannot be made: " in outcome.err
+        assert "File too large" in outcome.err
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "said"),
+    [("--log", "run.jsonl", f"file cannot be written: {FULL}"), ("--record", "film.mp4", "film could not be written")],
+)
+def test_a_log_and_a_film_are_named(sqrp, quick_cell, tmp_path, option, name, said):
+    path = full(tmp_path / name)
+    outcome = sqrp("run", quick_cell.program, "--sim", option, path)
+    assert outcome.code == 2
+    assert f"error: {path}: this {said}" in outcome.err
+
+
+KEEP = """
+import numpy as np
+from pathlib import Path
+from sqrp_cli.errors import InputError
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.record.images import FrameFolder
+noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
+try:
+    folder = FrameFolder(Path({folder!r}))
+    folder.add(CameraImage("cam1", 0.0, noise), 1, 0.0)
+except InputError as error:
+    print(error)
+"""
+
+
+def test_an_image_is_named(tmp_path):
+    program = LIMIT.format(1000) + KEEP.format(folder=str(tmp_path / "frames"))
+    said: Any = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert said.stdout == f"{tmp_path / 'frames' / 'cam1-000000.png'}: this file cannot be written: File too large\n"
+
+
+SHARED = "/dev/shm/"  # noqa: S108 - only looked at
+
+
+def processes_of(group: int) -> Iterator[Path]:
+    """The folders in /proc of the processes of a group."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if os.getpgid(int(folder.name)) == group:
+                yield folder
+        except ProcessLookupError:
+            continue
+
+
+def shared_by(group: int) -> set[str]:
+    """The shared memory that a group has in use, as the system names it; what has no name any more is `(deleted)`."""
+    found = set()
+    for folder in processes_of(group):
+        try:
+            lines = (folder / "maps").read_text(encoding="utf-8").splitlines()
+            found |= {line[line.index(SHARED) :] for line in lines if SHARED in line}
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="this system does not tell what memory is shared")
+@pytest.mark.parametrize("command", ["run", "score"])
+def test_no_shared_memory_is_left_of_a_group_that_is_killed(quick_cell, watch, tmp_path, command):
+    out, log = tmp_path / "results", tmp_path / "log"
+    arguments = {
+        "run": ["run", quick_cell.program, "--sim", "--log", log],
+        "score": ["score", quick_cell.folder, watch, "--jobs", "2", "--out", out],
+    }[command]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sqrp_cli", *map(str, arguments)],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    used: set[str] = set()
+    deadline = time.monotonic() + 90
+    while process.poll() is None and time.monotonic() < deadline:
+        used |= shared_by(process.pid)
+        begun = log.is_file() and log.stat().st_size > 5000 if command == "run" else any(out.rglob("*.json"))
+        if begun:
+            break
+        time.sleep(0.01)
+    assert process.poll() is None, "it ended before it could be killed"
+    used |= shared_by(process.pid)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert bool(used) == (command == "run")  # images go through shared memory, candidates through pipes
+    assert [name for name in used if Path(name.removesuffix(" (deleted)")).exists()] == []
+
+
+def test_a_new_cell_that_is_ended_on_the_way_leaves_no_folder(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sqrp_cli", "init", str(tmp_path / "cell")],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert [path.name for path in tmp_path.iterdir()] == [f".cell.{process.pid}"]
+    process.terminate()
+    assert process.wait(timeout=60) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def odd(watch, tmp_path_factory) -> Path:
+    """A copy of the cell in such a folder."""
+    folder = Path(os.fsdecode(os.fsencode(tmp_path_factory.mktemp("odd")) + b"/w\xff\xe9"))
+    return Path(shutil.copytree(watch, folder))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "ODD"],
+        ["check", "ODD", "watch", "--json"],
+        ["rank", "ODD", "watch turned"],
+        ["rank", "ODD", "watch turned", "--report", "ODD/page.html"],
+        ["rank", "ODD", "watch turned", "--program", "ODD/program.yaml"],
+        ["explain", "ODD", "watch turned", "--json"],
+        ["explain", "ODD", "watch turned", "--images", "ODD/pictures"],
+        ["show", "ODD"],
+        ["diff", "ODD", "ODD"],
+        ["score", "ODD", "--json"],
+        ["score", "ODD", "--save-baseline", "ODD/baseline.json", "--junit", "ODD/junit.xml", "--report", "ODD/s.html"],
+    ],
+    ids=" ".join,
+)
+def test_no_command_takes_a_path_that_is_not_utf8_for_a_fault_of_its_own(sqrp, odd, words):
+    outcome = sqrp(*(word.replace("ODD", str(odd)) for word in words))
+    assert outcome.code in (0, 1, 2), outcome.err
+    assert "internal error" not in outcome.err
+    if "--json" in words:
+        assert json.loads(outcome.out)["schema"] == 1
+
+
+def test_json_spells_out_a_path_so_that_it_is_found_again(sqrp, odd):
+    document = json.loads(sqrp("show", odd, "--json").out)
+    assert document["workspace"] == r"w\xff\xe9"
+    assert os.fsencode(document["robot"]["urdf"]) == os.fsencode(odd / "arm.urdf")
+
+
+def test_a_program_in_another_folder_finds_a_workspace_whose_path_is_not_utf8(sqrp, odd, tmp_path):
+    program = tmp_path / "program.yaml"
+    assert sqrp("rank", odd, "watch turned", "--program", program).code == 0
+    assert json.loads(sqrp("program", program, "--json").out)["stale"] is False

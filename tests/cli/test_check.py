@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from sqrp_cli.program.file import load_program
 from tests.cli.conftest import ROOT, Outcome
 
 SHIPPED = sorted(path.parent for path in (ROOT / "workspaces").glob("*/workspace.yaml"))
@@ -87,3 +89,41 @@ def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp: Callable[...
     (cell / "workspace.yaml").write_text(text.replace(stated, f"    hand_eye: {early}\n"), encoding="utf-8")
     for command in ("check", "show"):
         assert "does not sound like an optical frame" in sqrp(command, cell).err.replace("\n", " "), command
+
+
+@pytest.fixture
+def program(holding) -> Path:
+    path = holding.with_name("program.yaml")
+    shutil.copy(holding, path)
+    yield path
+    path.unlink()
+
+
+def test_the_plan_of_the_document_is_what_ranking_its_step_gives(sqrp, laying, holding):
+    (candidate,) = sqrp("check", laying, "pickup g3", "--after", holding, "--json").document["candidates"]
+    best = sqrp("rank", laying, "lay g2", "--after", holding, "--json").document["candidates"][0]
+    (step,) = candidate["plan"]
+    assert candidate["planning"] == "plan"
+    figures = ("feasible", "q_avg", "q_eoi", "time", "reasons")
+    assert step == {"task": "lay g2", "action": "lay(g2)", **{name: best[name] for name in figures}}
+
+
+def test_of_several_candidates_the_best_after_its_plan_is_written(sqrp, laying, program, holding):
+    task = "pickup object=g1,g3"
+    assert sqrp("check", laying, task, "--program", program).code == 0
+    laid, written = load_program(program).steps[-2:]
+    assert laid.short_task == "lay g2"
+    program.write_bytes(holding.read_bytes())
+    assert sqrp("rank", laying, "lay g2", "--program", program).code == 0
+    best = sqrp("rank", laying, task, "--after", program, "--json").document["candidates"][0]
+    assert written.parameters == best["ways"]["pareto"][0]["parameters"]
+    assert (written.q_eoi, written.q_avg, written.time) == (best["q_eoi"], best["q_avg"], best["time"])
+
+
+def test_a_planner_without_the_library_names_the_command_that_installs_it(sqrp, laying, holding, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "unified_planning"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "unified_planning", None)
+    outcome = sqrp("check", laying, "pickup g3", "--after", holding, "--planner", "fast-downward")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "pip install unified-planning" in outcome.err
