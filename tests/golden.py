@@ -20,7 +20,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest import mock
 
+from sqrp_cli.show.terminal import progress_lines
 from tests.cells import ROOT
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
@@ -105,7 +107,8 @@ def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator
             words = words[:-2] if quiet else words
             assert word == "sqrp", f"{word} is none of sqrp, {', '.join(WORDS)}"
             before = files()
-            outcome = sqrp(*words, columns=int(columns[8:] or 80))
+            with mock.patch.object(progress_lines, "PERIOD", math.inf):  # however long it takes
+                outcome = sqrp(*words, columns=int(columns[8:] or 80))
             yield from (f"| {line}".rstrip() for line in plain("" if quiet else outcome.out))
             yield from (f"! {line}".rstrip() for line in plain(outcome.err))
             if outcome.code:
