@@ -20,22 +20,17 @@ _SPELLING = 0.85  # likeness from which a key is taken for a misspelt one: `imag
 _QUOTED = re.compile(r"`(\w+)`")
 
 _EXPECTED = {
-    "string_type": "text",
+    "string": "text",
     "string_too_short": "text that is not empty",
     "string_pattern_mismatch": "a name of letters, digits, `_` and `-` that starts with a letter",
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
+    "int": "a whole number",
     "int_parsing_size": "a whole number of fewer digits",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "float_parsing": "a number",
-    "bool_type": "`true` or `false`",
-    "bool_parsing": "`true` or `false`",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "dict_type": "a mapping of names to entries",
-    "model_type": "a mapping",
-    "model_attributes_type": "a mapping",
+    "float": "a number",
+    "bool": "`true` or `false`",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping of names to entries",
+    "model": "a mapping",
     "too_short": "a list with at least {min_length} item(s)",
     "too_long": "at most {max_length} entries",
     "greater_than": "a value above {gt:g}",
@@ -43,6 +38,7 @@ _EXPECTED = {
     "less_than": "a value below {lt:g}",
     "less_than_equal": "a value of at most {le:g}",
 }
+"""By Pydantic's kind of error, or how it begins."""
 
 
 def validate(document: SourceDocument, model: type[Model]) -> Model:
@@ -96,10 +92,10 @@ def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
         close = nearest(given, words) if isinstance(given, str) and len(words) > 1 else None
         message = f"found {describe(given)}, expected {'one of ' if len(words) > 1 else ''}{known}"
         code, message = "wrong-value", message + (f"; did you mean `{close}`?" if close else "") + or_mapping
-    elif kind in _EXPECTED:
+    elif (expected := _EXPECTED.get(kind) or _EXPECTED.get(kind.partition("_")[0])) is not None:
         code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
         found = f"{len(given):,} entries" if kind == "too_long" else describe(given)
-        message = f"found {found}, expected {_EXPECTED[kind].format(**context)}{or_mapping}"
+        message = f"found {found}, expected {expected.format(**context)}{or_mapping}"
         if details["loc"][-1:] == ("[key]",):  # an error in a key itself, which has another place than its value
             return [replace(document.problem(code, path, message), place=document.key_place(path))]
     elif kind == "ambiguous-entry" and isinstance(given, dict):

@@ -167,15 +167,12 @@ roi: {{x_offset: {left}, y_offset: {top}, width: {width}, height: {height}, do_r
 """
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "left", "top", "width", "height", "size", "pinhole"),
-    [
+@pytest.mark.parametrize(("x", "y", "left", "top", "width", "height", "size", "pinhole"), [
         (0, 0, 0, 0, 0, 0, (1280, 720), (910, 910, 640, 360)),
         (0, 0, 320, 180, 640, 360, (640, 360), (910, 910, 320, 180)),  # 39 deg wide
         (2, 2, 0, 0, 0, 0, (640, 360), (455, 455, 320, 180)),
         (2, 4, 320, 180, 640, 360, (320, 90), (455, 227.5, 160, 45)),
-    ],
-)
+])  # fmt: skip
 def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left, top, width, height, size, pinhole):
     camera = read(INFO.format(x=x, y=y, left=left, top=top, width=width, height=height), tmp_path)
     assert (camera.width, camera.height) == size

@@ -177,9 +177,7 @@ def test_without_the_library_a_recording_names_the_command_that_installs_it(tmp_
 NODE = 'from launch_ros.actions import Node\nNode(executable="static_transform_publisher", arguments={})\n'
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "says"),
-    [
+@pytest.mark.parametrize(("text", "line", "says"), [
         (NODE.format("[Configured('x')]"), 2, "`Configured('x')` is not known without running the file"),
         (NODE.format("names"), 2, "no list that can be read without running the file"),
         (NODE.format("['1', '2', '3', 'base', 'cam']"), 2, "found 5 arguments, expected x y z yaw pitch roll"),
@@ -194,8 +192,7 @@ NODE = 'from launch_ros.actions import Node\nNode(executable="static_transform_p
         (yaml.safe_dump({"transforms": [stamped(IN_CAMERA), stamped(BACK)]}), None, "which frame is the camera's?"),
         (yaml.safe_dump({"transforms": [stamped(OTHER), stamped(IN_HAND)]}), None, "has `lidar`, `camera_link`"),
         ("secret: hunter2\n", None, "found no camera pose"),
-    ],
-)  # fmt: skip
+])  # fmt: skip
 def test_damage_gives_one_message(tmp_path, text, line, says):
     path = tmp_path / "file"
     path.write_text(text, encoding="utf-8")

@@ -64,9 +64,7 @@ SIDE = "quaternion: [0, 0, -0.7071067811865476, 0.7071067811865476]"
 DOWN = matrix_to_quaternion(look_at((0.5, 0, 1.5), (0.5, 0, 0))[:3, :3]).tolist()
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
+@pytest.mark.parametrize(("file", "old", "new"), [
         ("workspace.yaml", "# A small cell", "# The small cell"),
         ("workspace.yaml", "near: 10 cm", "near: 0.1"),
         ("workspace.yaml", "rate: 30", "rate: 30.0 Hz"),
@@ -83,8 +81,7 @@ DOWN = matrix_to_quaternion(look_at((0.5, 0, 1.5), (0.5, 0, 0))[:3, :3]).tolist(
         ("side.yaml", "camera_name", "camera_title"),
         ("pickup/skill.yaml", "retreat: 2 cm", "retreat: 20 mm"),
         ("pickup/pickup.pddl", "(:requirements", "; why\n (:requirements"),
-    ],
-)  # fmt: skip
+])  # fmt: skip
 def test_what_has_no_meaning_changes_nothing(before, changed, file, old, new):
     assert sentences(before, changed(file, old, new)) == ()
 
@@ -113,9 +110,7 @@ ABOVE = "`waypoints.above.distance` of skill pickup"
 PRECONDITION = "`action.precondition` of skill pickup"
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "says"),
-    [
+@pytest.mark.parametrize(("file", "old", "new", "says"), [
         ("workspace.yaml", "position: [0.5, 1.2, 0.3]", "position: [0.5, 1.22, 0.3]", "side moved 2.0 cm"),
         ("workspace.yaml", "rpy: [0, 0, -90 deg]", "rpy: [0, 0, -87 deg]", "side turned 3 deg"),
         ("workspace.yaml", "position: [0.4, 0, 2 cm]", "position: [0.404, 0.003, 2 cm]", "red moved 5 mm"),
@@ -135,8 +130,7 @@ PRECONDITION = "`action.precondition` of skill pickup"
         ("cup.urdf", "0.04", "0.05", "`shape.length` of part cup 0.04 -> 0.05"),
         ("pickup/skill.yaml", "retreat: 2 cm", "retreat: 3 cm", f"{ABOVE} 0.02 -> 0.03"),
         ("pickup/pickup.pddl", "and (on_table ?object) (not", "and (not", f"{PRECONDITION} is another"),
-    ],
-)  # fmt: skip
+])  # fmt: skip
 def test_what_has_changed_is_said_in_the_words_of_the_cell(before, changed, file, old, new, says):
     assert sentences(before, changed(file, old, new)) == (says,)
 

@@ -27,14 +27,11 @@ def loaded(damaged: Damage, **replace: str) -> Workspace:
     return load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))
 
 
-@pytest.mark.parametrize(
-    ("pose", "center", "up"),
-    [
+@pytest.mark.parametrize(("pose", "center", "up"), [
         ("pose: {held: +z}", [0, 0, 0.02], [0, 0, -1]),  # by its top: upside down before the tool
         ("pose: {held: -x, depth: 1 cm}", [0, 0, 0.01], [0, 1, 0]),
         ("pose: {held: +z, yaw: 90 deg}", [0, 0, 0.02], [0, 0, -1]),
-    ],
-)
+])  # fmt: skip
 def test_what_is_held_lies_before_the_tool_as_its_side_says(damaged, pose, center, up):
     world = loaded(damaged, pose=pose, state="  - hold(red)").stated_world
     assert world.held == "red"
