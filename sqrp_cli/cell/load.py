@@ -278,10 +278,8 @@ def with_held_by_facts(
             )
             mend = f"say how it is held: `pose: {{held: {first.held}}}`, with `yaw` and `depth` as needed"
             raise document.error("ambiguous-hold", path, message, mend)
-    message = (
-        f"the state has `{fact}`, so `{name}` begins in the tool, held by its side {first.held} as `{skill.name}` does"
-        " it"
-    )
+    how = f"held by its side {first.held} as `{skill.name}` does it"
+    message = f"the state has `{fact}`, so `{name}` begins in the tool, {how}"
     mend = f"write `pose: {{held: {first.held}}}`"
     warning = replace(document.problem("held-by-the-facts", path, message, mend), severity="warning")
     return {**objects, name: replace(objects[name], pose=first)}, [warning]
