@@ -28,10 +28,10 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_386),
-    "files": ("files", 2_225),
+    "files": ("files", 2_221),
     "robot": ("robot", 2_915),
     "camera": ("camera", 2_154),
-    "cell": ("cell", 3_364),
+    "cell": ("cell", 3_363),
     "logic": ("logic", 2_874),
     "skill, program": ("skill program", 1_869),
     "task": ("task", 1_091),
@@ -39,7 +39,7 @@ ROOMS = {
     "sight": ("kernel sight", 1_501),
     "study": ("study", 4_583),
     "search": ("search", 4_764),
-    "checks": ("checks", 1_377),
+    "checks": ("checks", 1_373),
     "run": ("run", 8_180),
     "field": ("field ros", 3_217),
     "score": ("score", 2_437),
