@@ -32,30 +32,32 @@ IMAGE_QUALITY = 70  # of JPEG, in percent
 TOO_LATE = "the run was over before the click"  # why nothing is dropped
 
 
-@dataclass(frozen=True, kw_only=True)
-class Search:
-    """For changes of a text."""
+@dataclass(frozen=True)
+class _OnTask:
+    """What is done about a task of a workspace."""
 
     path: Path  # of the workspace, as it was given
-    content: bytes
     task: str
-    chosen: str  # the candidate that is to get better
     seed: int
     jobs: int
+
+
+@dataclass(frozen=True)
+class Search(_OnTask):
+    """For changes of a text."""
+
+    content: bytes
+    chosen: str  # the candidate that is to get better
     placing: bool  # whether cameras are placed anew, instead of the least change
 
 
-@dataclass(frozen=True, kw_only=True)
-class Write:
+@dataclass(frozen=True)
+class Write(_OnTask):
     """A candidate into a program file."""
 
-    path: Path
-    task: str
     by: Criterion
     chosen: str
     file: Path
-    seed: int
-    jobs: int
 
 
 @dataclass(frozen=True, kw_only=True)

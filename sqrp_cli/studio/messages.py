@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from importlib import resources
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -18,7 +17,7 @@ from sqrp_cli.errors import Problem, bad_option
 from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.checks import ReportedProblem
-from sqrp_cli.show.pages.assembly import assembled, tidy
+from sqrp_cli.show.pages.assembly import assembled, asset, tidy
 from sqrp_cli.studio.moves import Move, aim, way_up
 from sqrp_cli.task.task import in_words
 
@@ -87,16 +86,12 @@ def studio_page(title: str, socket: str) -> str:
     """The text of the page. socket: where its scripts may connect to."""
     return assembled(
         title,
-        "\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+        "\n".join(asset(f"{name}.js", "sqrp_cli.studio") for name in SCRIPTS),
         data={},
-        style=_asset("studio.css"),
-        further=_asset("studio.html"),
+        style=asset("studio.css", "sqrp_cli.studio"),
+        further=asset("studio.html", "sqrp_cli.studio"),
         policy=f"; connect-src {socket}; img-src data:; base-uri 'none'; form-action 'none'",
     )
-
-
-def _asset(name: str) -> str:
-    return resources.files("sqrp_cli.studio").joinpath("browser", name).read_text(encoding="utf-8")
 
 
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte

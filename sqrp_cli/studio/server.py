@@ -139,6 +139,9 @@ class Connections:
 
     def _request(self, _connection: Any, request: Any) -> Any:  # noqa: ANN401 - of websockets
         """The page, nothing, or None to let a connection begin."""
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+
         headers, own = request.headers, f"{HOST}:{self._port}"
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         path = request.path.encode()
@@ -146,16 +149,9 @@ class Connections:
         allowed = hosts == [own] and all(origin == f"http://{own}" for origin in origins)
         if live and allowed and origins:
             return None
-        if allowed and hmac.compare_digest(path, f"/{self._token}/".encode()):
-            return self._answer(HTTPStatus.OK, self._page)
-        return self._answer(HTTPStatus.NOT_FOUND, b"")
-
-    @staticmethod
-    def _answer(status: HTTPStatus, body: bytes) -> Any:  # noqa: ANN401 - as above
-        from websockets.datastructures import Headers
-        from websockets.http11 import Response
-
-        headers = {
+        page = allowed and hmac.compare_digest(path, f"/{self._token}/".encode())
+        status, body = (HTTPStatus.OK, self._page) if page else (HTTPStatus.NOT_FOUND, b"")
+        answered = {
             "Content-Type": "text/html; charset=utf-8",
             "Content-Length": str(len(body)),
             "Cache-Control": "no-store",
@@ -166,7 +162,7 @@ class Connections:
             "X-Content-Type-Options": "nosniff",
             "X-Frame-Options": "DENY",
         }
-        return Response(status.value, status.phrase, Headers(headers), body)
+        return Response(status.value, status.phrase, Headers(answered), body)
 
     async def _talk(self, connection: Any) -> None:  # noqa: ANN401 - as above
         from websockets.exceptions import ConnectionClosed

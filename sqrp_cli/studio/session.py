@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.workspace import Workspace
@@ -73,7 +73,9 @@ class Studio:
         self._stamps: Mapping[Path, object] = {}
         self.connections = Connections(self._heard)
         self._rankings = Rankings(worker, self.connections, self._saved, self._named)
-        self._under_way = Jobs(self.connections, self._dropped)
+        self._under_way = Jobs(
+            self.connections, lambda told: self._note("dropped", _run_line(told["file"], told["faults"]))
+        )
 
     # What browsers are told
 
@@ -198,9 +200,8 @@ class Studio:
                 if self._draft.dirty:
                     raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
                 file, task, by, chosen = _program_file(name), self._task, self._by, self._chosen
-                cell, seed, jobs = self._given, self._seed, self._jobs
-                job = Write(path=cell, task=task, by=by, chosen=chosen, file=file, seed=seed, jobs=jobs)
-                self._under_way.begin(job)
+                about = (self._given, task, self._seed, self._jobs)
+                self._under_way.begin(Write(*about, by=by, chosen=chosen, file=file))
                 order = ["--by", by] if by != "q_eoi" else []
                 line = self._command("rank", task, *order, "--program", str(file), "--choose", chosen)
                 self._note("program", line)
@@ -287,21 +288,11 @@ class Studio:
 
     # What takes longer
 
-    def _dropped(self, told: Mapping[str, Any]) -> None:
-        """A click has dropped a part in a run."""
-        self._note("dropped", _run_line(told["file"], told["faults"]))
-
-    def stop(self) -> None:
-        """End what takes longer."""
-        self._under_way.stop()
-
     def search(self, *, placing: bool) -> None:
         """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
         content = self._searched = self._draft.content
-        path, task, chosen, seed, jobs = self._given, self._task, self._chosen or "best", self._seed, self._jobs
-        self._under_way.begin(
-            Search(path=path, content=content, task=task, chosen=chosen, seed=seed, jobs=jobs, placing=placing)
-        )
+        chosen, about = self._chosen or "best", (self._given, self._task, self._seed, self._jobs)
+        self._under_way.begin(Search(*about, content=content, chosen=chosen, placing=placing))
         line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
         self._note("asked", self._command(*line))
 
@@ -349,7 +340,7 @@ _PLAIN: Mapping[str, Callable[[Studio], None]] = {
     "save": Studio.save,
     "advise": lambda studio: studio.search(placing=False),
     "place": lambda studio: studio.search(placing=True),
-    "stop": Studio.stop,
+    "stop": lambda studio: studio._under_way.stop(),
     "reread": Studio.reread,
 }
 """What is done at a word."""

@@ -86,11 +86,15 @@ class Sketch(SampledScene):
             return self._shown(cell, self._looked(cell.observer))
         index = [one.name for one in cell.observer.cameras].index(camera)
         alone = self._looked(replace(cell.observer, cameras=(cell.observer.cameras[index],)))
-        matrix = tuple(
-            tuple(_with_column(box, new, index) for box, new in zip(*both, strict=True))
-            for both in zip(self.matrix, alone, strict=True)
-        )
-        return self._shown(cell, matrix)
+
+        def merged(box: BoxVerdicts, new: BoxVerdicts) -> BoxVerdicts:
+            columns = {name: getattr(box, name).copy() for name in ("cause", "by", "figure", "visible")}
+            for name, column in columns.items():
+                column[:, index] = getattr(new, name)[:, 0]
+            return BoxVerdicts(**columns)
+
+        matrix = [tuple(map(merged, *both)) for both in zip(self.matrix, alone, strict=True)]
+        return self._shown(cell, tuple(matrix))
 
     def _shown(self, cell: Cell, matrix: Matrix) -> CoverageShown:
         responses = np.array([camera.response for camera in cell.observer.cameras])
@@ -162,14 +166,6 @@ class Steps:
             q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
             blind=sum(part.blind for part in parts),
         )
-
-
-def _with_column(box: BoxVerdicts, new: BoxVerdicts, index: int) -> BoxVerdicts:
-    """The verdicts with those of one camera instead of the ones at an index."""
-    columns = {name: getattr(box, name).copy() for name in ("cause", "by", "figure", "visible")}
-    for name, column in columns.items():
-        column[:, index] = getattr(new, name)[:, 0]
-    return BoxVerdicts(**columns)
 
 
 def _where(values: Mask, asked: Mask) -> list[bool | None]:

@@ -164,9 +164,9 @@ def _digest(script: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
-def asset(name: str) -> str:
+def asset(name: str, package: str = "sqrp_cli.show.pages") -> str:
     """A script, style or template of the pages."""
-    return resources.files("sqrp_cli.show.pages").joinpath("browser", name).read_text(encoding="utf-8")
+    return resources.files(package).joinpath("browser", name).read_text(encoding="utf-8")
 
 
 class FigureShown(NamedTuple):
