@@ -119,8 +119,7 @@ class SeenOffset(NamedTuple):
         # The length is the most r for which r * direction + k * ray is in the box for some k; at a corner of these
         # bounds two faces meet.
         gone = _norm(across)
-        way = np.where(gone[..., None] > 1e-9, across / np.maximum(gone, 1e-9)[..., None], 0.0)[..., None, :] @ R_WB
-        u, v = way[..., 0, :], (ray[..., None, :] @ R_WB)[..., 0, :]
+        u, v = np.where(gone[..., None] > 1e-9, across / np.maximum(gone, 1e-9)[..., None], 0.0) @ R_WB, ray @ R_WB
         v = v / _norm(v)[..., None]
         length = np.full(u.shape[:-1], np.linalg.norm(size))
         for i, j in ((0, 2), (1, 0), (2, 1)):
@@ -247,7 +246,7 @@ def _shown(
     else:
         eyes = np.array([_followed(track, times, len(t)) for track in tracks])[camera, start]
     focal, size, falls = _focal(observer.cameras)[camera], np.array(left[0].size), free[start]
-    R_WB = np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[start, None, :3, :3]
+    R_WB = np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[start, :3, :3]
     held = SeenOffset.of(expected[start], falls, eyes, focal, R_WB, size)
     before = np.searchsorted(some, t[:, None] + _FALL, side="right") - 1
     at_places: list[tuple[Mask, SeenOffset]] = []  # whether the camera sees the place before and after each time
