@@ -37,7 +37,7 @@ ROOMS = {
     "task": ("task", 1_091),
     "motion": ("motion", 2_895),
     "sight": ("kernel sight", 1_501),
-    "study": ("study", 4_583),
+    "study": ("study", 4_582),
     "search": ("search", 4_764),
     "checks": ("checks", 1_373),
     "run": ("run", 8_180),
