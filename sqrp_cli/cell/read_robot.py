@@ -21,7 +21,7 @@ from sqrp_cli.files.units import SMALLEST_LIMIT, Dimension, Quantity, expected_q
 from sqrp_cli.geometry import read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import robot
-from sqrp_cli.robot.joint_tree import driving_joints
+from sqrp_cli.robot.kinematics import driving_joints
 from sqrp_cli.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource

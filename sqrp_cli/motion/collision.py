@@ -19,8 +19,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, Indices, Mask, inverse, pose, transform
 from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.joint_tree import Mount
-from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.kinematics import Mount, RobotModel
 from sqrp_cli.sight.solids import Solid, distance, load_solid, load_solids, scale_doubt
 from sqrp_cli.trajectory import JointPath
 

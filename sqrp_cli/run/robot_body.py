@@ -12,7 +12,7 @@ from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.joint_tree import Couplings, JointTree
+from sqrp_cli.robot.kinematics import Couplings, JointTree
 from sqrp_cli.robot.robot import Fingers, Robot
 from sqrp_cli.shapes import Mesh, Part
 

@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.errors import bad_input, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.joint_tree import driving_joints
+from sqrp_cli.robot.kinematics import driving_joints
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
 

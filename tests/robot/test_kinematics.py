@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix
-from sqrp_cli.robot.joint_tree import JointTree
-from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.kinematics import JointTree, RobotModel
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot import Robot, Tool
 from sqrp_cli.robot.urdf import JointType, Mimic, UrdfJoint, UrdfLink, UrdfModel

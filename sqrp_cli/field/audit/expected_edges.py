@@ -18,7 +18,7 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, matrix_to_quaternion, transform
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.joint_tree import Couplings
+from sqrp_cli.robot.kinematics import Couplings
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
