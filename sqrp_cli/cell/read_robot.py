@@ -22,10 +22,9 @@ from sqrp_cli.geometry import read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import robot
 from sqrp_cli.robot.kinematics import driving_joints
-from sqrp_cli.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
+from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
-from sqrp_cli.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.shapes import Mesh, Part
 

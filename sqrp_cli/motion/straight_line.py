@@ -12,8 +12,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.motion.tool_curve import ToolCurve, progress
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import least_steps, misses, newton, pose_errors
-from sqrp_cli.robot.reach import PastLimit
+from sqrp_cli.robot.reach import PastLimit, least_steps, misses, newton, pose_errors
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.trajectory import JointPath
 

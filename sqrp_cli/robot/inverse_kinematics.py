@@ -17,8 +17,19 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask, inverse, read_only
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import FOLLOWED, descend, halton, newton, pose_errors, spread_starts
-from sqrp_cli.robot.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
+from sqrp_cli.robot.reach import (
+    FOLLOWED,
+    Unreachable,
+    beyond_reach,
+    closest_turns,
+    descend,
+    halton,
+    limit_excess,
+    newton,
+    pose_errors,
+    spread_starts,
+    why_unreachable,
+)
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 
 SOLVED, POLISHED, NEARLY_SOLVED = 1e-11, 1e-13, 1e-6

@@ -1,18 +1,30 @@
-"""Why an arm cannot bring its tool frame to a pose, and by how much.
+"""Searching joint positions that bring the tool to a pose, and why an arm cannot reach one, and by how much.
 
-A sphere that bounds the arm's outermost axis proves without a search that places are too far.
+The search goes from many starting points at once (Levenberg-Marquardt). The method and its damping: K. Levenberg (1944)
+and D. Marquardt (1963), as in K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems,
+2004, section 3.2, with a fixed schedule of the damping. A sphere that bounds the arm's outermost axis proves without a
+search that places are too far.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.geometry import Array, Mask, inverse
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import descend, spread_starts
+
+_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
+
+_LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
+
+FOLLOWED = 1e-20  # square of the weighted pose error at which a start is good enough
+STALLED = 1e6  # a step that reduces the square of the error by no more than one part in this is the last one
+LEAST_TURN = 1e-6  # least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]
+NEWTON_STEPS = 8  # most steps of Newton's method; each squares the error of an isolated solution
 
 STARTS = 64  # starting points of the search for the closest pose that can be reached
 
@@ -31,6 +43,187 @@ PLACES_BEYOND, STARTS_BEYOND = 16, 16
 ROUNDS = 100  # rounds of moving the points on the axes to shorten their chain
 LEAST_DISTANCE = 1e-9  # added to distances from axes, so that their shares are defined when all are zero [m]
 HELD_ORIENTATION = 1e-3  # largest error of an orientation that counts as held [rad]
+
+
+class Approach(NamedTuple):
+    """The result of a search from each of m starts."""
+
+    q: Array  # joint positions, shape (m, n)
+    errors: Array  # remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)
+
+    def best(self, count: int) -> Approach:
+        """The closest ones of `descend`, in order."""
+        rows = np.argsort((self.errors**2).sum(axis=1), kind="stable")[:count]
+        return Approach(self.q[rows], self.errors[rows])
+
+
+def pose_errors(X_WT: Array, X_target: Array) -> Array:
+    """Position error [m] over rotation vector [rad] from poses to targets, in world axes, shape (m, 6).
+
+    X_WT: shape (m, 4, 4). X_target: one pose, (4, 4), or one for each, (m, 4, 4).
+    """
+    errors = np.empty((len(X_WT), 6))
+    errors[:, :3] = X_target[..., :3, 3] - X_WT[:, :3, 3]
+    # Axis times angle [rad] of rotation matrices (m, 3, 3), shape (m, 3); for half a turn, one of both axes.
+    R = X_target[..., :3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2)
+    skew = np.empty((len(R), 3))
+    for axis, (first, second) in enumerate(((2, 1), (0, 2), (1, 0))):
+        np.subtract(R[:, first, second], R[:, second, first], out=skew[:, axis])
+    sine, cosine = np.sqrt((skew**2).sum(axis=1)), R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0
+    angle = np.arctan2(sine, cosine)
+    vectors: Array = skew * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 0.5)[:, None]
+    half_turned = (sine < 1e-6) & (cosine < 0.0)
+    for row in np.flatnonzero(half_turned).tolist() if half_turned.any() else ():
+        columns = R[row] + np.eye(3)
+        along = columns[:, int(np.diag(columns).argmax())]
+        vectors[row] = along * (angle[row] / np.linalg.norm(along))
+    errors[:, 3:] = vectors
+    return errors
+
+
+class Misses(NamedTuple):
+    """What keeps a tool from its targets, at m joint positions of n joints."""
+
+    errors: Array  # what is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)
+    J: Array  # how these errors decrease with the joints, shape (m, 6, n)
+    turned_away: Array  # by how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it
+
+
+def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = None) -> Misses:
+    """The errors of m joint positions q, shape (m, n), against targets, one each, (m, 4, 4).
+
+    moving: which joints may move, (n,); by default all.
+
+    An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as motions
+    of the joints can that do not move the origin (the null space of its Jacobian). What they cannot turn is tolerated
+    up to the model's `angle_tolerance`: right angles that a URDF rounds to 1.57 keep no arm from its work.
+    """
+    X, J = model.tool_poses_and_jacobians(q)
+    errors, J = pose_errors(X, X_target), J if moving is None else J * moving
+    if not model.angle_tolerance:
+        return Misses(errors, J, np.zeros(len(q)))
+    beyond = np.maximum(np.linalg.norm(errors[:, 3:], axis=1) - model.angle_tolerance, 0.0)
+    still = np.swapaxes(np.linalg.svd(J[:, :3])[2][:, 3:], 1, 2)
+    turns, sizes, _ = np.linalg.svd(J[:, 3:] @ still, full_matrices=False)
+    turns = turns * (sizes > LEAST_TURN)[:, None, :]
+    possible = np.tile(np.eye(6), (len(q), 1, 1))
+    possible[:, 3:, 3:] = turns @ np.swapaxes(turns, 1, 2)
+    return Misses((possible @ errors[:, :, None])[..., 0], possible @ J, beyond)
+
+
+def descend(
+    model: RobotModel,
+    X_target: Array,
+    starts: Array,
+    steps: int,
+    *,
+    turn_weight: float = 1.0,
+    moving: Mask | None = None,
+    limited: bool = True,
+) -> Approach:
+    """Minimize the pose error from each of m starts, shape (m, n).
+
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4). turn_weight: what an
+    error of 1 rad counts against one of 1 m. moving: which joints may move, (n,); by default all. limited: whether
+    joints stay within their limits.
+
+    Returns the final joint positions, (m, n), and their weighted pose errors, (m, 6). A start ends once the square of
+    its error is at most `FOLLOWED`, or when a step reduces that by no more than one part in `STALLED`.
+    """
+    weights = np.repeat([1.0, turn_weight], 3)
+    least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
+    lower, upper = (model.lower, model.upper) if limited else (-np.inf, np.inf)
+
+    def measured(q: Array, targets: Array) -> tuple[Array, Array]:
+        X, J = model.tool_poses_and_jacobians(q)
+        return pose_errors(X, targets) * weights, J * weights[:, None]
+
+    q, targets = np.clip(starts, lower, upper), np.broadcast_to(X_target, (len(starts), 4, 4))
+    e, J = measured(q, targets)
+    q_all, e_all, rows = q.copy(), e.copy(), np.arange(len(q))
+    damping, going = np.full(len(q), _FIRST_DAMPING), np.ones(len(q), dtype=bool)
+    cost = (e**2).sum(axis=1)
+    for _ in range(steps):
+        going &= cost > FOLLOWED
+        if not going.any():
+            break
+        if not going.all():
+            rows = rows[going]
+            targets, q, e, J, cost, damping = (values[going] for values in (targets, q, e, J, cost, damping))
+        pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
+        free = ~((q <= lower) & (pull < 0)) & ~((q >= upper) & (pull > 0))
+        if moving is not None:
+            free &= moving
+        J_free = J * free[:, None, :]
+        normal = np.swapaxes(J_free, 1, 2) @ J_free + damping[:, None, None] * np.eye(q.shape[1])
+        q_next = np.clip(q + np.linalg.solve(normal, (pull * free)[..., None])[..., 0], lower, upper)
+        e_next, J_next = measured(q_next, targets)
+        cost_next = (e_next**2).sum(axis=1)
+        better = cost_next < cost
+        q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
+        J = np.where(better[:, None, None], J_next, J)
+        going = ~better & (damping < _MOST_DAMPING) | (cost_next < cost * (1.0 - 1.0 / STALLED))
+        cost = np.where(better, cost_next, cost)
+        damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
+        q_all[rows], e_all[rows] = q, e
+    return Approach(q_all, e_all)
+
+
+def newton(model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
+    """Newton's method for `misses` from each of m joint positions, shape (m, n), with the least motion of the joints.
+
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
+    error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
+    """
+    targets = np.broadcast_to(X_target, (len(q), 4, 4))
+    q, largest = q.copy(), np.zeros(len(q))
+    rows = np.arange(len(q))
+    for step in range(NEWTON_STEPS + 1):
+        errors, J, turned_away = misses(model, q[rows], targets[rows], moving)
+        off = np.abs(errors).max(axis=1, initial=0.0) > tolerance
+        largest[rows] = np.maximum(np.abs(errors).max(axis=1, initial=0.0), turned_away)
+        rows = rows[off]
+        if step == NEWTON_STEPS or not len(rows):
+            break
+        q[rows] += least_steps(J[off], errors[off])
+    return Approach(q, largest)
+
+
+def least_steps(J: Array, errors: Array) -> Array:
+    """The shortest steps (m, n) with J @ step = error, if any; for Jacobians (m, 6, n), errors (m, 6).
+
+    The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
+    """
+    J_T, damping = np.swapaxes(J, 1, 2), _LEAST_DAMPING * np.eye(min(J.shape[1:]))
+    if J.shape[2] < J.shape[1]:
+        steps = np.asarray(np.linalg.solve(J_T @ J + damping, J_T @ errors[:, :, None]), dtype=float)
+    else:
+        steps = J_T @ np.linalg.solve(J @ J_T + damping, errors[:, :, None])
+    return steps[..., 0]
+
+
+def spread_starts(model: RobotModel, count: int) -> Array:
+    """Joint positions that fill the space evenly, the same on every call, shape (count, n).
+
+    Turning joints go once round, sliding ones between their limits (1 m either way where there are none).
+    """
+    half_turn = np.where(model.turns, np.pi, 1.0)
+    lower = np.where(model.turns | np.isinf(model.lower), -half_turn, model.lower)
+    upper = np.where(model.turns | np.isinf(model.upper), half_turn, model.upper)
+    return lower + (upper - lower) * halton(count, len(model.arm))
+
+
+@cache
+def halton(count: int, dimensions: int) -> Array:
+    """The first `count` points of the sequence of J. H. Halton (1960) in the unit cube, shape (count, dimensions)."""
+    points = np.zeros((count, dimensions))
+    for column, prime in enumerate(_PRIMES[:dimensions]):
+        index, weight = np.arange(1, count + 1), 1.0 / prime
+        while index.any():
+            points[:, column] += weight * (index % prime)
+            index, weight = index // prime, weight / prime
+    points.setflags(write=False)
+    return points
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,9 @@ from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.xml_file import read_xml
 from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.moveit_limits import MoveitLimits, read_moveit_limits, with_position_limits
+from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
-from sqrp_cli.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.robot.urdf import MeshReference, UrdfModel
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")

@@ -14,7 +14,7 @@ from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transf
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.pose_search import descend, halton, spread_starts
+from sqrp_cli.robot.reach import descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Layout

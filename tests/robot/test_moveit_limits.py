@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.robot.moveit_limits import read_moveit_limits
+from sqrp_cli.robot.moveit import read_moveit_limits
 
 LIMITS = """\
 default_velocity_scaling_factor: 0.5

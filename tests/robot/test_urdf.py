@@ -10,8 +10,8 @@ import pytest
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files.packages import package_roots
+from sqrp_cli.robot.moveit import read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.robot.srdf import read_srdf
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 
 ARM = """<robot name="arm">

@@ -11,9 +11,9 @@ import pytest
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.robot import robot_xml
+from sqrp_cli.robot.moveit import read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
-from sqrp_cli.robot.srdf import read_srdf
 from sqrp_cli.robot.urdf import UrdfModel
 
 XMLNS = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
