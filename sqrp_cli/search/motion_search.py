@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -132,46 +131,37 @@ def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
             yield Tried(change, WholeStudy(whole, tuple(done)))
 
 
-class _FirstSteps(NamedTuple):
-    """The first steps, each in a way."""
-
-    steps: tuple[Study, ...]
-    after: World
-
-
 def _of_steps(question: Question) -> Iterator[WholeStudy]:
-    """Combinations of the Pareto-optimal ways of the steps, each in the world that those before it leave."""
+    """Combinations of the Pareto-optimal ways of the steps, each in the world that those before it leave.
+
+    Of more than `MOST_TOGETHER` beginnings, the best seen ones and the fastest are followed, in their order.
+    """
     candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
-    begun = [_FirstSteps((), question.world)]
+
+    def covered(steps: Sequence[Study]) -> float:
+        """How well some steps are seen: their covered time, that of events of interest twice [s]."""
+        figures = [step.assessment("") for step in steps]
+        return sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in figures)
+
+    begun: list[tuple[tuple[Study, ...], World]] = [((), question.world)]  # the first steps, and the world after them
     for step in candidate.steps:
-        longer: list[_FirstSteps] = []
-        for one in begun:
-            found = find_way(cell, step, one.after, sampling, WantedWay())
+        longer: list[tuple[tuple[Study, ...], World]] = []
+        for steps, world in begun:
+            found = find_way(cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
                 continue
             for way in (found.study.candidate, *(with_way(step, figures) for figures in found.ways.pareto[1:])):
-                done = study(cell, way, one.after, sampling, full=False)
+                done = study(cell, way, world, sampling, full=False)
                 if isinstance(done, Study):
-                    longer.append(_FirstSteps((*one.steps, done), world_after(way, done.motion, one.after)))
-        begun = _promising(longer)
-    for one in begun:
-        yield WholeStudy(whole_candidate(candidate.skill, [step.candidate for step in one.steps]), one.steps)
-
-
-def _promising(begun: Sequence[_FirstSteps]) -> list[_FirstSteps]:
-    """At most `MOST_TOGETHER` of several beginnings, in their order: the best seen ones, and the fastest."""
-    if len(begun) <= MOST_TOGETHER:
-        return list(begun)
-
-    def covered(index: int) -> float:
-        """How well the first steps are seen: their covered time, that of events of interest twice [s]."""
-        figures = [step.assessment("") for step in begun[index].steps]
-        return sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in figures)
-
-    seen = sorted(range(len(begun)), key=lambda index: -covered(index))
-    fast = sorted(range(len(begun)), key=lambda index: sum(step.motion.time for step in begun[index].steps))
-    chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
-    return [begun[index] for index in sorted(list(chosen)[:MOST_TOGETHER])]
+                    longer.append(((*steps, done), world_after(way, done.motion, world)))
+        begun, numbers = longer, range(len(longer))
+        if len(longer) > MOST_TOGETHER:
+            seen = sorted(numbers, key=lambda number: -covered(longer[number][0]))
+            fast = sorted(numbers, key=lambda number: sum(one.motion.time for one in longer[number][0]))
+            chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
+            begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]
+    for steps, _ in begun:
+        yield WholeStudy(whole_candidate(candidate.skill, [step.candidate for step in steps]), steps)
 
 
 def _path_change(asked: Candidate, chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:

@@ -385,11 +385,13 @@ def others(sqrp, small, page):
     return outcome.document
 
 
-@pytest.mark.parametrize("kind", ["object", "lens", "camera"])
-def test_every_kind_of_change_meets_the_wish_once_it_is_in_the_file(sqrp, others, own, kind):
-    one = next(one for one in others["advice"] if one["kind"] == kind)
+@pytest.mark.parametrize("kind", ["object", "lens", "camera", "aim", "position"])
+def test_every_kind_of_change_meets_the_wish_once_it_is_in_the_file(sqrp, advised, others, own, kind):
+    """Ranked again with the patch; ways and paths are, too, where they are stated below."""
+    document = advised if kind in ("aim", "position") else others
+    one = next(one for one in document["advice"] if one["kind"] == kind)
     apply_patch(own, one["patch"])
-    task = ("rank", own, "pickup g3", "--ways", "fastest", "--json")
+    task = ("rank", own, document["task"], "--ways", "fastest", "--json")
     (candidate,) = sqrp(*task).document["candidates"]
     for figure in ("q_eoi", "q_avg", "time"):
         assert candidate[figure] == pytest.approx(one[figure], abs=1e-6)
