@@ -23,6 +23,7 @@ from sqrp_cli.logic.formula import (
     Predicate,
     argument_lists,
     children,
+    problem_at,
 )
 from sqrp_cli.logic.formula_time import operators
 from sqrp_cli.logic.truth import Truth
@@ -173,7 +174,7 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
                 mend = "give times in seconds, or from the start or end of a primitive, "
                 mend += f"such as `[{first}.start, {last}.end]`"
                 code, origin = "interval-outside-the-motion", operator.interval.start.origin
-                problem = origin.problem(code, message) if origin else Problem(code, message, requirement.place)
+                problem = problem_at(origin, code, message, requirement.place)
                 warnings.append(replace(problem, severity="warning", mend=mend))
     return tuple(warnings)
 

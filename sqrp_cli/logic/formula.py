@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import TypeAlias
 
-from sqrp_cli.errors import Problem, expected_names
+from sqrp_cli.errors import Place, Problem, expected_names
 from sqrp_cli.logic import domain as pddl
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.source_text import TextOrigin
@@ -196,15 +196,29 @@ def argument_lists(action: pddl.Action) -> ArgumentLists:
 def check_formula(
     formula: Formula, domain: pddl.Domain, action: pddl.Action, primitives: Sequence[str]
 ) -> Iterator[Problem]:
-    """Problems with the names and intervals of a skill's formula.
+    """Problems with the names in a skill's formula, and intervals that end before they start whatever the durations.
 
     primitives: names of the skill's primitive actions, in order of execution.
     """
     if isinstance(formula, Predicate):
         for code, message in _check_predicate(formula, domain, action):
-            yield _problem(formula.origin, code, message)
+            yield problem_at(formula.origin, code, message)
     if isinstance(formula, Temporal):
-        yield from _check_interval(formula.interval, primitives)
+        interval, start, end = formula.interval, formula.interval.start, formula.interval.end
+        unknown = [bound for bound in (start, end) if bound.primitive is not None and bound.primitive not in primitives]
+        for bound in unknown:
+            known = expected_names(str(bound.primitive), primitives)
+            message = f"there is no primitive action `{bound.primitive}`; {known}"
+            yield problem_at(bound.origin, "mtl-unknown-primitive", message)
+        if not unknown and (start.primitive is None) == (end.primitive is None):
+            begun, ended = (
+                primitives.index(bound.primitive) + (bound.edge == "end") if bound.primitive else 0
+                for bound in (start, end)
+            )
+            late = start.offset > end.offset or (begun > ended and start.offset == end.offset)
+            if begun >= ended and late:
+                message = f"the interval {interval} ends before it starts"
+                yield problem_at(start.origin, "mtl-empty-interval", message)
     for part in children(formula):
         yield from check_formula(part, domain, action, primitives)
 
@@ -226,8 +240,9 @@ def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> 
     return Predicate(formula.name, tuple(binding.get(name, name) for name in arguments), formula.origin)
 
 
-def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
-    return origin.problem(code, message) if origin else Problem(code, message)
+def problem_at(origin: TextOrigin | None, code: str, message: str, place: Place | None = None) -> Problem:
+    """An error at the origin of a part; at the place if it has none."""
+    return origin.problem(code, message) if origin else Problem(code, message, place)
 
 
 def _check_predicate(use: Predicate, domain: pddl.Domain, action: pddl.Action) -> Iterator[tuple[str, str]]:
@@ -251,19 +266,3 @@ def _check_predicate(use: Predicate, domain: pddl.Domain, action: pddl.Action) -
                 yield "mtl-unknown-argument", f"`{name}` is no parameter of `{action.name}` and no constant; {known}"
             elif not domain.fits([types[name]], expected.type):
                 yield "mtl-type", f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
-
-
-def _check_interval(interval: Interval, primitives: Sequence[str]) -> Iterator[Problem]:
-    """Unknown primitives, and an interval that ends before it starts whatever the durations of the primitives."""
-    start, end = interval.start, interval.end
-    unknown = [bound for bound in (start, end) if bound.primitive is not None and bound.primitive not in primitives]
-    for bound in unknown:
-        known = expected_names(str(bound.primitive), primitives)
-        yield _problem(
-            bound.origin, "mtl-unknown-primitive", f"there is no primitive action `{bound.primitive}`; {known}"
-        )
-    if unknown or (start.primitive is None) != (end.primitive is None):
-        return
-    begun, ended = (primitives.index(b.primitive) + (b.edge == "end") if b.primitive else 0 for b in (start, end))
-    if (begun == ended and start.offset > end.offset) or (begun > ended and start.offset >= end.offset):
-        yield _problem(start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts")

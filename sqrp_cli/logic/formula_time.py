@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Literal as OneOf
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError
 from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
@@ -178,8 +178,7 @@ def _with_times(interval: mtl.Interval, spans: Mapping[str, tuple[float, float]]
     )
     if end < start - SAME_INSTANT:
         code, message = "mtl-empty-interval", f"the interval {interval} is empty: from {start:g} s to {end:g} s"
-        origin = interval.start.origin
-        raise InputError(origin.problem(code, message) if origin else Problem(code, message))
+        raise InputError(mtl.problem_at(interval.start.origin, code, message))
     return mtl.Interval(
         mtl.Instant(offset=start, origin=interval.start.origin),
         mtl.Instant(offset=max(start, end), origin=interval.end.origin),

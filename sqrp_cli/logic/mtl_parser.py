@@ -102,7 +102,10 @@ class _Reader:
                 waiting.append(("(", mtl.Not))
                 opened += 1
             elif token.kind == "name":
-                arguments = self._arguments()
+                names = [self._next("name").text] if self._found("(") is not None else []
+                while names and self._next(",", ")").kind == ",":
+                    names.append(self._next("name").text)
+                arguments = tuple(names) or None
                 formulas.append(mtl.Predicate(token.text, arguments, TextOrigin(self._source, token.start)))
                 kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if arguments is None else ()))
             else:  # what binds more tightly is put together, up to the last open parenthesis
@@ -155,14 +158,6 @@ class _Reader:
             message = f"`{number.text}` is too large for a time in seconds"
             raise InputError(self._source.problem("mtl-number", message, number.start))
         return seconds
-
-    def _arguments(self) -> tuple[str, ...] | None:
-        if self._found("(") is None:
-            return None
-        names = [self._next("name").text]
-        while self._next(",", ")").kind == ",":
-            names.append(self._next("name").text)
-        return tuple(names)
 
     def _found(self, *kinds: str) -> _Token | None:
         """The next token, if it is of one of these kinds."""
