@@ -91,20 +91,19 @@ class CellServer:
         self._q = np.array([at[name] for name in joints])
         self._stood, self._still = True, STILL_FOR
         self._complaint, self._complained = "", 0.0
-        publish, subscribe = transport.publish, transport.subscribe
+
+        def sender(name: str | None, kind: str, depth: int, *, latched: bool = False) -> Send:
+            topic = Topic(name=name or "", type=kind, depth=depth, reliable=True, latched=latched)
+            return transport.publish(topic)
+
+        subscribe = transport.subscribe
         assert file.tool is not None  # noqa: S101 - as `served_file` makes it
-        self._clock = publish(Topic(name=CLOCK.name, type=CLOCK.type, depth=10, reliable=True))
-        self._joints = publish(Topic(name=file.joint_states, type=_JOINT_STATE, depth=50, reliable=True))
-        self._wrench = publish(Topic(name=file.force or "/wrench", type=_WRENCH, depth=10, reliable=True))
-        self._images = {
-            name: publish(Topic(name=one.image, type=_IMAGE, depth=4, reliable=True))
-            for name, one in file.cameras.items()
-        }
-        self._infos: dict[str, Send] = {
-            name: publish(Topic(name=one.info or "", type=_INFO, depth=4, reliable=True))
-            for name, one in file.cameras.items()
-        }
-        self._tf = publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
+        self._clock = sender(CLOCK.name, CLOCK.type, 10)
+        self._joints = sender(file.joint_states, _JOINT_STATE, 50)
+        self._wrench = sender(file.force or "/wrench", _WRENCH, 10)
+        self._images = {name: sender(one.image, _IMAGE, 4) for name, one in file.cameras.items()}
+        self._infos = {name: sender(one.info, _INFO, 4) for name, one in file.cameras.items()}
+        self._tf = sender("/tf_static", _TF, 1, latched=True)
         self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
         self._trajectories = subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
         transforms = [

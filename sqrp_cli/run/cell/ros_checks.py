@@ -222,8 +222,18 @@ def _camera_pose(
     cell: RosCell, camera: Camera, transforms: Mapping[str, StaticTransform], frame: str | None
 ) -> CellCheck:
     """Whether TF has a camera where the workspace does, by way of the root that its frame and its carrier share."""
+
+    def to_root(frame: str) -> tuple[str, Array]:
+        """The root above a frame, and the frame's pose in it, shape (4, 4)."""
+        X = pose()
+        for _ in range(len(transforms) + 1):
+            if frame not in transforms:
+                break
+            X, frame = transforms[frame].X_PC @ X, transforms[frame].parent
+        return frame, X
+
     carrier, child = cell.file.world if camera.frame == WORLD else camera.frame, (frame or "").lstrip("/")
-    (root, X_RF), (other, X_RC) = _to_root(transforms, carrier), _to_root(transforms, child)
+    (root, X_RF), (other, X_RC) = to_root(carrier), to_root(child)
     if frame is None or root != other or carrier == child:
         return CellCheck(camera.name, "pose", "not in TF", "")
     off = inverse(camera.X_FC) @ (inverse(X_RF) @ X_RC)
@@ -235,13 +245,3 @@ def _camera_pose(
         problem = f"TF has `{camera.name}` {away} from where the workspace has it"
     expected = f"{1e3 * limits.position:.0f} mm, {np.degrees(limits.rotation):.2f} deg at most"
     return CellCheck(camera.name, "pose", f"{1e3 * far:.1f} mm, {np.degrees(turned):.2f} deg off", expected, problem)
-
-
-def _to_root(transforms: Mapping[str, StaticTransform], frame: str) -> tuple[str, Array]:
-    """The root above a frame, and the frame's pose in it, shape (4, 4)."""
-    X = pose()
-    for _ in range(len(transforms) + 1):
-        if frame not in transforms:
-            break
-        X, frame = transforms[frame].X_PC @ X, transforms[frame].parent
-    return frame, X
