@@ -40,9 +40,7 @@ class Trial:
         self.fingers = SimpleNamespace(open={"finger": 0.04})
         self.attempt = Attempt(entry, nominal, None, None, undisturbed=True, start=0.0)
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
-        self.planned = SimpleNamespace()
-
-        self.slowest = 0.0
+        self.planned, self.slowest = SimpleNamespace(), 0.0
 
     # What the recovery asks of its collaborators, all of which this is
 

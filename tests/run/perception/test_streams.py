@@ -34,11 +34,16 @@ class Looker:
         return SimpleNamespace(camera=camera, t=self.last.t, frozen=False, seconds=0.0)
 
 
-def eyes(*names: str) -> ImageStreams:
-    return ImageStreams(
-        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names or ("cam",)},
-        Looker(),
-    )
+def known(*names: str) -> dict[str, SimpleNamespace]:
+    return {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names}
+
+
+def eyes(*names: str, looker: type[Looker] = Looker) -> ImageStreams:
+    return ImageStreams(known(*(names or ("cam",))), looker())
+
+
+def expose(streams: ImageStreams, t: float) -> None:
+    streams.expose(t, lambda names: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
 
 
 def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
@@ -49,7 +54,7 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             fail(found)
             at = np.inf
         found.collect(t)
-        found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
+        expose(found, t)
         if (how := found.failure(t)) is not None:
             assert how.cameras == ["cam"]
             return t, f"{how.fault}: {how}"
@@ -62,9 +67,8 @@ def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next(
         def watch(self, _sought: object) -> None:
             raise PerceptionError(["cam"], "has ended")
 
-    streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY, lag=LATENCY)}, Crashed())
     with pytest.raises(MonitoringLost) as caught:
-        streams.watch(None)
+        eyes(looker=Crashed).watch(None)
     assert (caught.value.fault, list(caught.value.cameras)) == ("perception-crash", ["cam"])
 
 
@@ -90,7 +94,7 @@ def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_lat
     found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
     while (how := found.failure(t)) is None:
         found.collect(t)
-        found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
+        expose(found, t)
         if t > 1.0:
             found.fail("camera-loss", "cam1")
             found.fail("latency", "cam2", 0.4)
@@ -145,17 +149,11 @@ class Cameras:
     """Two cameras out of step that send images for a while; they are looked for in steps of 5 ms [s]."""
 
     def __init__(
-        self,
-        takes: float = 0.01,
-        late: dict[str, float] | None = None,
-        lost=lambda _name, _t: False,
-        step=0.005,
-        mend: str = "",
+        self, takes: float = 0.01, late: dict[str, float] | None = None, lost=lambda *_: False, step=0.005, mend=""
     ) -> None:
         self.step = step
         self.lookers = Lookers(takes)
-        known = {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in ("cam1", "cam2")}
-        self.streams = ReceivedStreams(known, self.lookers, lambda: self.lookers.now, mend)
+        self.streams = ReceivedStreams(known("cam1", "cam2"), self.lookers, lambda: self.lookers.now, mend)
         self.late, self.lost, self.seen, self.settled = late or {}, lost, [], []
         self.due = sorted(
             (k / RATE + phase + LATENCY, k / RATE + phase, name)
@@ -205,9 +203,8 @@ def test_a_lost_camera_is_told_soon_after_its_first_image_is_missing(at: float) 
 
 
 def test_received_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
-    found = Cameras(late={"cam1": 0.3}).until(9.0)
-    assert found is not None
-    assert (found[1].fault, list(found[1].cameras)) == ("latency", ["cam1"])
+    _, how = Cameras(late={"cam1": 0.3}).until(9.0)
+    assert (how.fault, list(how.cameras)) == ("latency", ["cam1"])
 
 
 @pytest.mark.parametrize(
@@ -216,16 +213,14 @@ def test_received_images_that_come_late_are_told_from_those_that_do_not_come() -
     ids=["late", "slow", "lost"],
 )
 def test_what_may_help_on_a_busy_computer_is_said_with_the_reason(failing: dict) -> None:
-    found = Cameras(**failing, mend="slower").until(9.0)
-    assert found is not None
-    assert str(found[1]).endswith(" (slower)")
+    _, how = Cameras(**failing, mend="slower").until(9.0)
+    assert str(how).endswith(" (slower)")
 
 
 def test_a_computer_that_looks_too_slowly_says_so_and_keeps_few_images() -> None:
     cameras = Cameras(takes=0.45)
-    found = cameras.until(9.0)
-    assert found is not None
-    assert found[1].fault == "perception-late"
+    _, how = cameras.until(9.0)
+    assert how.fault == "perception-late"
     assert all(len(stream.waiting) <= MOST_WAITING for stream in cameras.streams._streams.values())
 
 
