@@ -41,7 +41,7 @@ ROOMS = {
     "search": ("search", 4_764),
     "checks": ("checks", 1_373),
     "run": ("run", 8_180),
-    "field": ("field ros", 3_217),
+    "field": ("field ros", 3_216),
     "score": ("score", 2_437),
     "show": ("show", 5_034),
     "ask": ("ask cli __init__ __main__", 5_447),
