@@ -43,6 +43,11 @@ class Hand(Listened):
         """Select what to move."""
         self.page.select_option("#what", value=f'["{kind}","{name}"]')
 
+    def type(self, what: str, text: str) -> None:
+        """Type into a field, by its label or its `#id`."""
+        self.page.fill(what if what.startswith("#") else f"[aria-label='{what}']", text)
+        self.page.keyboard.press("Enter")
+
     def drag(self, role: str, dx: float, dy: float, steps: int = 4, *, leave: bool = False) -> None:
         """Drag a handle by so many pixels, and let it go. leave: hold it still."""
         x, y = self.js(WHERE, role)

@@ -158,13 +158,11 @@ def test_what_is_undone_is_as_it_was_and_what_is_redone_as_it_became(hand, cell)
 
 def test_numbers_can_be_typed_and_the_robot_moves_too(hand):
     hand.take("camera", "cam2")
-    hand.page.fill("[aria-label='view angle [deg]']", "45")
-    hand.page.keyboard.press("Enter")
+    hand.type("view angle [deg]", "45")
     hand.wait("return sqrp.state.dirty && sqrp.settled")
     assert "'cameras.cam2.image.horizontal_fov=45 deg'" in hand.js("sqrp.state.lines.at(-1).line")
     hand.take("base", "")
-    hand.page.fill("[aria-label='position [m], x']", "0.02")
-    hand.page.keyboard.press("Enter")
+    hand.type("position [m], x", "0.02")
     hand.wait("return sqrp.state.unsaved.length === 2 && sqrp.settled")
     assert "robot.base.position.0=0.02" in hand.js("sqrp.state.lines.at(-1).line")
     assert hand.js("sqrp.scene.scene.robot.base[0][3]") == 0.02
@@ -175,8 +173,7 @@ def test_a_move_that_makes_no_cell_is_refused(hand):
     hand.take("camera", "cam2")
     hand.wait("return sqrp.settled")
     before = hand.js(POSES)
-    hand.page.fill("[aria-label='position [m], x']", "1000")
-    hand.page.keyboard.press("Enter")
+    hand.type("position [m], x", "1000")
     hand.wait("return document.querySelector('#notices .refused')")
     assert "expected at most" in hand.page.inner_text("#notices")
     assert not hand.js("sqrp.state.dirty")
@@ -187,11 +184,9 @@ def test_a_camera_at_the_point_that_it_looks_at_is_refused_until_something_else_
     hand.take("camera", "cam2")
     hand.js("sqrp.put({ ...sqrp.fields.move, look_at: sqrp.fields.move.position })")
     hand.wait("return document.querySelector('#notices').textContent.includes('cannot look at its own lens')")
-    hand.page.fill("[aria-label='view angle [deg]']", "40")
-    hand.page.keyboard.press("Enter")
+    hand.type("view angle [deg]", "40")
     hand.wait("return sqrp.state.undo?.includes('cam2') && !document.querySelector('#notices .refused')")
-    hand.page.fill("[aria-label='view angle [deg]']", "400")
-    hand.page.keyboard.press("Enter")
+    hand.type("view angle [deg]", "400")
     hand.wait("return document.querySelector('#notices').textContent.includes('400 deg, expected 1 to 177 deg')")
 
 
@@ -261,43 +256,38 @@ def test_a_syntax_error_outside_is_shown_and_recovered_from(hand, cell):
     hand.wait("return sqrp.overview.scenes[0].cameras.cam1.rate === 10")
 
 
-def with_a_camera_more(text: bytes) -> bytes:
-    more = (
-        b"  more:\n    pose: {position: [1, 1, 1], look_at: [0, 0, 0]}\n"
-        b"    image: {width: 640, height: 480, horizontal_fov: 60 deg}\n    rate: 10 Hz\n"
-    )
-    return text.replace(b"  cam1:", more + b"  cam1:", 1)
+MORE = b"""\
+  more:
+    pose: {position: [1, 1, 1], look_at: [0, 0, 0]}
+    image: {width: 640, height: 480, horizontal_fov: 60 deg}
+    rate: 10 Hz
+"""
 
 
-def test_a_camera_may_appear_outside_while_one_looks_through_another(hand, cell):
+@pytest.mark.parametrize("held", [False, True])
+def test_a_camera_may_appear_outside_while_one_looks_through_another_or_holds_it(hand, cell, held):
     file = cell / "workspace.yaml"
     good = file.read_bytes()
-    hand.js("sqrp.look('cam1')")
-    file.write_bytes(with_a_camera_more(good))
+    if held:
+        hand.take("camera", "cam6")
+        hand.drag("z", 0, -20, leave=True)
+        hand.wait("return sqrp.held && sqrp.answered === sqrp.asked")
+    else:
+        hand.js("sqrp.look('cam1')")
+    file.write_bytes(good.replace(b"  cam1:", MORE + b"  cam1:", 1))
     hand.wait("return sqrp.scene.cameras.length === 7 && sqrp.settled")
-    assert hand.js("sqrp.scene.through") == "cam1"
+    if held:
+        hand.page.mouse.up()
+        assert not hand.js("sqrp.state.dirty")
+    else:
+        assert hand.js("sqrp.scene.through") == "cam1"
     file.write_bytes(good)
     hand.wait("return sqrp.scene.cameras.length === 6 && sqrp.settled")
     hand.js("sqrp.look(null)")
 
 
-def test_a_camera_may_appear_outside_while_a_hand_holds_another(hand, cell):
-    file = cell / "workspace.yaml"
-    good = file.read_bytes()
-    hand.take("camera", "cam6")
-    hand.drag("z", 0, -20, leave=True)
-    hand.wait("return sqrp.held && sqrp.answered === sqrp.asked")
-    file.write_bytes(with_a_camera_more(good))
-    hand.wait("return sqrp.scene.cameras.length === 7 && sqrp.settled")
-    hand.page.mouse.up()
-    assert not hand.js("sqrp.state.dirty")
-    file.write_bytes(good)
-    hand.wait("return sqrp.scene.cameras.length === 6 && sqrp.settled")
-
-
 def test_a_task_is_asked_for_by_words_and_by_motion_parameters(hand):
-    hand.page.fill("#task", "pickup blue")
-    hand.page.keyboard.press("Enter")
+    hand.type("#task", "pickup blue")
     hand.wait("return sqrp.state.task === 'pickup blue' && sqrp.settled")
     assert [one["parameters"]["object"] for one in hand.ranked()] == ["b1"]
     hand.page.click("#motion summary")
@@ -306,11 +296,9 @@ def test_a_task_is_asked_for_by_words_and_by_motion_parameters(hand):
     assert hand.js(shown, "path") == ["direct", "seen", "any"]
     hand.page.select_option("[aria-label='elbow']", "fastest")
     hand.wait("return sqrp.state.task === 'pickup blue elbow=fastest' && sqrp.settled")
-    hand.page.fill("#task", "pickup purple")
-    hand.page.keyboard.press("Enter")
+    hand.type("#task", "pickup purple")
     hand.wait("return document.querySelector('#notices .refused')")
-    hand.page.fill("#task", TASK)
-    hand.page.keyboard.press("Enter")
+    hand.type("#task", TASK)
     hand.wait("return sqrp.state.task === x && sqrp.settled", TASK)
 
 
@@ -334,8 +322,7 @@ def test_advice_is_found_and_applied_as_the_command_does_it(hand, cell):
     file = cell / "workspace.yaml"
     before = file.read_bytes()
     hand.take("camera", "cam6")
-    hand.page.fill("[aria-label='position [m], x']", "3")
-    hand.page.keyboard.press("Enter")
+    hand.type("position [m], x", "3")
     hand.wait("return sqrp.state.dirty && sqrp.settled")
     hand.page.click("#advise")
     hand.wait("return document.querySelector('#offers p')")

@@ -75,9 +75,14 @@ def test_no_connection_from_another_page_or_without_the_token(studio, path, orig
         pass
 
 
-def test_the_page_of_the_studio_is_told_the_cell(studio):
+def live(studio):
+    """A connection of our own."""
     where = f"ws://{studio.host}/{studio.token}/live"
-    with connect(where, origin=f"http://{studio.host}", max_size=None) as own:
+    return connect(where, origin=f"http://{studio.host}", max_size=None)
+
+
+def test_the_page_of_the_studio_is_told_the_cell(studio):
+    with live(studio) as own:
         told = {json.loads(own.recv(timeout=120))["do"] for _ in range(2)}
         assert told == {"state", "cell"}
 
@@ -98,8 +103,7 @@ NO_REQUESTS = [
 
 @pytest.mark.parametrize("text", NO_REQUESTS)
 def test_a_request_that_is_none_is_refused(studio, text):
-    where = f"ws://{studio.host}/{studio.token}/live"
-    with connect(where, origin=f"http://{studio.host}", max_size=None) as own:
+    with live(studio) as own:
         own.send(text)
         while (message := json.loads(own.recv(timeout=120)))["do"] != "refused":
             pass
@@ -109,8 +113,7 @@ def test_a_request_that_is_none_is_refused(studio, text):
 @pytest.fixture
 def own(studio):
     """A connection of our own, which is told of a ranking that is done."""
-    where = f"ws://{studio.host}/{studio.token}/live"
-    with connect(where, origin=f"http://{studio.host}", max_size=None) as connection:
+    with live(studio) as connection:
         heard(connection, "detail")
         yield connection
 
