@@ -140,13 +140,16 @@ def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sour
 
 
 def test_a_saved_result_is_shown_without_what_found_it(tmp_path: Path):
-    for question in (["explain"], ["advise", "--want", "q_eoi 100 %", "--kinds", "way"]):
-        command = [sys.executable, "-m", "sqrp_cli", question[0], str(TABLETOP), "pickup g2", *question[1:], "--json"]
+    engines = ("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "sqrp_cli.study.pipeline", "yaml")
+    for question in (
+        ["explain", TABLETOP, "pickup g2"],
+        ["advise", TABLETOP, "pickup g2", "--want", "q_eoi 100 %", "--kinds", "way"],
+        ["place", TABLETOP.parent / "tower", "--cameras", "2"],
+        ["score", Path(__file__).parents[1] / "cases" / "watch"],
+    ):
+        command = [sys.executable, "-m", "sqrp_cli", *map(str, question), "--json"]
         (tmp_path / "found.json").write_bytes(subprocess.run(command, capture_output=True).stdout)
-        assert (
-            loaded(("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "yaml"), "show", tmp_path / "found.json")
-            == "0"
-        )
+        assert loaded(engines, "show", tmp_path / "found.json") == "0", question[0]
 
 
 def test_a_value_that_is_set_while_the_file_changes_loses_neither(sqrp, own_watch, monkeypatch):
