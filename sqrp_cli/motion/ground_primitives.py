@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.motion.collision import CollisionScene, NamePairs, pair
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
-from sqrp_cli.motion.tool_curve import ToolCurve, arc_through, helix_about, tool_line
+from sqrp_cli.motion.tool_path import ToolCurve, arc_through, helix_about, tool_line
 from sqrp_cli.motion.waypoints import WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import BranchChoice

@@ -15,9 +15,8 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.motion.position_limits import near_limits, whole_turns
-from sqrp_cli.motion.straight_line import LIMIT_SAMPLES, follow_within_limits, limit_reason
 from sqrp_cli.motion.timing import MotionLimits, time_path, time_paths
-from sqrp_cli.motion.tool_curve import ToolCurve, tool_line
+from sqrp_cli.motion.tool_path import LIMIT_SAMPLES, ToolCurve, follow_within_limits, limit_reason, tool_line
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import branch_words, chosen_branches
 from sqrp_cli.robot.inverse_kinematics import IkResult, known_solutions

@@ -24,7 +24,7 @@ from sqrp_cli.motion.collision import (
     pair,
 )
 from sqrp_cli.motion.ground_primitives import _contact_share
-from sqrp_cli.motion.tool_curve import tool_line
+from sqrp_cli.motion.tool_path import tool_line
 from sqrp_cli.robot.kinematics import Mount, RobotModel
 from sqrp_cli.shapes import Mesh, Part, Sphere
 from sqrp_cli.sight.solids import load_solid, load_solids

@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.motion.collision import CLEARANCE, pair
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.timing import MotionLimits, joint_move, time_path
-from sqrp_cli.motion.tool_curve import tool_line
+from sqrp_cli.motion.tool_path import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait

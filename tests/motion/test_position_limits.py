@@ -18,8 +18,7 @@ from sqrp_cli.motion import plan_motion
 from sqrp_cli.motion.plan_motion import MEASURED, Motion
 from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.motion.stop_and_return import recovery_over
-from sqrp_cli.motion.straight_line import follow
-from sqrp_cli.motion.tool_curve import ToolCurve, tool_line
+from sqrp_cli.motion.tool_path import ToolCurve, follow, tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
 from tests.motion.cells import Cell, phase_samples, thing

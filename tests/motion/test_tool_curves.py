@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, displacement, pose
-from sqrp_cli.motion.straight_line import follow, follow_within_limits, limit_reason
-from sqrp_cli.motion.tool_curve import ToolCurve, arc_through, helix_about, progress, rotation_vector, tool_line
+from sqrp_cli.motion.tool_path import (
+    ToolCurve,
+    arc_through,
+    follow,
+    follow_within_limits,
+    helix_about,
+    limit_reason,
+    progress,
+    rotation_vector,
+    tool_line,
+)
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath

@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, pose
-from sqrp_cli.motion.tool_curve import tool_line
+from sqrp_cli.motion.tool_path import tool_line
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import WrongWayRound
