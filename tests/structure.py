@@ -38,7 +38,7 @@ ROOMS = {
     "motion": ("motion", 2_883),
     "sight": ("kernel sight", 1_501),
     "study": ("study", 4_582),
-    "search": ("search", 4_754),
+    "search": ("search", 4_741),
     "checks": ("checks", 1_374),
     "run": ("run", 8_180),
     "field": ("field ros", 3_216),
