@@ -24,7 +24,7 @@ from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidenc
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import ContactFelt, EventPublisher, EvidenceSeen, ShownAtom, Stopping
 from sqrp_cli.run.record.images import ImageRecorder
-from sqrp_cli.run.record.report import TRUTH_SPACING
+from sqrp_cli.run.record.report import TRUTH_SPACING, StopTimes
 
 MOST_COMMANDS = 20
 """Most commands to the tool that are remembered."""
@@ -185,10 +185,8 @@ class Lockstep:
         """The time on the cell's clock [s]."""
         self.attempt: Attempt | None = None
         """What the robot is at."""
-        self.stop_told: float | None = None
-        """When it was last commanded to stop [s]; None before."""
-        self.standing_since: float | None = None
-        """When it stood after that [s]; None before."""
+        self.last_stop = StopTimes()
+        """When it was last commanded to stop, and stood."""
 
     def begin(self, attempt: Attempt, number: int) -> None:
         """Be at an attempt at the step of a number, from now on; time may have passed since, as for planning."""
@@ -271,16 +269,17 @@ class Lockstep:
         stands = self.motion.stop(self.now)
         while self.now < stands - 1e-9:
             self.pass_time(stands)
-        self.standing_since = self.now
+        self.last_stop = StopTimes(self.last_stop.told, self.now)
 
     def halt(self, reason: str) -> None:
         """Bring the arm to rest along its path as fast as it may, whatever becomes of cameras and perception."""
         self._command_stop(reason)
         self.now = self._truth.advance(max(self.now, self.motion.stop(self.now, protective=True)), self.motion)
-        self.standing_since = self.now
+        self.last_stop = StopTimes(self.last_stop.told, self.now)
 
     def _command_stop(self, reason: str) -> None:
         self.cancel("tool", "primitive")
-        self.now = self.stop_told = self.present
+        self.now = self.present
+        self.last_stop = StopTimes(self.now)
         self.publisher.doing = "stops"
         self.publisher.publish(Stopping(t=self.now, reason=reason))

@@ -33,7 +33,7 @@ from sqrp_cli.run.monitor.step_monitor import (
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, Listener, MovingOn, PrimitiveBegan, Retrying, RunEnded, listed
 from sqrp_cli.run.record.images import ImageRecorder
-from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped, StopTimes
+from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped
 from sqrp_cli.run.robot_body import RobotBody
 
 LOOK_AGAIN = 2.0
@@ -127,7 +127,7 @@ class Run:
             conflicts=self._collector.conflicts,
             tracking=self._cell.tracking_error(),
             images=self._streams.images,
-            stop=StopTimes(lockstep.stop_told, lockstep.standing_since),
+            stop=lockstep.last_stop,
         )
         if report.missed and outcome == "done":
             named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
