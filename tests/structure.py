@@ -40,7 +40,7 @@ ROOMS = {
     "study": ("study", 4_582),
     "search": ("search", 4_741),
     "checks": ("checks", 1_374),
-    "run": ("run", 8_180),
+    "run": ("run", 8_179),
     "field": ("field ros", 3_216),
     "score": ("score", 2_437),
     "show": ("show", 5_034),
