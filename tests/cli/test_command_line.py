@@ -96,11 +96,14 @@ def test_a_reason_that_candidates_share_names_the_object_of_none(sqrp, tmp_path)
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
+MOST_MODULES = 180  # of the package, that any of these commands enters
+
 PROBE = """
 import sys
 from sqrp_cli.cli.main import run
 code = run(sys.argv[2:])
-print(code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.stderr)
+own = sum(name.startswith("sqrp_cli") for name in sys.modules)
+print(own, code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.stderr)
 """
 
 HEAVY = (
@@ -116,7 +119,9 @@ READING = ("numpy", "pydantic", "rich.console", "yaml", "coal")
 def loaded(modules: tuple[str, ...], *arguments: str | Path) -> str:
     command = [sys.executable, "-c", PROBE, ",".join(modules), *map(str, arguments)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return done.stderr.splitlines()[-1]
+    own, _, found = done.stderr.splitlines()[-1].partition(" ")
+    assert int(own) <= MOST_MODULES
+    return found
 
 
 def test_a_ranking_loads_only_what_it_uses():
@@ -137,6 +142,10 @@ def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sour
     subprocess.run([sys.executable, "-m", "sqrp_cli", "--help"], env=environment, cwd=tmp_path, check=True)
     assert list((tmp_path / "cache" / "sqrp" / "bytecode").rglob("app.*.pyc"))
     assert not list((tmp_path / "sqrp_cli").rglob("__pycache__"))
+
+
+def test_a_ranking_with_a_page_enters_few_modules(tmp_path: Path):
+    assert loaded((), "rank", TABLETOP, "pickup g2", "--report", tmp_path / "page.html") == "0"
 
 
 def test_a_saved_result_is_shown_without_what_found_it(tmp_path: Path):
