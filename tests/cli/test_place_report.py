@@ -19,7 +19,7 @@ def command(watch, tmp_path):
 def test_the_output_is_the_same_with_a_report_and_the_page_with_every_number_of_processes(sqrp, command, tmp_path):
     page = tmp_path / "page.html"
     first = sqrp(*command, "--report", page, "--jobs", 1)
-    assert (first.code, first.out) == (0, sqrp(*command).out)
+    assert (first.code, first.out) == (0, sqrp(*command).out), first.err
     assert f"open {page} in a browser" in first.err
     details = [line for line in page.read_text().splitlines() if 'id="overview"' not in line]  # has the command in it
     sqrp(*command, "--report", page, "--jobs", 2)
