@@ -29,7 +29,7 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_386),
     "files": ("files", 2_221),
-    "robot": ("robot", 2_891),
+    "robot": ("robot", 2_894),
     "camera": ("camera", 2_154),
     "cell": ("cell", 3_362),
     "logic": ("logic", 2_867),

@@ -65,9 +65,12 @@ class Fingers:
     Both name the same joints. Joints that mimic them follow; between the two positions, all move in step.
     """
 
-    open: Mapping[str, float]  # by the joint's name
-    closed: Mapping[str, float]  # by the joint's name, with nothing between the fingers
-    width: float | None = None  # clear width between them when open, None where it is not stated [m]
+    open: Mapping[str, float]
+    """By the joint's name."""
+    closed: Mapping[str, float]
+    """By the joint's name, with nothing between the fingers."""
+    width: float | None = None
+    """Clear width between them when open [m]; None where it is not stated."""
 
 
 @dataclass(frozen=True, eq=False)
