@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sqrp_cli.score.compute import Means
     from sqrp_cli.search.goal import Objective
     from sqrp_cli.study.find import TimeLimit
-    from sqrp_cli.study.pipeline import Inquiry
+    from sqrp_cli.study.pipeline import RankSettings
     from sqrp_cli.study.result import Criterion
     from sqrp_cli.study.robustness import Calibration
     from sqrp_cli.study.sampling import Sampling
@@ -163,16 +163,16 @@ class TaskRequest(Following, Sampled, Worked):
     )
 
     @property
-    def inquiry(self) -> Inquiry:
+    def inquiry(self) -> RankSettings:
         """How each candidate is asked about."""
         from sqrp_cli.study.find import WantedWay
-        from sqrp_cli.study.pipeline import Inquiry
+        from sqrp_cli.study.pipeline import RankSettings
         from sqrp_cli.study.sampling import Adaptive
 
         by: Criterion = getattr(self, "by", "q_eoi")
         calibration = getattr(self, "calibration", None)
         wanted = WantedWay(by, self.ways == "fastest", getattr(self, "max_time", None))
-        return Inquiry(sampling=self.sampling or Adaptive(), calibration=calibration, wanted=wanted)
+        return RankSettings(sampling=self.sampling or Adaptive(), calibration=calibration, wanted=wanted)
 
 
 class Limited(Request):

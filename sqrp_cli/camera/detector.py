@@ -266,8 +266,8 @@ class Detector(DetectorTraits):
     def usual(self) -> Detector:
         """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
 
-        One of colours judges what the image's edge leaves of a part as it does what others leave, see `judges_rest`. Of
-        other detectors, and of those with a curve, no more is known than what is stated.
+        One of colours judges what the image's edge leaves of a part as it does what others leave, see
+        `allows_truncation`. Of other detectors, and of those with a curve, no more is known than what is stated.
         """
         if self.curve is not None:
             return self
@@ -286,12 +286,12 @@ class Detector(DetectorTraits):
         return found
 
     @property
-    def judges_rest(self) -> bool:
+    def allows_truncation(self) -> bool:
         """Whether what the image's edge leaves of a box counts as what a part does that hides some of it."""
         return self.is_usual and self.kind == "color"
 
     @property
-    def gates(self) -> Detector:
+    def hard_limits(self) -> Detector:
         """With the limits alone that its curve has no term for: outside them it sees nothing."""
         terms = {} if self.curve is None else self.curve.terms
         return replace(

@@ -50,7 +50,7 @@ struct Box {
     V3 normal;
     double has_normal;
     double nearest, farthest, incidence, pixels, visible;
-    double judges_rest;                     // whether what the image's edge leaves counts as what an occluder leaves
+    double allows_truncation;               // whether what the image's edge leaves counts as what an occluder leaves
     double reads;                           // of a marker by what images usually show: the factor of its least size; else 0
     double least_light, most_light, whole;  // between which intensities it is told at gain 1, and whether only all of it is
     double frame;
@@ -123,7 +123,7 @@ inline Verdict check(const Camera& camera, const Box& box, const Pose& X_CB) {
     if (!(all.high.z <= camera.far)) return {TOO_FAR, -1, all.high.z - camera.far};
     Image image(camera, corners);
     bool inside = image.shown && image.outside() <= 0;
-    if (image.shown && !inside && box.judges_rest) inside = image.share_within(camera) >= box.visible;
+    if (image.shown && !inside && box.allows_truncation) inside = image.share_within(camera) >= box.visible;
     if (!inside) return {OUT_OF_IMAGE, image.side, most(image.outside(), 0.0)};
     double distance = norm(X_CB.origin());
     if (!(distance >= box.nearest)) return {DETECTOR_NEAR, -1, box.nearest - distance};

@@ -33,7 +33,7 @@ BOX = np.dtype(
     [
         ("half", "f8", 3), ("shrunk", "f8", 3), ("middle", "f8", 3), ("normal", "f8", 3), ("has_normal", "f8"),
         ("nearest", "f8"), ("farthest", "f8"), ("incidence", "f8"), ("pixels", "f8"), ("visible", "f8"),
-        ("judges_rest", "f8"), ("reads", "f8"), ("least_light", "f8"), ("most_light", "f8"), ("whole", "f8"),
+        ("allows_truncation", "f8"), ("reads", "f8"), ("least_light", "f8"), ("most_light", "f8"), ("whole", "f8"),
         ("frame", "f8"), ("X_FB", "f8", (3, 4)),
     ]
 )  # fmt: skip

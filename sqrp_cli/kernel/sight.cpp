@@ -147,7 +147,7 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
                 // What hides a box does not depend on the lens; what light and the image's edge leave of it does.
                 for (int other = 0; good && !limits_only && same < 0 && other < lens; other++)
                     same = within[other] && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
-                for (int b = int(first[i]); b < last; b++) same = request->boxes[b].judges_rest ? -1 : same;
+                for (int b = int(first[i]); b < last; b++) same = request->boxes[b].allows_truncation ? -1 : same;
                 for (int b = int(first[i]); good && same < 0 && !limits_only && b < last; b++) {
                     view(lens, b).find_near(scene);
                     good = view(lens, b).sees(scene, view(lens, b).needed(scene, lit[b]));

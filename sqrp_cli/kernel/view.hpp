@@ -43,7 +43,7 @@ public:
             const Box& b = scene.boxes[box];
             H = Hull::of(X_WB, b.shrunk, b.middle, X_WC.origin());
             has_hull = true;
-            if (b.judges_rest) {
+            if (b.allows_truncation) {
                 V3 corners[8];
                 for (int i = 0; i < 8; i++) corners[i] = X_WC.back(H.point[i]);
                 Image image(*camera, corners);

@@ -18,7 +18,7 @@ Operator = OneOf["always", "eventually"]
 
 
 @dataclass(frozen=True, order=True)
-class Stretch:
+class TimeInterval:
     """The time from `start` to `end` [s], both included."""
 
     start: float
@@ -56,9 +56,9 @@ class GroundOperator:
     """
 
     @property
-    def stretch(self) -> Stretch:
+    def stretch(self) -> TimeInterval:
         """Its interval."""
-        return Stretch(self.start, self.end)
+        return TimeInterval(self.start, self.end)
 
 
 def with_times(formula: mtl.Formula, spans: Mapping[str, tuple[float, float]]) -> mtl.Formula:
@@ -113,23 +113,23 @@ def operators(formula: mtl.Formula) -> tuple[mtl.Temporal, ...]:
     return (*own, *(operator for part in mtl.children(formula) for operator in operators(part)))
 
 
-def merge(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
+def merge(stretches: Iterable[TimeInterval]) -> tuple[TimeInterval, ...]:
     """The union as separate stretches in order of time; stretches closer than 1e-9 s become one."""
-    merged: list[Stretch] = []
+    merged: list[TimeInterval] = []
     for stretch in sorted(stretches):
         if merged and stretch.start - merged[-1].end < SAME_INSTANT:
-            merged[-1] = Stretch(merged[-1].start, max(merged[-1].end, stretch.end))
+            merged[-1] = TimeInterval(merged[-1].start, max(merged[-1].end, stretch.end))
         else:
             merged.append(stretch)
     return tuple(merged)
 
 
-def union_length(stretches: Iterable[Stretch]) -> float:
+def union_length(stretches: Iterable[TimeInterval]) -> float:
     """Duration of the union [s]: T over all ground operators, T_eoi over those of events of interest."""
     return sum(stretch.length for stretch in merge(stretches))
 
 
-def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
+def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[TimeInterval, ...]:
     """The stretches of the events of interest: of every `eventually`."""
     return merge(operator.stretch for operator in operators if operator.operator == "eventually")
 
@@ -138,15 +138,15 @@ def _timed_operators(
     formula: mtl.Formula,
     spans: Mapping[str, tuple[float, float]],
     total: float,
-    evaluated: Stretch = Stretch(0.0, 0.0),  # noqa: B008 - it is frozen
-) -> Iterator[tuple[mtl.Temporal, Stretch, bool]]:
+    evaluated: TimeInterval = TimeInterval(0.0, 0.0),  # noqa: B008 - it is frozen
+) -> Iterator[tuple[mtl.Temporal, TimeInterval, bool]]:
     """The operators in a formula that is evaluated at all instants of a stretch, in the order of `operators`.
 
     Each with its interval, not clipped, and whether nothing of that lies in [0, total].
     """
     if isinstance(formula, mtl.Temporal):
         interval = _with_times(formula.interval, spans)
-        evaluated = Stretch(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
+        evaluated = TimeInterval(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
         outside = evaluated.end <= -SAME_INSTANT or evaluated.start >= total + SAME_INSTANT
         yield formula, evaluated, outside
     for part in mtl.children(formula):

@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace_file import workspace_file
 from sqrp_cli.errors import InputError
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.score.baseline import Baseline, TaskRecord, WayRecord, seen
 from sqrp_cli.score.changes import workspace_changes
@@ -176,12 +176,12 @@ def lost(before: Coverage, now: Coverage) -> tuple[LostView, ...]:
     """
     old_ends, new_ends = [0.0, *before.primitives.values()], [0.0, *now.primitives.values()]
 
-    def moved(stretches: Sequence[Stretch]) -> list[Stretch]:
+    def moved(stretches: Sequence[TimeInterval]) -> list[TimeInterval]:
         """Stretches of the earlier motion on the present one."""
         if list(before.primitives) != list(now.primitives):
             return list(stretches)
         ends = (np.interp([one.start, one.end], old_ends, new_ends).tolist() for one in stretches)
-        return [Stretch(start, end) for start, end in ends]
+        return [TimeInterval(start, end) for start, end in ends]
 
     losses: list[LostView] = []
     for atom, target in now.targets.items():

@@ -19,7 +19,7 @@ from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.platform.processes import Pool, died, forked
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.kept import Outcome, Results, key_of
-from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_study import whole_study
@@ -68,7 +68,7 @@ class ScoreJob(Job):
         """An `Outcome`, as text."""
         world, candidate = cell.initial_world, self.candidate
         if not self.coverage:
-            return Outcome(Assignment(self.sampling, cell=cell, world=world).assess(candidate), None).to_text()
+            return Outcome(RankJob(self.sampling, cell=cell, world=world).assess(candidate), None).to_text()
         from sqrp_cli.study.blind_spans import coverage_of, coverage_of_steps
 
         found = whole_study(cell, candidate, world, self.sampling, full=True)

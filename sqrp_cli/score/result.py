@@ -9,7 +9,7 @@ from typing import Any, Literal
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.figures import Qualities
 from sqrp_cli.files.source import LeafValue
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.settings import NOTHING_SPECIAL
 from sqrp_cli.study.result import CandidateResult
@@ -61,7 +61,7 @@ class LostView(Record):
     """The commonest cause, in a few words."""
 
     def __str__(self) -> str:
-        return f"{self.camera} no longer sees {self.literal} {Stretch(self.start, self.end).when}: {self.why}"
+        return f"{self.camera} no longer sees {self.literal} {TimeInterval(self.start, self.end).when}: {self.why}"
 
 
 @dataclass(frozen=True)

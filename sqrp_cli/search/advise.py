@@ -25,7 +25,7 @@ from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.object_moves import moved_object
 from sqrp_cli.search.question import Found, Question, TaskWays, Tried, seen_by
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.feasibility import unready_world
 from sqrp_cli.task.task import Candidate
 
@@ -61,18 +61,18 @@ class Adviser:
         return question.fastest if question.fixed or question.goal.met(question.best) else question.best.way
 
     @cached_property
-    def study(self) -> WholeStudy | Infeasible:
+    def study(self) -> WholeAnalysis | Infeasible:
         """Of that way, with the verdicts of every camera."""
         return self._studied(self.way, full=True)
 
     @cached_property
     def cameras(self) -> SeenMotion:
         """The motion of that way, for changes of cameras; only where it can be done."""
-        assert isinstance(self.study, WholeStudy)  # noqa: S101 - otherwise no camera can help
+        assert isinstance(self.study, WholeAnalysis)  # noqa: S101 - otherwise no camera can help
         return SeenMotion(self.question, self.study)
 
     @cached_property
-    def tasks(self) -> list[tuple[TaskWays, list[WholeStudy | Infeasible]]]:
+    def tasks(self) -> list[tuple[TaskWays, list[WholeAnalysis | Infeasible]]]:
         """The tasks that a change of the cell may affect, with their ways as they are now."""
         return [(task, [self._studied(way) for way in task.ways]) for task in self.question.listed()]
 
@@ -149,7 +149,7 @@ class Adviser:
                     after = before
                     if change.camera is None:
                         after = whole_study(question.cell, way, world, question.sampling, full=False)
-                    elif isinstance(before, WholeStudy):
+                    elif isinstance(before, WholeAnalysis):
                         after = seen_by(cell, before, question.sampling)
                     pairs.append((_figures(way, before), _figures(way, after)))
                 effects.append(TaskEffect.of(task.text, pairs))
@@ -159,7 +159,7 @@ class Adviser:
             AdviceFound, said, margin=met.margin, tasks=tuple(effects), worse=worse, patch="", unwritten=None
         )
 
-    def _studied(self, way: Candidate, *, full: bool = False) -> WholeStudy | Infeasible:
+    def _studied(self, way: Candidate, *, full: bool = False) -> WholeAnalysis | Infeasible:
         question = self.question
         return whole_study(question.cell, way, question.world, question.sampling, full=full)
 
@@ -168,9 +168,9 @@ class Adviser:
         return replace(found, candidate=self.question.best.candidate, best_way=found.candidate)
 
 
-def _figures(way: Candidate, found: WholeStudy | Infeasible) -> CandidateResult:
+def _figures(way: Candidate, found: WholeAnalysis | Infeasible) -> CandidateResult:
     """The figures of a way, or why it cannot be done."""
-    return found.assessment if isinstance(found, WholeStudy) else CandidateResult.infeasible(way, found.reasons)
+    return found.assessment if isinstance(found, WholeAnalysis) else CandidateResult.infeasible(way, found.reasons)
 
 
 def _change_found(change: ProposedChange, found: CandidateResult) -> ChangeFound:

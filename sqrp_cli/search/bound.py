@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.sight.observer import sees_all
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.stage import Samples, states_of
 from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.pieces import fault_intervals
@@ -31,7 +31,7 @@ class CameraBound:
     def __init__(
         self,
         cell: Cell,
-        steps: Sequence[Study],
+        steps: Sequence[Analysis],
         goal: Goal,
         camera: Camera,
         index: int | None,
@@ -166,7 +166,7 @@ _FaultRows = tuple[Indices, Array, Mask]
 """The r samples in which a fault may happen, their times (r,) [s], and those that tell nothing about it, (r,)."""
 
 
-def _wanted(goal: Goal, step: Study, samples: Samples) -> Indices:
+def _wanted(goal: Goal, step: Analysis, samples: Samples) -> Indices:
     """The samples that a goal is about."""
     wanted = np.zeros(len(samples), dtype=bool)
     if goal.q_avg is not None:
@@ -178,7 +178,7 @@ def _wanted(goal: Goal, step: Study, samples: Samples) -> Indices:
     return np.flatnonzero(wanted)
 
 
-def _inside(step: Study, fault: str, samples: Samples) -> Mask:
+def _inside(step: Analysis, fault: str, samples: Samples) -> Mask:
     inside = np.zeros(len(samples), dtype=bool)
     for interval in fault_intervals(step.formulas, fault):
         inside |= (samples.t >= interval.start) & (samples.t <= interval.end)

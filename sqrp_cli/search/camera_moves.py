@@ -21,11 +21,11 @@ from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.least import MOST_MORE, Bounds, Move, least_changes, shells
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import Found, Question, Tried, seen_by
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.quality import interest_quality
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.whole_study import WholeStudy, mean_quality
+from sqrp_cli.study.whole_study import WholeAnalysis, mean_quality
 
 CameraKind = Literal["aim", "position", "lens", "camera"]
 
@@ -70,11 +70,11 @@ class SeenMotion:
     """The motion that stays as it is while cameras change."""
 
     question: Question
-    study: WholeStudy
+    study: WholeAnalysis
     """Of it, with the verdicts of every camera."""
 
     @cached_property
-    def about(self) -> tuple[Study, ...]:
+    def about(self) -> tuple[Analysis, ...]:
         """The parts of its steps that the goal is about: the events of interest where that is all, else the whole.
 
         Those take a fraction of the whole motion's time.
@@ -254,7 +254,7 @@ class CameraMove:
             self.bound = self.bound.sharper(timelines)
         return met
 
-    def study(self, change: ProposedChange) -> WholeStudy:
+    def study(self, change: ProposedChange) -> WholeAnalysis:
         """The same motion with the changed camera."""
         question = self.base.question
         return seen_by(change.in_cell(question.cell), self.base.study, question.sampling)

@@ -18,7 +18,7 @@ from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import Found, Question, Tried
-from sqrp_cli.study.whole_study import WholeStudy
+from sqrp_cli.study.whole_study import WholeAnalysis
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
@@ -80,7 +80,7 @@ class Move(Protocol):
     def meets(self, change: ProposedChange) -> bool:
         """Whether a change meets the goal, as far as that is about what is seen."""
 
-    def study(self, change: ProposedChange) -> WholeStudy | None:
+    def study(self, change: ProposedChange) -> WholeAnalysis | None:
         """The way with a change; None if it cannot be done."""
 
     def lengths(self, size: float) -> Array:

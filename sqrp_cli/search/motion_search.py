@@ -14,11 +14,11 @@ from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import Found, Question, Tried
 from sqrp_cli.skill.settings import SEEN, MotionValue, Reference
 from sqrp_cli.skill.skill import JointMove
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
-from sqrp_cli.study.whole_study import WholeStudy, whole_study, worst_seen
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study, worst_seen
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
 from sqrp_cli.task.task import Candidate
@@ -32,7 +32,7 @@ def other_way(question: Question) -> Found:
     best, cell, goal = question.best, question.cell, question.goal
     if not best.feasible or not (best.ways or best.candidate.steps):
         return Found(why=f"none can be done: {'; '.join(best.reasons[:1])}")
-    ways: Iterable[WholeStudy]
+    ways: Iterable[WholeAnalysis]
     if best.candidate.steps:
         ways = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
     else:
@@ -45,9 +45,9 @@ def other_way(question: Question) -> Found:
             worth=goal.may_be_met,
             plans=question.plans,
         )
-        ways = (WholeStudy(one.candidate, (one,)) for one in found)
+        ways = (WholeAnalysis(one.candidate, (one,)) for one in found)
 
-    def tried(study: WholeStudy) -> Tried:
+    def tried(study: WholeAnalysis) -> Tried:
         way, said = study.candidate.parameters, choice_in_words(best.candidate, study.candidate)
         return Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), study)
 
@@ -60,7 +60,7 @@ def other_way(question: Question) -> Found:
     for place, figures in enumerate(best.ways.pareto):
         way = with_way(best.candidate, figures) if place else best.way
         named = whole_study(cell, way, question.world, question.sampling, full=False)
-        near += [tried(named)] if isinstance(named, WholeStudy) else []
+        near += [tried(named)] if isinstance(named, WholeAnalysis) else []
     return Found(why=f"none of {best.ways.tried} meets the wish", near=near)
 
 
@@ -102,7 +102,7 @@ def _in_seen_paths(question: Question) -> Iterator[Tried]:
         if not isinstance(best, Infeasible):
             unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
             change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
-            yield Tried(change, WholeStudy(best.study.candidate, (best.study,)))
+            yield Tried(change, WholeAnalysis(best.study.candidate, (best.study,)))
 
 
 def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
@@ -115,7 +115,7 @@ def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
         if not names:
             continue
         steps[index] = replace(steps[index], values={**steps[index].values, **dict.fromkeys(names, SEEN)})
-        world, done = question.world, list[Study]()
+        world, done = question.world, list[Analysis]()
         for step in steps:
             found = find_way(question.cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
@@ -128,31 +128,33 @@ def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
             said = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
             change = _path_change(candidate, chosen, f"with paths that keep sight in step {said}")
             whole = whole_candidate(candidate.skill, [one.candidate for one in done])
-            yield Tried(change, WholeStudy(whole, tuple(done)))
+            yield Tried(change, WholeAnalysis(whole, tuple(done)))
 
 
-def _of_steps(question: Question) -> Iterator[WholeStudy]:
+def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
     """Combinations of the Pareto-optimal ways of the steps, each in the world that those before it leave.
 
     Of more than `MOST_TOGETHER` beginnings, the best seen ones and the fastest are followed, in their order.
     """
     candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
 
-    def covered(steps: Sequence[Study]) -> float:
+    def covered(steps: Sequence[Analysis]) -> float:
         """How well some steps are seen: their covered time, that of events of interest twice [s]."""
         figures = [step.assessment("") for step in steps]
         return sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in figures)
 
-    begun: list[tuple[tuple[Study, ...], World]] = [((), question.world)]  # the first steps, and the world after them
+    begun: list[tuple[tuple[Analysis, ...], World]] = [
+        ((), question.world)
+    ]  # the first steps, and the world after them
     for step in candidate.steps:
-        longer: list[tuple[tuple[Study, ...], World]] = []
+        longer: list[tuple[tuple[Analysis, ...], World]] = []
         for steps, world in begun:
             found = find_way(cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
                 continue
             for way in (found.study.candidate, *(with_way(step, figures) for figures in found.ways.pareto[1:])):
                 done = study(cell, way, world, sampling, full=False)
-                if isinstance(done, Study):
+                if isinstance(done, Analysis):
                     longer.append(((*steps, done), world_after(way, done.motion, world)))
         begun, numbers = longer, range(len(longer))
         if len(longer) > MOST_TOGETHER:
@@ -161,7 +163,7 @@ def _of_steps(question: Question) -> Iterator[WholeStudy]:
             chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
             begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]
     for steps, _ in begun:
-        yield WholeStudy(whole_candidate(candidate.skill, [step.candidate for step in steps]), steps)
+        yield WholeAnalysis(whole_candidate(candidate.skill, [step.candidate for step in steps]), steps)
 
 
 def _path_change(asked: Candidate, chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:

@@ -18,7 +18,7 @@ from sqrp_cli.search.question import Found, Question
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import with_delays
 from sqrp_cli.study.in_the_way import hidden_views, to_move
-from sqrp_cli.study.whole_study import WholeStudy, qualities_of, whole_study, whole_watched
+from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_study, whole_watched
 from sqrp_cli.task.task import Candidate
 
 MOST_OBJECTS = 3
@@ -71,12 +71,12 @@ class ObjectMove:
                 if not isinstance(seen, Infeasible) and question.goal.may_be_met(qualities_of(seen)):
                     time = sum(step.motion.time for step in seen)
                     if question.goal.time is None or time <= question.goal.time:
-                        study = WholeStudy(self.way, tuple(with_delays(cell, seen, question.sampling)))
+                        study = WholeAnalysis(self.way, tuple(with_delays(cell, seen, question.sampling)))
                         met = question.goal.met(study.assessment)
             self._known[change.values] = met
         return self._known[change.values]
 
-    def study(self, change: ProposedChange) -> WholeStudy | None:
+    def study(self, change: ProposedChange) -> WholeAnalysis | None:
         """See `least.Move`; None where the object does not fit, or cannot be handled."""
         if not self._fits(change):
             return None
@@ -116,11 +116,11 @@ class ObjectMove:
         return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
 
 
-def moved_object(question: Question, way: Candidate, found: WholeStudy | Infeasible) -> Found:
+def moved_object(question: Question, way: Candidate, found: WholeAnalysis | Infeasible) -> Found:
     """The least move of what a way handles, and of what hides most. found: of the way as it is."""
     cell, world = question.cell, question.world
     names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
-    hiding = _hiding(cell, found) if isinstance(found, WholeStudy) else ()
+    hiding = _hiding(cell, found) if isinstance(found, WholeAnalysis) else ()
     # Only what stands at a known place and carries nothing.
     carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
     names = [name for name in dict.fromkeys([*names, *hiding]) if name in world.X_WO and name not in carriers]
@@ -137,7 +137,7 @@ def moved_object(question: Question, way: Candidate, found: WholeStudy | Infeasi
     )
 
 
-def _hiding(cell: Cell, found: WholeStudy) -> Iterator[str]:
+def _hiding(cell: Cell, found: WholeAnalysis) -> Iterator[str]:
     """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
     hiding = [one for step in found.steps for one in to_move(cell, step, hidden_views(cell, step))]
     alone, share = defaultdict[str, float](float), defaultdict[str, float](float)

@@ -37,7 +37,7 @@ from sqrp_cli.search.placing_result import (
 )
 from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, pairs_apart, seen_by
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
-from sqrp_cli.study.assessment import Study, Watched
+from sqrp_cli.study.assessment import Analysis, Observed
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
 from sqrp_cli.study.result import CandidateResult
@@ -61,7 +61,7 @@ class Checked:
     problem: Problem  # at the last samples
     requirements: Requirements
     selection: Selection | None = None  # None where none is possible, or none was found in time
-    watched: Sequence[Watched] = ()  # its ways as its cameras see them, counted as if as many fail as may
+    watched: Sequence[Observed] = ()  # its ways as its cameras see them, counted as if as many fail as may
     value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
     bound: float = 0.0  # no selection has a greater one
     proven: bool = False  # whether no other one is better, in every aim; or that there is none
@@ -202,7 +202,7 @@ class CameraPlacer:
                 return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
 
-    def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Watched], set[Late]]:
+    def _exact(self, wanted: Requirements, selection: Selection) -> tuple[float, Sequence[Observed], set[Late]]:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
         table, goal, late = self.table, wanted.goal, set[Late]()
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
@@ -247,7 +247,7 @@ class CameraPlacer:
         cameras = self._cameras(checked, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else checked.watched
-        studies: Sequence[Study] = table.with_delays(everyone, watched)
+        studies: Sequence[Analysis] = table.with_delays(everyone, watched)
         if checked.value < 1.0 - ROUNDED and not spare:
             cameras, studies = self._unless_stopped(
                 lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
@@ -351,8 +351,8 @@ class CameraPlacer:
         selection: Selection,
         cameras: tuple[CameraPlaced, ...],
         stay: Sequence[Camera],
-        studies: Sequence[Study],
-    ) -> tuple[tuple[CameraPlaced, ...], Sequence[Study]]:
+        studies: Sequence[Analysis],
+    ) -> tuple[tuple[CameraPlaced, ...], Sequence[Analysis]]:
         """The cameras moved and turned between their sites, with the exact studies, if they are better then.
 
         They are where the quality that counts first is greater, and each candidate that met the goal meets it still.
@@ -377,7 +377,7 @@ class CameraPlacer:
         return (tuple(moved), better) if kept and gained else (cameras, studies)
 
     def _judged(
-        self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Study]
+        self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Analysis]
     ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
         question, table, all_judged = self.question, self.table, list[PlacedCandidate]()

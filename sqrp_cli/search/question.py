@@ -19,7 +19,7 @@ from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.verdict import verdict, without_remedy
-from sqrp_cli.study.whole_study import WholeStudy, reasons_of_step, worst_seen
+from sqrp_cli.study.whole_study import WholeAnalysis, reasons_of_step, worst_seen
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
 
@@ -38,7 +38,7 @@ class Tried(NamedTuple):
     """A change that was tried."""
 
     change: ProposedChange
-    study: WholeStudy
+    study: WholeAnalysis
     """The way with it."""
     margin: Margin | None = None
     """Of a change that meets the goal; None where there is nothing to measure."""
@@ -60,7 +60,7 @@ def is_fastest(found: CandidateResult) -> bool:
     return found.way.parameters == first_grip(found.candidate).parameters and not found.way.vias
 
 
-def seen_by(cell: Cell, found: WholeStudy, sampling: Sampling, *, full: bool = False) -> WholeStudy:
+def seen_by(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
     """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
     steps = (observed_again(cell, one, sampling, full=full) for one in found.steps)
     return replace(found, steps=tuple(steps))
@@ -99,7 +99,7 @@ class Question:
         """The results of some work, in order, by as many processes as may be used."""
         return list(in_processes(work, items, min(self.jobs, len(items))))
 
-    def met_for_sure(self, change: ProposedChange | None, found: WholeStudy) -> bool:
+    def met_for_sure(self, change: ProposedChange | None, found: WholeAnalysis) -> bool:
         """Whether a way meets the goal, with the samples of `explain`, too: where the verdict of any camera changes.
 
         change: of the cell in which it is studied, if any.

@@ -25,7 +25,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.ranking import compared_time
 from sqrp_cli.study.sampling import Adaptive, first_samples
-from sqrp_cli.study.timeline import Rehearsal, SampledScene
+from sqrp_cli.study.timeline import PlannedMotion, SampledScene
 from sqrp_cli.task.task import Candidate
 
 EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
@@ -60,7 +60,7 @@ class JudgedWay(SampledScene):
         return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items.target]
 
 
-def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> JudgedWay:
+def judged(cell: Cell, task: str, candidate: Candidate, scene: PlannedMotion) -> JudgedWay:
     """A way with some of its first samples."""
     samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
     ends = samples.ends
@@ -70,20 +70,20 @@ def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal) -> Jud
     return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate, swept=swept)
 
 
-def varied(scenes: Sequence[Rehearsal]) -> tuple[list[Rehearsal], Rehearsal]:
+def varied(scenes: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
     """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
 
     That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
     than without a choice of ways.
     """
 
-    def grip(scene: Rehearsal) -> dict[str, float | str]:
+    def grip(scene: PlannedMotion) -> dict[str, float | str]:
         way = scene.candidate
         return {name: value for name, value in way.parameters.items() if name not in way.branch}
 
     ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
     first = next(scene for scene in ordered if grip(scene) == grip(scenes[0]))
-    branches: dict[str, Rehearsal] = {}
+    branches: dict[str, PlannedMotion] = {}
     for scene in ordered:
         branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
     return list(dict.fromkeys([ordered[0], first, *branches.values()]))[:MOST_WAYS], first

@@ -16,7 +16,7 @@ from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.find import WantedWay, some_motion
-from sqrp_cli.study.pipeline import Assignment, assess_all
+from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.whole_study import world_left
@@ -124,7 +124,7 @@ class Suggester:
         figures = []
         for step in (suggestion.last for suggestion in suggestions):
             if step is not None and step.assessment is not None and step.world is not None:
-                assignment = Assignment(cell=self.cell, world=step.world, wanted=self._wanted)
+                assignment = RankJob(cell=self.cell, world=step.world, wanted=self._wanted)
                 known = step.assessment
                 figures.append(assignment.assess(known.candidate) if self._wanted.fastest else known)
         if not figures:
@@ -155,7 +155,7 @@ class Suggester:
                     figures = vars(NO_FIGURES)
                     assessment = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
                 elif world is not None:
-                    assessment = Assignment(cell=self.cell, world=world).assess(candidate)
+                    assessment = RankJob(cell=self.cell, world=world).assess(candidate)
                 action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
                 last = SuggestedStep(candidate.task, str(action), world, assessment)
                 listed = ", then ".join(map(str, steps))
@@ -176,7 +176,7 @@ class Suggester:
             if world is None:
                 self._done[steps] = SuggestedStep(candidates[0].task, str(step), None, None), None
             else:
-                assignment = Assignment(cell=self.cell, world=world, wanted=self._wanted)
+                assignment = RankJob(cell=self.cell, world=world, wanted=self._wanted)
                 best = rank(tuple(assess_all(assignment, candidates, self.jobs)), "q_eoi")[0]
                 self._done[steps] = SuggestedStep.of(best, world), world_left(self.cell, best, world)
         return self._done[steps]
@@ -241,7 +241,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     if candidate.steps:
         # Check a candidate of several steps, each in its way with `--ways fastest` after those before.
         wanted = WantedWay(fastest=True)
-        found = Assignment(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
+        found = RankJob(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
         return Feasibility(
             candidate=candidate,
             feasible=found.feasible,
@@ -271,7 +271,7 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     """
     now = [feasibility.candidate for feasibility in found if feasibility.feasible]
     if now:
-        assignment = Assignment(cell=suggester.cell, world=suggester.world)
+        assignment = RankJob(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0]
         done = assignment.steps_done(best.candidate)
         return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (

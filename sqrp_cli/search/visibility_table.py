@@ -34,13 +34,13 @@ from sqrp_cli.search.sites import (
     varied,
     view_batches,
 )
-from sqrp_cli.study.assessment import Study, Watched, all_watched, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_watched, with_delays
 from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
 
@@ -77,7 +77,7 @@ class VisibilityTable:
         self.plans = Plans()  # all ways of the candidates
         self.candidates: list[tuple[int, ...]] = []  # of each candidate, which of the ways are its own
         self.infeasible: list[tuple[str, CandidateResult]] = []
-        self.others: list[list[Rehearsal]] = []
+        self.others: list[list[PlannedMotion]] = []
         """Of each candidate, ways that are looked at only where they may be better."""
         self.too_slow = False  # whether no camera helps, because a candidate takes longer than is wished for
         self.sees: list[Mask] = []  # of each way, which options see which items, shape (options, items)
@@ -223,7 +223,7 @@ class VisibilityTable:
         workspace = replace(cell.workspace, cameras=together)
         return replace(cell, workspace=workspace, observer=replace(cell.observer, cameras=tuple(together.values())))
 
-    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Watched]:
+    def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Observed]:
         """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""
         scenes = [self.ways[number].scene for number in ways]
         if spare:
@@ -231,11 +231,11 @@ class VisibilityTable:
             scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
         return all_watched(self.cell_with(cameras), scenes, self.question.sampling, full=False)
 
-    def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Watched]) -> list[Study]:
+    def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Observed]) -> list[Analysis]:
         """The same with how late faults are noticed."""
         return with_delays(self.cell_with(cameras), watched, self.question.sampling)
 
-    def add_samples(self, number: int, found: Watched) -> bool:
+    def add_samples(self, number: int, found: Observed) -> bool:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
         timeline, way = found.timeline, self.ways[number]
         covered = timeline.covered

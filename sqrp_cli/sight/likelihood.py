@@ -43,7 +43,7 @@ def likelihoods(
     shutters: the states in which the shutter opens and closes, by the time between [s]; none for 0.
     """
     gated = [
-        replace(target, boxes=tuple(replace(box, limits=box.limits.gates) for box in target.boxes))
+        replace(target, boxes=tuple(replace(box, limits=box.limits.hard_limits) for box in target.boxes))
         for target in targets
     ]
     every = [box for target in targets for box in target.boxes]

@@ -126,8 +126,8 @@ class SightScene:
         told = MARKER if limits.kind == "aruco" else ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
         return (
             0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
-            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, limits.judges_rest, reads,
-            *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
+            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, limits.allows_truncation,
+            reads, *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
         )  # fmt: skip
 
     def _mask(self, box: SoughtBox) -> Array:

@@ -21,7 +21,7 @@ from sqrp_cli.study.blind_spans import by_name
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
-from sqrp_cli.study.timeline import Rehearsal, SampledScene, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, SampledScene, Timeline
 from sqrp_cli.study.whole_study import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
@@ -62,7 +62,7 @@ class Sketch(SampledScene):
     cell: Cell
 
     @classmethod
-    def of(cls, cell: Cell, scene: Rehearsal) -> Sketch:
+    def of(cls, cell: Cell, scene: PlannedMotion) -> Sketch:
         """The sketch of a motion in a cell."""
         step = FixedStep(max(SHORTEST, scene.motion.time / MOST))
         return cls(scene, first_samples(step, scene.stage, cell.observer, scene.targets), cell)

@@ -37,7 +37,7 @@ from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.sketch import Sketch, Steps
 from sqrp_cli.study.assessment import rehearsal
 from sqrp_cli.study.find import Plans, WantedWay
-from sqrp_cli.study.pipeline import Assignment, described
+from sqrp_cli.study.pipeline import RankJob, described
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
@@ -103,7 +103,7 @@ class RankingRun:
             worker.send(index)
 
 
-def _assessor(assignment: Assignment, candidates: Sequence[Candidate], memory: SightMemory) -> Callable[[int], _Answer]:
+def _assessor(assignment: RankJob, candidates: Sequence[Candidate], memory: SightMemory) -> Callable[[int], _Answer]:
     os.nice(LOWER_PRIORITY)
 
     def assess(index: int) -> _Answer:
@@ -320,7 +320,7 @@ class _Worker:
         self.say("sketch", name=self._chosen, seen=seen, was=was, track=track, number=asked.number)
 
 
-def _explainer(assignment: Assignment, ranked: CandidateResult) -> Callable[[str], str]:
+def _explainer(assignment: RankJob, ranked: CandidateResult) -> Callable[[str], str]:
     os.nice(LOWER_PRIORITY)
 
     def explain(name: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.figures import FaultMetrics
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -24,7 +24,7 @@ from sqrp_cli.study.quality import figures_of
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.study.stage import Stage
-from sqrp_cli.study.timeline import Rehearsal, Timeline, observe
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task import pieces
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grounding import TargetGrounder, formulas_outside, ground_formulas
@@ -48,7 +48,7 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     return FaultMetrics(
         delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
         delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
-        blind_longest=max(longest_gap(windows, Stretch(float(one.x[0]), float(one.x[-1]))) for one in onsets),
+        blind_longest=max(longest_gap(windows, TimeInterval(float(one.x[0]), float(one.x[-1]))) for one in onsets),
         unseen=unseen,
         expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
@@ -68,7 +68,7 @@ def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[On
     return "so long take a frame and the latency of the camera that sees it"
 
 
-def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
+def longest_gap(windows: Sequence[Window], interval: TimeInterval) -> float:
     """The longest stretch of an interval that no window contains [s]."""
     found, until = 0.0, interval.start
     for window in sorted(windows):
@@ -78,7 +78,7 @@ def longest_gap(windows: Sequence[Window], interval: Stretch) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Watched(Rehearsal):
+class Observed(PlannedMotion):
     """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
 
     timeline: Timeline
@@ -92,7 +92,7 @@ class Watched(Rehearsal):
 
 
 @dataclass(frozen=True, eq=False)
-class Study(Watched):
+class Analysis(Observed):
     """A feasible candidate with all data behind its figures."""
 
     recovery: Recovery
@@ -123,7 +123,7 @@ class Study(Watched):
         )
 
 
-def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
+def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Analysis | Infeasible:
     """Check, move and observe one candidate that starts in `world`.
 
     full: with the verdicts of every camera and their causes. Raises InputError for a sampling with too many samples.
@@ -134,7 +134,7 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     return observed(cell, rehearsal(cell, candidate, world, motion), sampling, full=full)
 
 
-def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> Rehearsal:
+def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
     """A candidate with its motion from `world`, and what must be seen when."""
     workspace, model = cell.workspace, cell.model
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
@@ -151,7 +151,7 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
     targets = grounder.targets(formulas)
     column = {target.atom: number for number, target in enumerate(targets)}
     faults = pieces.fault_literals(formulas).items()
-    return Rehearsal(
+    return PlannedMotion(
         candidate=candidate,
         world=world,
         motion=motion,
@@ -164,12 +164,12 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
     )
 
 
-def observed(cell: Cell, scene: Rehearsal, sampling: Sampling, *, full: bool) -> Study:
+def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
     """What the cameras see of a motion; see `study`."""
     return with_delays(cell, all_watched(cell, [scene], sampling, full=full), sampling)[0]
 
 
-def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, full: bool) -> list[Watched]:
+def all_watched(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, full: bool) -> list[Observed]:
     """As `observed` of each of several motions, without delays."""
     for scene in scenes:
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
@@ -177,23 +177,23 @@ def all_watched(cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, 
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    return [Watched(**vars(one), timeline=observe(one, cell.observer, sampling, full=full)) for one in scenes]
+    return [Observed(**vars(one), timeline=observe(one, cell.observer, sampling, full=full)) for one in scenes]
 
 
-def with_delays(cell: Cell, watched: Sequence[Watched], sampling: Sampling) -> list[Study]:
+def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
     """Motions with how late faults are noticed; as they are where that is known."""
-    return [one if isinstance(one, Study) else _study(cell, one, sampling) for one in watched]
+    return [one if isinstance(one, Analysis) else _study(cell, one, sampling) for one in watched]
 
 
-def observed_again(cell: Cell, study: Study, sampling: Sampling, *, full: bool) -> Study:
+def observed_again(cell: Cell, study: Analysis, sampling: Sampling, *, full: bool) -> Analysis:
     """The same motion seen by the cameras of another cell; see `study`."""
     timeline = observe(study, cell.observer, sampling, full=full)
     windows = all_fault_windows(study, timeline, cell.observer, sampling)
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
 
 
-def _study(cell: Cell, scene: Watched, sampling: Sampling) -> Study:
+def _study(cell: Cell, scene: Observed, sampling: Sampling) -> Analysis:
     windows = all_fault_windows(scene, scene.timeline, cell.observer, sampling)
     starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
     recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
-    return Study(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))
+    return Analysis(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

@@ -18,12 +18,12 @@ from pydantic import Field, PlainSerializer
 from sqrp_cli.figures import Seconds
 from sqrp_cli.files.entries import FileRecord, SerializedAs
 from sqrp_cli.geometry import Array, Indices
-from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel
 from sqrp_cli.sight.observer import BoxVerdicts
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.result import UnseenTime
 from sqrp_cli.study.stage import Samples
 
@@ -47,7 +47,7 @@ SEEN = Failure(Cause.NONE, -1, 0.0)
 _CAUSES = {int(cause): cause for cause in Cause}
 
 
-def cause_totals(cell: Cell, study: Study) -> tuple[UnseenTime, ...]:
+def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
     """Totals of every literal, camera and cause, the longest first within each literal."""
     weights = sample_weights(study)
     observation = study.timeline.observation
@@ -116,7 +116,7 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
             return None
 
 
-def sample_weights(study: Study) -> Array:
+def sample_weights(study: Analysis) -> Array:
     """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
     steps = np.nan_to_num(study.timeline.steps)
     weights = np.zeros(len(steps) + 1)
@@ -129,7 +129,7 @@ def sample_weights(study: Study) -> Array:
 class BlindSpan:
     """A stretch of time in which a camera does not see a target for one cause."""
 
-    stretch: Stretch
+    stretch: TimeInterval
     cause: Cause
     by: str | None
     """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
@@ -140,18 +140,18 @@ class BlindSpan:
         return self.cause.by(self.by)
 
 
-def _ends(stretch: Stretch) -> tuple[float, float]:
+def _ends(stretch: TimeInterval) -> tuple[float, float]:
     return round(stretch.start, 3), round(stretch.end, 3)
 
 
-_Ends = Annotated[Stretch, SerializedAs(tuple[Seconds, Seconds], lambda ends: Stretch(*ends), _ends)]
+_Ends = Annotated[TimeInterval, SerializedAs(tuple[Seconds, Seconds], lambda ends: TimeInterval(*ends), _ends)]
 """A file has start and end of a stretch, to 1 ms."""
 
 _Span = Annotated[
     BlindSpan,
     SerializedAs(
         tuple[Seconds, Seconds, CauseLabel, str | None],
-        lambda said: BlindSpan(Stretch(*said[:2]), Cause[said[2].upper()], said[3]),
+        lambda said: BlindSpan(TimeInterval(*said[:2]), Cause[said[2].upper()], said[3]),
         lambda span: (*_ends(span.stretch), span.cause.label, span.by),
     ),
 ]
@@ -172,8 +172,8 @@ class TargetCoverage(FileRecord):
     def later(self, start: float) -> TargetCoverage:
         """The same, so much later [s]."""
 
-        def moved(stretch: Stretch) -> Stretch:
-            return Stretch(stretch.start + start, stretch.end + start)
+        def moved(stretch: TimeInterval) -> TimeInterval:
+            return TimeInterval(stretch.start + start, stretch.end + start)
 
         blind = {
             camera: tuple(replace(span, stretch=moved(span.stretch)) for span in spans)
@@ -181,22 +181,22 @@ class TargetCoverage(FileRecord):
         }
         return TargetCoverage(self.needed, tuple(map(moved, self.required)), blind)
 
-    def seen_by(self, camera: str) -> tuple[Stretch, ...]:
+    def seen_by(self, camera: str) -> tuple[TimeInterval, ...]:
         """When a camera sees it; never if there is no such camera."""
         if camera not in self.blind:
             return ()
         return difference(self.required, [span.stretch for span in self.blind[camera]])
 
     @property
-    def covered(self) -> tuple[Stretch, ...]:
+    def covered(self) -> tuple[TimeInterval, ...]:
         """When enough cameras see it."""
         seen = [self.seen_by(camera) for camera in self.blind]
         edges = sorted({edge for some in (self.required, *seen) for s in some for edge in (s.start, s.end)})
 
-        def holds(some: Sequence[Stretch], t: float) -> bool:
+        def holds(some: Sequence[TimeInterval], t: float) -> bool:
             return any(stretch.start <= t <= stretch.end for stretch in some)
 
-        middles = ((Stretch(start, end), 0.5 * (start + end)) for start, end in pairwise(edges))
+        middles = ((TimeInterval(start, end), 0.5 * (start + end)) for start, end in pairwise(edges))
         return merge(
             part
             for part, t in middles
@@ -214,7 +214,7 @@ class Coverage(FileRecord):
     """By atom."""
 
 
-def coverage_of(cell: Cell, study: Study) -> Coverage:
+def coverage_of(cell: Cell, study: Analysis) -> Coverage:
     """The coverage in a full study.
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
@@ -224,7 +224,7 @@ def coverage_of(cell: Cell, study: Study) -> Coverage:
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
-        required = merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)
+        required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
         blind = {
             camera.name: tuple(_blind_spans(cell, samples.some(rows), first_failures(boxes, rows, index)))
             for index, camera in enumerate(cell.observer.cameras)
@@ -247,7 +247,7 @@ def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
     return Coverage(primitives, targets)
 
 
-def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tuple[Stretch, ...]:
+def difference(stretches: Sequence[TimeInterval], without: Sequence[TimeInterval]) -> tuple[TimeInterval, ...]:
     """The parts of `stretches` outside those `without`; both in order of time and without overlap."""
     parts = []
     for stretch in stretches:
@@ -256,14 +256,14 @@ def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tupl
             if hole.end <= start or hole.start >= stretch.end:
                 continue
             if hole.start > start:
-                parts.append(Stretch(start, hole.start))
+                parts.append(TimeInterval(start, hole.start))
             start = max(start, hole.end)
         if start < stretch.end:
-            parts.append(Stretch(start, stretch.end))
+            parts.append(TimeInterval(start, stretch.end))
     return tuple(parts)
 
 
-def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tuple[Stretch, ...]:
+def intersection(stretches: Sequence[TimeInterval], others: Sequence[TimeInterval]) -> tuple[TimeInterval, ...]:
     """The parts of `stretches` inside the others."""
     return difference(stretches, difference(stretches, others))
 
@@ -280,4 +280,4 @@ def _blind_spans(cell: Cell, samples: Samples, failures: Sequence[Failure]) -> I
         if last + 1 < len(t) and piece[last + 1] == piece[last]:
             end = t[last + 1]
         if cause is not Cause.NONE and end > start:
-            yield BlindSpan(Stretch(start, end), cause, by_name(cell, cause, by))
+            yield BlindSpan(TimeInterval(start, end), cause, by_name(cell, cause, by))

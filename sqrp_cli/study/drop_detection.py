@@ -24,7 +24,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
 from sqrp_cli.geometry import Array, Mask, transform
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.motion.collision import CLEARANCE
@@ -156,7 +156,11 @@ class _Shown(NamedTuple):
 
 
 def onset(
-    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: TimeInterval,
 ) -> Onset:
     """From when on images show a fault that becomes true at a time of an interval.
 
@@ -185,7 +189,7 @@ def least_delays(
     observer: Observer,
     literals: Sequence[Literal],
     targets: Mapping[Atom, Target],
-    interval: Stretch,
+    interval: TimeInterval,
     response: float,
 ) -> Array:
     """What the longest delay of a fault is at least, with each camera and whichever others, shape (cameras,) [s].
@@ -203,7 +207,11 @@ def least_delays(
 
 
 def _shown(
-    stage: Stage, observer: Observer, literals: Sequence[Literal], targets: Mapping[Atom, Target], interval: Stretch
+    stage: Stage,
+    observer: Observer,
+    literals: Sequence[Literal],
+    targets: Mapping[Atom, Target],
+    interval: TimeInterval,
 ) -> _Shown | None:
     """When each camera shows a fault; None where the tool loses nothing."""
     name = held_in(stage, interval)
@@ -312,14 +320,14 @@ def majority_time(until: Array, since: Array, needed: int) -> Array:
     return found
 
 
-def held_in(stage: Stage, interval: Stretch) -> str | None:
+def held_in(stage: Stage, interval: TimeInterval) -> str | None:
     """What the tool holds throughout an interval."""
     primitives = stage.motion.primitives
     held = {p.held for p in primitives if p.start < interval.end - 1e-9 and p.end > interval.start + 1e-9}
     return held.pop() if len(held) == 1 else None
 
 
-def _between(x: Array, shown: Array, interval: Stretch) -> Onset:
+def _between(x: Array, shown: Array, interval: TimeInterval) -> Onset:
     """The onset of what becomes true at x and is shown from some times on, within an interval."""
     x = np.maximum.accumulate(x)
     lag = np.maximum(shown - x, 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula_time import SAME_INSTANT, Stretch
+from sqrp_cli.logic.formula_time import SAME_INSTANT, TimeInterval
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
@@ -24,7 +24,7 @@ from sqrp_cli.skill.target_box import object_of
 from sqrp_cli.study.drop_detection import held_in, least_delays, onset
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
-from sqrp_cli.study.timeline import Rehearsal, Timeline, observe
+from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task.pieces import Piece, fault_intervals, fault_literals
 
 
@@ -34,7 +34,7 @@ class FaultWatch:
 
     name: str
     literals: tuple[Literal, ...]
-    intervals: tuple[Stretch, ...]
+    intervals: tuple[TimeInterval, ...]
     """When it may happen."""
     columns: tuple[tuple[int, ...], ...]
     """Of each literal the targets that show it, each by itself: indices."""
@@ -92,7 +92,7 @@ def fault_windows(
 
 
 def all_fault_windows(
-    scene: Rehearsal, timeline: Timeline, observer: Observer, sampling: Sampling
+    scene: PlannedMotion, timeline: Timeline, observer: Observer, sampling: Sampling
 ) -> dict[str, tuple[Window, ...]]:
     """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
 
@@ -126,7 +126,7 @@ def all_fault_windows(
     return found
 
 
-def watched_faults(scene: Rehearsal) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
+def watched_faults(scene: PlannedMotion) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
     """What images are asked for to show the faults of a candidate, and by which of it each is shown."""
     by_atom = {target.atom: target for target in scene.targets}
     shown_by = {
@@ -174,7 +174,7 @@ def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array
     return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
 
 
-def fault_onsets(scene: Rehearsal, observer: Observer) -> dict[str, tuple[Onset, ...]]:
+def fault_onsets(scene: PlannedMotion, observer: Observer) -> dict[str, tuple[Onset, ...]]:
     """From when on images show each fault, for each interval in which it may happen, by its name."""
     targets = {target.atom: target for target in scene.targets}
     return {
@@ -186,7 +186,7 @@ def fault_onsets(scene: Rehearsal, observer: Observer) -> dict[str, tuple[Onset,
     }
 
 
-def least_fault_delays(scene: Rehearsal, observer: Observer, response: float) -> Array:
+def least_fault_delays(scene: PlannedMotion, observer: Observer, response: float) -> Array:
     """What the longest delay of any fault is at least with each camera, see `drop_detection.least_delays`."""
     targets = {target.atom: target for target in scene.targets}
     found = [

@@ -17,12 +17,12 @@ from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_watched, rehearsal, with_delays
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.task.grips import first_grip, grips
 from sqrp_cli.task.task import Candidate
@@ -57,11 +57,13 @@ class TimeLimit:
         expected = f"{seconds}, or a multiple of the time of the fastest of all ways, at least 1, such as `1.25x`"
         raise bad_option(f"{option} is `{text}`, expected {expected}")
 
-    def longest(self, scenes: Sequence[Rehearsal]) -> float:
+    def longest(self, scenes: Sequence[PlannedMotion]) -> float:
         """The longest time of a way among all ways of a candidate [s]."""
         return self.times * min(scene.motion.time for scene in scenes) if self.seconds is None else self.seconds
 
-    def within(self, scenes: Sequence[Rehearsal], whose: str = "its fastest way") -> Sequence[Rehearsal] | Infeasible:
+    def within(
+        self, scenes: Sequence[PlannedMotion], whose: str = "its fastest way"
+    ) -> Sequence[PlannedMotion] | Infeasible:
         """The ways that keep the limit, or by how much the fastest one exceeds it. whose: what its reason calls it."""
         longest = self.longest(scenes)
         kept = [scene for scene in scenes if scene.motion.time <= longest + ROUNDING]
@@ -75,7 +77,7 @@ class TimeLimit:
 class BestWay:
     """The best way of a candidate, and what became of the others."""
 
-    study: Study
+    study: Analysis
     assessment: CandidateResult
     """The figures of the study, without a sentence."""
     ways: WaysFound
@@ -138,7 +140,7 @@ def studied_ways(
     limit: TimeLimit,
     worth: Callable[[Qualities], bool],
     plans: Plans | None = None,
-) -> Iterator[Study]:
+) -> Iterator[Analysis]:
     """Studies of all ways of a candidate within a limit whose qualities are worth one, the fastest first.
 
     Nothing if it cannot be done. plans: what is known of motions already.
@@ -158,7 +160,7 @@ def studied_ways(
             yield from with_delays(cell, [one], sampling)
 
 
-def with_branch(cell: Cell, scene: Rehearsal) -> Candidate:
+def with_branch(cell: Cell, scene: PlannedMotion) -> Candidate:
     """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
     way = scene.candidate
     branches = plan_branches(skill_use(cell, way, scene.world), cell.collision, cell.seed)
@@ -193,7 +195,7 @@ class _Planned:
     """The ways that were tried, and those that can be done, or why none can."""
 
     tried: int
-    scenes: Sequence[Rehearsal] | Infeasible
+    scenes: Sequence[PlannedMotion] | Infeasible
 
 
 class Plans:
@@ -202,9 +204,9 @@ class Plans:
     def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
         """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
         self._known: dict[int, tuple[Candidate, _Planned]] = {}
-        self._sights, self._seen = sights, dict[int, Watched]()
+        self._sights, self._seen = sights, dict[int, Observed]()
 
-    def observed(self, cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling) -> list[Watched]:
+    def observed(self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
         """What is seen of some of the planned ways; observed at the first time, if that is kept."""
         if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
             return all_watched(cell, scenes, sampling, full=False)
@@ -244,8 +246,8 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
 
 
 def _seen(
-    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, longest: float, by: Criterion
-) -> Sequence[Study]:
+    cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, longest: float, by: Criterion
+) -> Sequence[Analysis]:
     """The ways with better paths than those of the scenes; a path is `any` in none."""
     from sqrp_cli.study.seen_ways import seen_ways
 

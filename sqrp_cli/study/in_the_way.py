@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Indices
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.observer import BoxViews
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import first_failing, sample_weights
 from sqrp_cli.study.result import HiddenTarget, ObjectToMove
 
@@ -40,7 +40,7 @@ HiddenViews = Mapping[HiddenView, tuple[HidingPart, ...]]
 """What hides each of several views, the largest share first."""
 
 
-def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> HiddenViews:
+def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> HiddenViews:
     """What hides each hidden box from each camera in the samples `rows` (all), of what must be observable then."""
     wanted = np.ones(len(study.timeline.samples), dtype=bool)
     if rows is not None:
@@ -69,7 +69,7 @@ def hidden_views(cell: Cell, study: Study, rows: Indices | None = None) -> Hidde
     return found
 
 
-def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[HiddenTarget, ...]:
+def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenTarget, ...]:
     """What hides each target from each camera, in the order of targets and cameras; views: all hidden ones."""
     weights, observation = sample_weights(study), study.timeline.observation
     found = []
@@ -94,7 +94,7 @@ def in_the_way(cell: Cell, study: Study, views: HiddenViews) -> tuple[HiddenTarg
     return tuple(found)
 
 
-def to_move(cell: Cell, study: Study, views: HiddenViews) -> tuple[ObjectToMove, ...]:
+def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[ObjectToMove, ...]:
     """The objects in the way, the one first without which most would be seen; none that the task handles.
 
     Nor a fixed one that others stand on.

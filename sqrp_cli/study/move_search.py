@@ -22,7 +22,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.observation import look_at
 from sqrp_cli.study.stage import Samples, Stage
-from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.trajectory import JointSpan, Trajectory
 
 
@@ -45,7 +45,7 @@ class _ElsewhereStage(Stage):
 class WatchedMove:
     """A joint move of a studied way, which may take any path between its ends."""
 
-    scene: Rehearsal
+    scene: PlannedMotion
     primitive: int
     """Its index."""
 

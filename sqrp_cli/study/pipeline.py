@@ -14,7 +14,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import Plans, WantedWay, find_way
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import winners
@@ -42,7 +42,7 @@ class ExplainedStep(NamedTuple):
 
     result: CandidateResult
     """With the figures of the study."""
-    study: Study
+    study: Analysis
 
 
 class Explained(NamedTuple):
@@ -54,7 +54,7 @@ class Explained(NamedTuple):
     """Each step, also where there is only one; none if the candidate is infeasible."""
 
     @property
-    def study(self) -> Study | None:
+    def study(self) -> Analysis | None:
         """Of a candidate of one step; None if it is infeasible."""
         return self.steps[0].study if self.steps else None
 
@@ -74,7 +74,7 @@ _known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDicti
 
 
 @dataclass(frozen=True, eq=False)
-class Inquiry:
+class RankSettings:
     """How candidates are asked about."""
 
     sampling: Sampling = Adaptive()
@@ -85,7 +85,7 @@ class Inquiry:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Assignment(Inquiry):
+class RankJob(RankSettings):
     """What is to be computed for each candidate."""
 
     cell: Cell
@@ -118,7 +118,7 @@ class Assignment(Inquiry):
 
         The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
         """
-        asked = [repr(getattr(self, part.name)) for part in fields(Inquiry)]
+        asked = [repr(getattr(self, part.name)) for part in fields(RankSettings)]
         done: list[StepDone] = []
         before: World | None = self.world
         for step in candidate.steps:
@@ -235,7 +235,7 @@ def sampling_done(sampling: Sampling, results: Sequence[CandidateResult]) -> Sam
             return SamplingDone(mode="adaptive", tolerance=tolerance, max_motion=MAX_MOTION, error=error, max_gap=gap)
 
 
-def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
+def assess_all(assignment: RankJob, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
     """The assessments in the order of the candidates, each as soon as it and those before it are done.
 
     jobs: number of processes at most.

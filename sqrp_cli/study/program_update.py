@@ -24,7 +24,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.skill.settings import ANY
 from sqrp_cli.skill.skill import RetryEntry
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.fault_sights import distinguishing
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -75,7 +75,7 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
 
 
-def make_step(task: str, study: Study, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
+def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
     """The step of a program from a full study.
 
     cameras: names in the order of the study's verdicts.
@@ -158,7 +158,7 @@ def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
     return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
-def with_usual_images(step: record.Step, study: Study, observer: Observer) -> record.Step:
+def with_usual_images(step: record.Step, study: Analysis, observer: Observer) -> record.Step:
     """The step of a study with the times of usual images, which take as long to find as the study."""
     confirming = [(target,) for target in study.targets]
     refuting = [

@@ -16,7 +16,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.likelihood import BoxLikelihood, Shutter, at_least, likelihoods
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import observe
@@ -37,7 +37,7 @@ class Calibration:
     """Seed of the random errors."""
 
 
-def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
+def without_each_camera(cell: Cell, study: Analysis) -> dict[str, Qualities]:
     """The qualities of a candidate if one camera fails, by the camera's name, from the verdicts of a full study."""
     observation = study.timeline.observation
     qualities = {}
@@ -52,7 +52,7 @@ def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
 
 
 def under_calibration_errors(
-    cell: Cell, study: Study, sampling: Sampling, calibration: Calibration
+    cell: Cell, study: Analysis, sampling: Sampling, calibration: Calibration
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
@@ -85,7 +85,7 @@ class Expectation:
     """That they see all that a state requires, NaN where it requires nothing, shape (m,)."""
 
 
-def expectation(cell: Cell, study: Study) -> Expectation | None:
+def expectation(cell: Cell, study: Analysis) -> Expectation | None:
     """How likely images show the targets at the samples of a study; None in a cell without curves."""
     if all(detector.curve is None for detector in cell.workspace.detectors.values()):
         return None
@@ -106,7 +106,7 @@ def expectation(cell: Cell, study: Study) -> Expectation | None:
     return Expectation(boxes, targets, np.where(required.any(axis=1), states, np.nan))
 
 
-def expected_quality(cell: Cell, study: Study) -> float | None:
+def expected_quality(cell: Cell, study: Analysis) -> float | None:
     """q_expected: the mean of the probability over the time T; None without curves, or where T is 0."""
     found, timeline = expectation(cell, study), study.timeline
     if found is None or timeline.T <= 0:

@@ -20,7 +20,7 @@ from sqrp_cli.motion.position_limits import near_limits
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.move_search import (
     COST_DECIMALS,
     EXACTLY,
@@ -35,20 +35,22 @@ from sqrp_cli.study.quality import average_quality
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.feasibility import skill_use
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 
-def open_moves(scene: Rehearsal, names: Collection[str]) -> list[WatchedMove]:
+def open_moves(scene: PlannedMotion, names: Collection[str]) -> list[WatchedMove]:
     """Those of the named joint moves of a way during which formulas apply."""
     primitives = enumerate(scene.motion.primitives)
     moves = (WatchedMove(scene, index) for index, primitive in primitives if primitive.name in names)
     return [move for move in moves if move.is_monitored]
 
 
-def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], spare: float) -> Iterator[MoveSpace]:
+def move_spaces(
+    cell: Cell, scene: PlannedMotion, moves: Mapping[int, WatchedMove], spare: float
+) -> Iterator[MoveSpace]:
     """What the paths of moves depend on, by the moves' indices. spare: longest time beyond that of the direct way [s].
 
     Moves by home have none.
@@ -76,7 +78,7 @@ def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], 
         )
 
 
-def blind_ends(study: Study, names: Collection[str]) -> tuple[BlindEnd, ...]:
+def blind_ends(study: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
     """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
     timeline, actions = study.timeline, study.candidate.skill.primitives
     t, blind, ends = timeline.samples.t, timeline.monitored & ~timeline.covered, list[BlindEnd]()
@@ -125,8 +127,13 @@ LEFT = 6
 
 
 def seen_ways(
-    cell: Cell, scenes: Sequence[Rehearsal], sampling: Sampling, *, longest: float = np.inf, interest_first: bool = True
-) -> list[Study]:
+    cell: Cell,
+    scenes: Sequence[PlannedMotion],
+    sampling: Sampling,
+    *,
+    longest: float = np.inf,
+    interest_first: bool = True,
+) -> list[Analysis]:
     """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
 
     scenes: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
@@ -166,7 +173,7 @@ def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
 class _Runner:
     """A way with the searches for its paths."""
 
-    scene: Rehearsal
+    scene: PlannedMotion
     """Of the direct way."""
     level: int
     """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
@@ -196,14 +203,14 @@ class _Runner:
 class _Glance:
     """What a few looks at a direct way show, for each of its p primitive actions."""
 
-    scene: Rehearsal
+    scene: PlannedMotion
     blind: Array
     """How long the state is not covered, shape (p,) [s]."""
     interest: Array
     """How long it is not covered in events of interest, shape (p,) [s]."""
 
     @classmethod
-    def of(cls, cell: Cell, scene: Rehearsal) -> _Glance:
+    def of(cls, cell: Cell, scene: PlannedMotion) -> _Glance:
         """Looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive."""
         primitives, stage = scene.motion.primitives, scene.stage
         counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
@@ -233,7 +240,7 @@ class _Glance:
         return round((1.0 - np.delete(self.interest, moves).sum() / T_eoi) / LEVEL) if T_eoi > 0 else 0
 
 
-def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_first: bool) -> list[_Runner]:
+def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, interest_first: bool) -> list[_Runner]:
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
     open_of = {id(scene): open_moves(scene, scene.candidate.open_paths) for scene in scenes}
@@ -245,7 +252,7 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
         level = glance.level(of_way) if interest_first else 0
         return -level, weight * glance.elsewhere(of_way) + glance.scene.motion.time
 
-    def same(scene: Rehearsal, other: Rehearsal) -> bool:
+    def same(scene: PlannedMotion, other: PlannedMotion) -> bool:
         same_branch = scene.candidate.branch == other.candidate.branch
         return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
 
@@ -275,7 +282,7 @@ def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
     return [search for runner in runners for search in runner.searches if not search.is_settled]
 
 
-def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Study | None:
+def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
     spare = longest - runner.scene.motion.time
     left = [search.left(runner.weight, LEFT) for search in runner.searches]

@@ -138,7 +138,7 @@ class ObservationRequest:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rehearsal(ObservationRequest):
+class PlannedMotion(ObservationRequest):
     """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
@@ -152,7 +152,7 @@ class Rehearsal(ObservationRequest):
 class SampledScene:
     """A rehearsal at m samples, where all cameras look."""
 
-    scene: Rehearsal
+    scene: PlannedMotion
     samples: Samples
 
     @cached_property

@@ -17,14 +17,14 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask, axis_rotation, box_corners, inverse, pose, transform
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import BoxVerdicts, sees_all
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.result import NOTHING_MISSING
 
@@ -170,7 +170,7 @@ class BlindStretch:
     """The cameras that see it right after."""
 
     def __str__(self) -> str:
-        when = Stretch(self.start, self.end).when
+        when = TimeInterval(self.start, self.end).when
         if not self.causes:
             cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
             there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
@@ -216,7 +216,7 @@ def _listed(causes: Sequence[CameraCause]) -> str:
     return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
-def verdict(cell: Cell, study: Study) -> str:
+def verdict(cell: Cell, study: Analysis) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
@@ -246,7 +246,7 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, study: Study, rows: Indices) -> BlindStretch:
+def explain_stretch(cell: Cell, study: Analysis, rows: Indices) -> BlindStretch:
     """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
 
     Where that one is lost for a part of the run only, the stretch is the longest such part.
@@ -302,7 +302,7 @@ class _Loss(NamedTuple):
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_loss(cell: Cell, study: Study, rows: Indices) -> _Loss:
+def _worst_loss(cell: Cell, study: Analysis, rows: Indices) -> _Loss:
     """The target that is lost in most of a few samples of a run."""
     count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
     few = rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(np.int64))]
@@ -348,7 +348,7 @@ def _angles_of_view(camera: Camera) -> tuple[float, ...]:
 
 
 def _least_change(
-    cell: Cell, study: Study, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, study: Analysis, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, Turn | Shift]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 

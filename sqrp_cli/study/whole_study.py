@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Figures, Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Study, Watched, all_watched, rehearsal, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_watched, rehearsal, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.quality import average_quality, interest_quality
 from sqrp_cli.study.result import CandidateResult
@@ -138,12 +138,12 @@ def _worth(quality: float | None) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class WholeStudy:
+class WholeAnalysis:
     """A feasible way with the study of each of its steps, in the world that those before it leave."""
 
     candidate: Candidate
     """The way, of one step or several."""
-    steps: tuple[Study, ...]
+    steps: tuple[Analysis, ...]
     """At least one."""
 
     @property
@@ -153,19 +153,21 @@ class WholeStudy:
         return assessment_of_all(self.candidate, each) if self.candidate.steps else each[0]
 
 
-def whole_study(cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool) -> WholeStudy | Infeasible:
+def whole_study(
+    cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
+) -> WholeAnalysis | Infeasible:
     """Study a way that starts in `world`, of one step or several; see `study`."""
     watched = whole_watched(cell, way, world, sampling, full=full)
     if isinstance(watched, Infeasible):
         return watched
-    return WholeStudy(way, tuple(with_delays(cell, watched, sampling)))
+    return WholeAnalysis(way, tuple(with_delays(cell, watched, sampling)))
 
 
 def whole_watched(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
-) -> tuple[Watched, ...] | Infeasible:
+) -> tuple[Observed, ...] | Infeasible:
     """The steps of `whole_study` without delays, which take as long as all the rest."""
-    done: list[Watched] = []
+    done: list[Observed] = []
     for step in way.steps or (way,):
         motion = feasible_motion(cell, step, world)
         if isinstance(motion, Infeasible):
@@ -176,7 +178,7 @@ def whole_watched(
     return tuple(done)
 
 
-def qualities_of(steps: Sequence[Watched]) -> Qualities:
+def qualities_of(steps: Sequence[Observed]) -> Qualities:
     """How well the steps of a way are seen, in all."""
     return Qualities(
         mean_quality([(average_quality(step.timeline), step.T) for step in steps]),

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, Stretch, events_of_interest, merge, union_length
+from sqrp_cli.logic.formula_time import (
+    SAME_INSTANT,
+    GroundOperator,
+    TimeInterval,
+    events_of_interest,
+    merge,
+    union_length,
+)
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
 
@@ -95,12 +102,12 @@ def fault_literals(formulas: Sequence[GroundFormula]) -> dict[str, tuple[Literal
     return {fault: tuple(literals) for fault, literals in found.items()}
 
 
-def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[Stretch, ...]:
+def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[TimeInterval, ...]:
     """When a fault may happen: the union of the intervals of its operators that have literals."""
     return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)
 
 
-def _contains(stretch: Stretch, t: float) -> bool:
+def _contains(stretch: TimeInterval, t: float) -> bool:
     return stretch.start - SAME_INSTANT <= t <= stretch.end + SAME_INSTANT
 
 

@@ -85,14 +85,14 @@ def test_json_is_one_document_and_nothing_else(sqrp_process, watch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
-    finished = pipeline.Assignment.assess
+    finished = pipeline.RankJob.assess
 
     def interrupted_at_the_third(assignment, candidate):
         if candidate.name == "near":
             signal.raise_signal(signal.SIGINT)
         return finished(assignment, candidate)
 
-    monkeypatch.setattr(pipeline.Assignment, "assess", interrupted_at_the_third)
+    monkeypatch.setattr(pipeline.RankJob, "assess", interrupted_at_the_third)
     outcome = sqrp("rank", watch, "watch cube", "--jobs", 1, "--json")
     assert outcome.code == 130
     assert [c["parameters"]["object"] for c in outcome.document["candidates"]] == ["seen", "turned"]
@@ -130,7 +130,7 @@ def test_ctrl_c_at_the_end_of_a_command_that_is_done_changes_nothing(sqrp_proces
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
-    monkeypatch.setattr(pipeline.Assignment, "assess", press_ctrl_c)
+    monkeypatch.setattr(pipeline.RankJob, "assess", press_ctrl_c)
     for command in ("rank", "explain"):
         outcome = sqrp(command, watch, "watch cube", "--jobs", 1)
         assert outcome.code == 130
@@ -182,7 +182,7 @@ def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
         "import signal, time\nfrom sqrp_cli.study import pipeline\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
-        "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
+        "pipeline.RankJob.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program, "rank", str(watch), "watch cube"],

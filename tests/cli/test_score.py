@@ -16,7 +16,7 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.show.terminal.search_tables import column_titles
-from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.pipeline import RankJob
 from tests.cli.ctrl_c import press_ctrl_c
 
 ROOT = Path(__file__).parents[2]
@@ -88,7 +88,7 @@ def test_a_baseline_of_an_earlier_version_knows_a_workspace_by_its_bytes(sqrp, o
 def ctrl_c_at(monkeypatch):
     """Ctrl-C comes when a candidate of this name is computed."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    assess = Assignment.assess
+    assess = RankJob.assess
 
     def at(name: str) -> None:
         def interrupted(assignment, candidate):
@@ -96,7 +96,7 @@ def ctrl_c_at(monkeypatch):
                 signal.raise_signal(signal.SIGINT)
             return assess(assignment, candidate)
 
-        monkeypatch.setattr(Assignment, "assess", interrupted)
+        monkeypatch.setattr(RankJob, "assess", interrupted)
 
     yield at
     signal.signal(signal.SIGINT, before)

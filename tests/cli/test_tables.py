@@ -256,8 +256,8 @@ def test_a_step_that_is_quick_has_no_line_where_stderr_is_no_terminal(monkeypatc
 
 def test_beside_a_document_no_progress_is_told(sqrp, watch, monkeypatch):
     monkeypatch.setattr(progress_lines, "PERIOD", 1e-3)
-    assess = pipeline.Assignment.assess
-    monkeypatch.setattr(pipeline.Assignment, "assess", lambda *given: (time.sleep(0.1), assess(*given))[1])
+    assess = pipeline.RankJob.assess
+    monkeypatch.setattr(pipeline.RankJob, "assess", lambda *given: (time.sleep(0.1), assess(*given))[1])
     assert sqrp("rank", watch, "watch seen", "--json").err == ""
     assert "Assessing watch seen: 0 of 1 after 0 s" in sqrp("rank", watch, "watch seen").err
 

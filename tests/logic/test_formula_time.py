@@ -11,7 +11,7 @@ from sqrp_cli.errors import InputError, Place
 from sqrp_cli.logic.formula import argument_lists, bind
 from sqrp_cli.logic.formula_time import (
     GroundOperator,
-    Stretch,
+    TimeInterval,
     events_of_interest,
     ground_operators,
     merge,
@@ -118,20 +118,23 @@ def test_formula_time_is_a_union_without_what_no_formula_covers() -> None:
     entries = ground(
         "always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold"
     )
-    assert merge(entry.stretch for entry in entries) == (Stretch(0.0, 3.0), Stretch(4.0, 8.0))
+    assert merge(entry.stretch for entry in entries) == (TimeInterval(0.0, 3.0), TimeInterval(4.0, 8.0))
     assert union_length(entry.stretch for entry in entries) == 7.0
-    assert events_of_interest(entries) == (Stretch(4.0, 5.5),)
+    assert events_of_interest(entries) == (TimeInterval(4.0, 5.5),)
 
 
 def test_stretches_merge_below_a_nanosecond_only() -> None:
-    assert merge([Stretch(1.0, 2.0), Stretch(2.0 + 9e-10, 3.0)]) == (Stretch(1.0, 3.0),)
-    assert merge([Stretch(1.0, 2.0), Stretch(2.0 + 1.1e-9, 3.0)]) == (Stretch(1.0, 2.0), Stretch(2.0 + 1.1e-9, 3.0))
+    assert merge([TimeInterval(1.0, 2.0), TimeInterval(2.0 + 9e-10, 3.0)]) == (TimeInterval(1.0, 3.0),)
+    assert merge([TimeInterval(1.0, 2.0), TimeInterval(2.0 + 1.1e-9, 3.0)]) == (
+        TimeInterval(1.0, 2.0),
+        TimeInterval(2.0 + 1.1e-9, 3.0),
+    )
     assert merge([]) == ()
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 10)), max_size=12))
 def test_the_length_of_the_union_counts_every_unit_of_time_once(spans: list[tuple[int, int]]) -> None:
-    stretches = [Stretch(float(start), float(start + length)) for start, length in spans]
+    stretches = [TimeInterval(float(start), float(start + length)) for start, length in spans]
     units = {unit for start, length in spans for unit in range(start, start + length)}
     assert union_length(stretches) == len(units)
     merged = merge(stretches)
@@ -148,4 +151,4 @@ def test_bounds_become_numbers() -> None:
     [(6.0, 7.25, "from 6.0 s to 7.2 s"), (6.001, 6.013, "from 6.001 s to 6.013 s"), (6.0, 6.0, "at 6.0 s")],
 )
 def test_the_ends_of_a_stretch_never_look_alike(start, end, said):
-    assert Stretch(start, end).when == said
+    assert TimeInterval(start, end).when == said

@@ -17,7 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive, FixedCount, Sampling
@@ -68,8 +68,8 @@ class Picking:
     sampling. not_done: the other candidates.
     """
 
-    done: Mapping[str, Study]
-    g1: Mapping[str, Study]
+    done: Mapping[str, Analysis]
+    g1: Mapping[str, Analysis]
     not_done: Mapping[str, CandidateResult]
 
     @classmethod
@@ -79,7 +79,7 @@ class Picking:
         found = {name: study(cell, one, world, ten, full=False) for name, one in _candidates(cell).items()}
         g1 = _candidates(cell)["g1"]
         return cls(
-            {name: one for name, one in found.items() if isinstance(one, Study)},
+            {name: one for name, one in found.items() if isinstance(one, Analysis)},
             {name: feasible_study(cell, g1, sampling) for name, sampling in SAMPLINGS.items()},
             {
                 name: CandidateResult.infeasible(_candidates(cell)[name], one.reasons)
@@ -128,7 +128,7 @@ def _candidates(cell: Cell) -> Mapping[str, Candidate]:
     return {candidate.name: candidate for candidate in read_task(TASK, cell.workspace).candidates}
 
 
-def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
+def _seeing_at_home(cell: Cell, name: str, like: Analysis) -> frozenset[str]:
     """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
     model, world = cell.model, cell.initial_world
     (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")

@@ -8,7 +8,7 @@ import numpy as np
 
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import observe
@@ -24,7 +24,7 @@ class Summary:
     time: float
 
     @classmethod
-    def of(cls, found: Study) -> Summary:
+    def of(cls, found: Analysis) -> Summary:
         """The summary of a study that has both qualities."""
         qualities = qualities_over(found.timeline)
         assert qualities.q_avg is not None
@@ -32,19 +32,19 @@ class Summary:
         return cls(100 * qualities.q_avg, 100 * qualities.q_eoi, found.motion.time)
 
 
-def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool = False) -> Study:
+def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool = False) -> Analysis:
     """The study of a candidate that can be done."""
     found = study(cell, candidate, cell.initial_world, sampling, full=full)
-    assert isinstance(found, Study), found
+    assert isinstance(found, Analysis), found
     return found
 
 
-def seen_again(found: Study, cell: Cell, sampling: Sampling, *, full: bool = False) -> Study:
+def seen_again(found: Analysis, cell: Cell, sampling: Sampling, *, full: bool = False) -> Analysis:
     """The same candidate and motion, before the cameras of a cell."""
     return replace(found, timeline=observe(found, cell.observer, sampling, full=full))
 
 
-def always_in_interest(cell: Cell, found: Study, predicate: str | None, *causes: Cause) -> frozenset[str]:
+def always_in_interest(cell: Cell, found: Analysis, predicate: str | None, *causes: Cause) -> frozenset[str]:
     """Cameras for which every box has one of the causes in every sample of interest of a full study.
 
     predicate: of the only target that is asked about; None for all of them.
@@ -60,7 +60,7 @@ def always_in_interest(cell: Cell, found: Study, predicate: str | None, *causes:
     return frozenset(camera.name for camera, is_so in zip(cell.observer.cameras, always, strict=True) if is_so)
 
 
-def hidden_by_the_robot(cell: Cell, found: Study, predicate: str) -> frozenset[str]:
+def hidden_by_the_robot(cell: Cell, found: Analysis, predicate: str) -> frozenset[str]:
     """Cameras from which parts of the robot hide the target of a predicate in every sample of interest."""
     interest = found.timeline.interesting
     column = next(i for i, target in enumerate(found.targets) if target.atom.predicate == predicate)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.logic.formula_time import Stretch, merge, union_length
+from sqrp_cli.logic.formula_time import TimeInterval, merge, union_length
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.study.assessment import study
@@ -78,12 +78,13 @@ def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
 
 
 stretches = st.lists(
-    st.tuples(st.integers(0, 20), st.integers(1, 6)).map(lambda pair: Stretch(pair[0], pair[0] + pair[1])), max_size=6
+    st.tuples(st.integers(0, 20), st.integers(1, 6)).map(lambda pair: TimeInterval(pair[0], pair[0] + pair[1])),
+    max_size=6,
 ).map(merge)
 INSTANTS = [index + 0.5 for index in range(28)]
 
 
-def contains(some: tuple[Stretch, ...], t: float) -> bool:
+def contains(some: tuple[TimeInterval, ...], t: float) -> bool:
     return any(stretch.start < t < stretch.end for stretch in some)
 
 

@@ -14,7 +14,7 @@ import sqrp_cli
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.score.kept import Outcome, Results, code_digest
-from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -45,7 +45,7 @@ def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path)
 def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> None:
     cell = Cell.load(tabletop)
     candidate = read_task("pickup g4 path=seen", tabletop).candidates[0]
-    assessment = Assignment(FixedCount(3), cell=cell, world=cell.initial_world).assess(candidate)
+    assessment = RankJob(FixedCount(3), cell=cell, world=cell.initial_world).assess(candidate)
     text = Outcome(assessment, None).to_text()
     again = Outcome.from_text(text, candidate).assessment
     assert again.ways == assessment.ways

@@ -17,7 +17,7 @@ from sqrp_cli.search.goal import read_goal
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import seen_by
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.task import read_task
 
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
@@ -42,10 +42,10 @@ def advice(cell: OpenCell) -> AdviceDocument:
     return cell.advise(TASK, want="q_eoi 100 %, q_avg 95 %", kinds=["way", "lens"])
 
 
-def whole(cell: OpenCell, found: AdviceDocument) -> WholeStudy:
+def whole(cell: OpenCell, found: AdviceDocument) -> WholeAnalysis:
     """The way that an advice is about, in a cell."""
     studied = whole_study(cell.cell, found.advice[0].found.way, cell.cell.initial_world, Adaptive(), full=True)
-    assert isinstance(studied, WholeStudy)
+    assert isinstance(studied, WholeAnalysis)
     return studied
 
 

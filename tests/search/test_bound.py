@@ -17,7 +17,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.task import read_task
 
 SAMPLING = Adaptive()
@@ -29,11 +29,11 @@ def cell(tabletop) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def studied(cell) -> WholeStudy:
+def studied(cell) -> WholeAnalysis:
     found = whole_study(
         cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True
     )
-    assert isinstance(found, WholeStudy)
+    assert isinstance(found, WholeAnalysis)
     return found
 
 

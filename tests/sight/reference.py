@@ -140,7 +140,7 @@ def limit(scene: Scene) -> Verdict:
         max(v - camera.height + 0.5 for _, v in pixels),
     ]
     outside = fails(max(out))
-    if box.limits.judges_rest and outside and all(shown):
+    if box.limits.allows_truncation and outside and all(shown):
         outside = fails(box.limits.min_visible - inside_share(camera, pixels))
     if outside or not all(shown):
         return found(Cause.OUT_OF_IMAGE, max(max(out), 0.0), SIDES[out.index(max(out))])

@@ -26,8 +26,8 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
-from sqrp_cli.study.assessment import Study, study
-from sqrp_cli.study.pipeline import Assignment, assess_all
+from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.quality import average_quality, interest_quality
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
@@ -389,18 +389,18 @@ def turned_cell(workspace: Workspace, X_NW: Array) -> Workspace:
 
 
 @pytest.fixture(scope="module")
-def studies(tabletop: Workspace) -> dict[str, tuple[Study, Study]]:
+def studies(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
     """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
     cell, world = Cell.load(tabletop), tabletop.stated_world
     found = {}
     for candidate in read_task("pickup green", tabletop).candidates:
         quick, full = (study(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
-        if isinstance(quick, Study) and isinstance(full, Study):
+        if isinstance(quick, Analysis) and isinstance(full, Analysis):
             found[candidate.name] = quick, full
     return found
 
 
-def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Study, Study]]) -> None:
+def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Analysis, Analysis]]) -> None:
     assert studies
     for quick, full in studies.values():
         ranked, explained = quick.assessment(""), full.assessment("")
@@ -418,7 +418,7 @@ def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Study, 
 
 
 def test_the_place_of_a_whole_cell_does_not_change_its_quality(
-    tabletop: Workspace, studies: dict[str, tuple[Study, Study]]
+    tabletop: Workspace, studies: dict[str, tuple[Analysis, Analysis]]
 ) -> None:
     """The arm moves as before in a cell that stands elsewhere, turned any way; its cameras see the same."""
     X_NW = random_pose(np.random.default_rng(3), (-2, -2, -2), (2, 2, 2))
@@ -442,7 +442,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "WORTH_WITH_WAYS", 1)
     task = read_task("pickup object=g2,g3", tabletop).candidates
-    assignment = Assignment(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
+    assignment = RankJob(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
     one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
     assert one == two
 

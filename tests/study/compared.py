@@ -14,13 +14,13 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
-from sqrp_cli.study.assessment import Study, observed, rehearsal, study
+from sqrp_cli.study.assessment import Analysis, observed, rehearsal, study
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import average_quality
 from sqrp_cli.study.robustness import Calibration, perturbed
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import move_spaces, open_moves
-from sqrp_cli.study.timeline import Rehearsal
+from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.task import Candidate, read_task
 from sqrp_cli.trajectory import Trajectory
 
@@ -28,7 +28,7 @@ MOST_TRIES = 250
 """Straight pieces that the other planner may check for one move."""
 
 
-def blind_time(found: Study) -> float:
+def blind_time(found: Analysis) -> float:
     """How long what is monitored is not covered [s]."""
     quality = average_quality(found.timeline)
     return 0.0 if quality is None else (1.0 - quality) * found.timeline.T
@@ -40,7 +40,7 @@ class Compared:
 
     cell: Cell
     candidate: Candidate
-    seen: Study
+    seen: Analysis
 
     @classmethod
     def of(cls, workspace: Workspace, task: str, name: str | None = None, wanted: WantedWay | None = None) -> Compared:
@@ -54,15 +54,15 @@ class Compared:
         raise ValueError(f"{task} has no feasible candidate")
 
     @cached_property
-    def direct(self) -> Study:
+    def direct(self) -> Analysis:
         """The same way with direct paths."""
         way = replace(self.seen.candidate, vias={})
         found = study(self.cell, way, self.cell.initial_world, Adaptive(), full=False)
-        assert isinstance(found, Study)
+        assert isinstance(found, Analysis)
         return found
 
     @cached_property
-    def planned(self) -> Study:
+    def planned(self) -> Analysis:
         """The same way with the shortest paths that the planner finds, simplified and blended as ways around are."""
         direct, cell = self.direct, self.cell
         moves = {move.primitive: move for move in open_moves(direct, self.candidate.open_paths)}
@@ -83,12 +83,12 @@ class Compared:
         return moved
 
 
-def _scene(found: Study) -> Rehearsal:
+def _scene(found: Analysis) -> PlannedMotion:
     """A study without what was seen."""
-    return Rehearsal(**{part.name: getattr(found, part.name) for part in fields(Rehearsal)})
+    return PlannedMotion(**{part.name: getattr(found, part.name) for part in fields(PlannedMotion)})
 
 
-def with_trajectories(cell: Cell, found: Study, others: Mapping[int, Trajectory]) -> Motion:
+def with_trajectories(cell: Cell, found: Analysis, others: Mapping[int, Trajectory]) -> Motion:
     """A motion in which some primitives, by index, have other trajectories of the arm."""
     primitives, start, fingers = [], 0.0, len(cell.model.fingers.joints)
     for index, primitive in enumerate(found.motion.primitives):

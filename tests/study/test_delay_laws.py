@@ -15,10 +15,10 @@ from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import drop_detection
-from sqrp_cli.study.assessment import Study, observed_again
+from sqrp_cli.study.assessment import Analysis, observed_again
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.whole_study import WholeStudy, whole_study
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.task import read_task
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.random_cell import Crowd, random_cell
@@ -35,7 +35,7 @@ HAND = {
 
 
 @pytest.fixture(scope="module", params=[*CELLS, "two steps"])
-def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, list[Study]]:
+def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, list[Analysis]]:
     """A cell, and ways in it."""
     tmp_path = tmp_path_factory.mktemp("cells")
     if request.param == "two steps":
@@ -43,7 +43,7 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         cell = Cell.load(load_workspace(tmp_path))
         candidates = read_task("pickup g2 then place g2 crate along=0 across=0", cell.workspace).candidates
         whole = whole_study(cell, candidates[0], cell.initial_world, Adaptive(), full=False)
-        assert isinstance(whole, WholeStudy)
+        assert isinstance(whole, WholeAnalysis)
         return cell, list(whole.steps)
     folder = random_cell(tmp_path / "cell", Crowd(request.param, 6, 3))
     document = read_cell(folder)
@@ -63,14 +63,14 @@ def _tabletop() -> dict[str, object]:
     return cell
 
 
-def _studies(cell: Cell, candidates: object) -> Iterator[Study]:
+def _studies(cell: Cell, candidates: object) -> Iterator[Analysis]:
     for candidate in candidates:  # type: ignore[attr-defined]
         found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
         if not isinstance(found, Infeasible):
             yield found.study
 
 
-def figures(study: Study) -> dict[str, FaultMetrics]:
+def figures(study: Analysis) -> dict[str, FaultMetrics]:
     return dict(study.assessment("").faults)
 
 
@@ -87,7 +87,7 @@ def noticed(windows: list[Window], onset: Onset, shares: dict[float, float], x: 
     return np.asarray(after[np.searchsorted(t, np.interp(x, onset.x, onset.shown))])
 
 
-def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple[Cell, list[Study]]) -> None:
+def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple[Cell, list[Analysis]]) -> None:
     cell, studies = studied
     least = min(camera.latency for camera in cell.observer.cameras)
     assert any(figures(study) for study in studies)
@@ -101,7 +101,7 @@ def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple
             assert {one.lag for one in study.windows[fault]} <= {camera.latency for camera in cell.observer.cameras}
 
 
-def test_no_phases_exceed_the_worst_delay_and_their_mean_is_the_mean(studied: tuple[Cell, list[Study]]) -> None:
+def test_no_phases_exceed_the_worst_delay_and_their_mean_is_the_mean(studied: tuple[Cell, list[Analysis]]) -> None:
     rng = np.random.default_rng(0)
     for study in studied[1]:
         for fault, found in figures(study).items():
@@ -121,7 +121,7 @@ def test_no_phases_exceed_the_worst_delay_and_their_mean_is_the_mean(studied: tu
                 assert found.delay_mean == pytest.approx(late[seen].mean(), abs=4 * spread + 0.01)
 
 
-def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Study]]) -> None:
+def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Analysis]]) -> None:
     cell, studies = studied
     others = {solid.part.parent for solid in cell.observer.solids if solid.color is not None}
     for study in studies[:2]:
@@ -139,7 +139,7 @@ def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Study]
 
 
 def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
-    studied: tuple[Cell, list[Study]], monkeypatch: pytest.MonkeyPatch
+    studied: tuple[Cell, list[Analysis]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drops, falling = [], drop_detection._falling
     monkeypatch.setattr(drop_detection, "_falling", lambda *a: drops.append(falling(*a)) or drops[-1])

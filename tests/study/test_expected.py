@@ -16,7 +16,7 @@ from sqrp_cli.camera.detector import Curve
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.likelihood import at_least
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.quality import average_quality
 from sqrp_cli.study.robustness import expectation, expected_quality
 from sqrp_cli.study.sampling import FixedCount
@@ -32,10 +32,10 @@ def with_curve(workspace: Workspace, curve: Curve | None, exposure: float = 0.0)
     return replace(workspace, detectors=detectors, cameras=cameras)
 
 
-def expected(workspace: Workspace, task: str = "pickup g4") -> tuple[float | None, Study]:
+def expected(workspace: Workspace, task: str = "pickup g4") -> tuple[float | None, Analysis]:
     cell = Cell.load(workspace)
     found = study(cell, read_task(task, workspace).candidates[0], cell.initial_world, SAMPLING, full=True)
-    assert isinstance(found, Study)
+    assert isinstance(found, Analysis)
     return expected_quality(cell, found), found
 
 
@@ -134,10 +134,10 @@ def test_a_term_of_the_curve_replaces_the_limit_and_no_other() -> None:
     from sqrp_cli.camera.detector import Detector
 
     stated = Detector(kind="color", distance=(0.5, 2.0), max_incidence=1.0, min_pixels=12.0, min_visible=0.5)
-    assert stated.gates == stated
-    gates = replace(stated, curve=Curve(bias=0.0, pixels=1.0, incidence=1.0)).gates
-    assert (gates.min_pixels, gates.min_visible, gates.distance) == (0.0, 0.5, (0.5, 2.0))
-    assert cos(gates.max_incidence) == -1.0
+    assert stated.hard_limits == stated
+    hard_limits = replace(stated, curve=Curve(bias=0.0, pixels=1.0, incidence=1.0)).hard_limits
+    assert (hard_limits.min_pixels, hard_limits.min_visible, hard_limits.distance) == (0.0, 0.5, (0.5, 2.0))
+    assert cos(hard_limits.max_incidence) == -1.0
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])

@@ -24,7 +24,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.stop_and_return import Recovery, stop
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.sight.observer import BoxVerdicts
-from sqrp_cli.study.assessment import Study, fault_metrics, why_late
+from sqrp_cli.study.assessment import Analysis, fault_metrics, why_late
 from sqrp_cli.study.fault_sights import FaultWatch, fault_windows
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive, first_samples
@@ -180,7 +180,7 @@ def test_what_is_seen_after_the_interval_counts_only_where_a_formula_requires_th
     assert found.unseen == pytest.approx(unseen)
 
 
-def test_no_lost_part_is_shown_sooner_than_images_can_tell_it(tabletop_slip: Study) -> None:
+def test_no_lost_part_is_shown_sooner_than_images_can_tell_it(tabletop_slip: Analysis) -> None:
     onset = tabletop_slip.onsets["slip"][0]
     lag = onset.shown - onset.x
     assert lag[0] > 0.1  # the cup has hardly moved: what it lost stands still below it
@@ -188,7 +188,7 @@ def test_no_lost_part_is_shown_sooner_than_images_can_tell_it(tabletop_slip: Stu
 
 
 @pytest.fixture(scope="module")
-def tabletop_slip() -> Study:
+def tabletop_slip() -> Analysis:
     workspace = load_workspace(Path(__file__).parents[2] / "workspaces" / "tabletop")
     cell = Cell.load(workspace)
     candidate = next(one for one in read_task("pickup g2", workspace).candidates)

@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.pictures import drawing, pictures
 from sqrp_cli.show.sentences import part_shares_in_words, what_to_move
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -38,19 +38,19 @@ def cell(folder: Path) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def behind(cell: Cell) -> Study:
+def behind(cell: Cell) -> Analysis:
     (candidate,) = read_task("watch behind", cell.workspace).candidates
     found = study(cell, candidate, cell.initial_world, FixedCount(3), full=True)
-    assert isinstance(found, Study)
+    assert isinstance(found, Analysis)
     return found
 
 
 @pytest.fixture(scope="module")
-def views(cell: Cell, behind: Study) -> HiddenViews:
+def views(cell: Cell, behind: Analysis) -> HiddenViews:
     return hidden_views(cell, behind)
 
 
-def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Study, views: HiddenViews) -> None:
+def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Analysis, views: HiddenViews) -> None:
     assert len(views) == sum(
         int((behind.timeline.observation.required[:, column, None] & (box.cause == Cause.HIDDEN)).sum())
         for column, boxes in enumerate(behind.timeline.observation.full_matrix)
@@ -61,7 +61,7 @@ def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Study, v
     assert some == {view: parts for view, parts in views.items() if view.row == next(iter(views)).row}
 
 
-def test_the_bar_takes_its_share_from_the_wall_behind_it(cell: Cell, behind: Study, views: HiddenViews) -> None:
+def test_the_bar_takes_its_share_from_the_wall_behind_it(cell: Cell, behind: Analysis, views: HiddenViews) -> None:
     for found in in_the_way(cell, behind, views):
         bar, wall = found.parts
         assert (bar.name, wall.name, found.camera) == ("bar", "wall", "eye")
@@ -74,7 +74,7 @@ def test_the_bar_takes_its_share_from_the_wall_behind_it(cell: Cell, behind: Stu
 
 
 def test_the_object_is_to_be_moved_first_without_which_most_would_be_seen(
-    cell: Cell, behind: Study, views: HiddenViews
+    cell: Cell, behind: Analysis, views: HiddenViews
 ) -> None:
     wall, bar = to_move(cell, behind, views)
     assert (wall.name, bar.name) == ("wall", "bar")
@@ -92,12 +92,12 @@ def test_the_object_is_to_be_moved_first_without_which_most_would_be_seen(
 def test_nothing_is_to_be_moved_where_nothing_is_hidden(cell: Cell) -> None:
     candidate = read_task("watch seen", cell.workspace).candidates[0]
     found = study(cell, candidate, cell.initial_world, FixedCount(3), full=True)
-    assert isinstance(found, Study)
+    assert isinstance(found, Analysis)
     assert (hidden_views(cell, found), in_the_way(cell, found, {}), to_move(cell, found, {})) == ({}, (), ())
 
 
 def test_explain_tells_it_in_text_document_and_pictures(
-    folder: Path, cell: Cell, behind: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, cell: Cell, behind: Analysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     explained = open_cell(folder).explain("watch behind")
     text = str(explained)

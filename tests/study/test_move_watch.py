@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.find import WantedWay
 from sqrp_cli.study.move_search import WatchedMove
 from tests.study.compared import Compared
@@ -19,7 +19,7 @@ def compared(tabletop: Workspace) -> Compared:
     return Compared.of(tabletop, "pickup green", "g4", WantedWay(fastest=True))
 
 
-def exact(found: Study, primitive: int) -> float:
+def exact(found: Analysis, primitive: int) -> float:
     """How long a primitive is not covered, by the samples of the study [s]."""
     timeline = found.timeline
     within = np.array([piece.primitive == primitive for piece in timeline.pieces])[timeline.samples.piece]

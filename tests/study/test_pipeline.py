@@ -6,7 +6,7 @@ import pytest
 
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform import processes
-from sqrp_cli.study.pipeline import WORTH_A_PROCESS, Assignment, assess_all
+from sqrp_cli.study.pipeline import WORTH_A_PROCESS, RankJob, assess_all
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -32,7 +32,7 @@ def test_a_few_candidates_of_one_way_each_stay_in_one_process(tabletop, monkeypa
 
     monkeypatch.setattr(processes, "in_processes", refused)
     cell = Cell.load(tabletop)
-    assignment = Assignment(FixedCount(2), cell=cell, world=cell.initial_world)
+    assignment = RankJob(FixedCount(2), cell=cell, world=cell.initial_world)
     few = read_task(f"pickup green {STATED}", cell.workspace).candidates
     assert 4 < len(few) < 2 * WORTH_A_PROCESS
     assert len(list(assess_all(assignment, few, 2))) == len(few)

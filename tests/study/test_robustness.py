@@ -10,7 +10,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import inverse
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import (
     DRAWS,
@@ -31,37 +31,37 @@ def cell(tabletop: Workspace) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def found(cell: Cell) -> Study:
+def found(cell: Cell) -> Analysis:
     candidate = read_task("pickup g4", cell.workspace).candidates[0]
     result = study(cell, candidate, cell.initial_world, SAMPLING, full=True)
-    assert isinstance(result, Study)
+    assert isinstance(result, Analysis)
     return result
 
 
-def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, found: Study) -> None:
+def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, found: Analysis) -> None:
     told = without_each_camera(cell, found)
     for index, camera in enumerate(cell.observer.cameras):
         others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
         candidate, world = found.candidate, cell.initial_world
         again = study(smaller, candidate, world, SAMPLING, full=False)
-        assert isinstance(again, Study)
+        assert isinstance(again, Analysis)
         assert told[camera.name] == qualities_over(again.timeline)
 
 
-def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: Study) -> None:
+def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: Analysis) -> None:
     now = qualities_over(found.timeline)
     told = without_each_camera(cell, found).values()
     assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told)
     assert any(left.q_eoi < now.q_eoi for left in told)
 
 
-def test_an_exact_calibration_changes_nothing(cell: Cell, found: Study) -> None:
+def test_an_exact_calibration_changes_nothing(cell: Cell, found: Analysis) -> None:
     draws = under_calibration_errors(cell, found, SAMPLING, Calibration(0.0, 0.0, 0))
     assert draws == (qualities_over(found.timeline),) * DRAWS
 
 
-def test_draws_are_seeded(cell: Cell, found: Study) -> None:
+def test_draws_are_seeded(cell: Cell, found: Analysis) -> None:
     def draws(seed: int) -> tuple[Qualities, ...]:
         return under_calibration_errors(cell, found, SAMPLING, Calibration(0.02, 0.02, seed))
 

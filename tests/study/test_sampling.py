@@ -23,7 +23,7 @@ from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.quality import average_quality, interest_quality
 from sqrp_cli.study.sampling import (
     DEFAULT_TOLERANCE,
@@ -89,7 +89,7 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference,
     return tuple(found)
 
 
-def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
+def again(cell: Cell, studied: Analysis, sampling: Sampling) -> Timeline:
     """The time line of a candidate with another sampling."""
     return observe(studied, cell.observer, sampling, full=False)
 
@@ -104,13 +104,13 @@ def judge(title: str, found: list[Difference]) -> None:
 
 
 @cache
-def feasible_studies(name: str) -> tuple[Cell, list[Study]]:
+def feasible_studies(name: str) -> tuple[Cell, list[Analysis]]:
     """A shipped workspace and the feasible candidates of the tasks that it lists."""
     cell = Cell.load(load_workspace(TABLETOP.parent / name))
     workspace, world = cell.workspace, cell.initial_world
     candidates = [c for task in workspace.tasks for c in read_task(task.task, workspace).candidates]
     found = [study(cell, candidate, world, Adaptive(), full=False) for candidate in candidates]
-    return cell, [result for result in found if isinstance(result, Study)]
+    return cell, [result for result in found if isinstance(result, Analysis)]
 
 
 @pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])

@@ -15,7 +15,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Study, observed_again, study
+from sqrp_cli.study.assessment import Analysis, observed_again, study
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import (
@@ -38,18 +38,18 @@ def cell(tabletop: Workspace) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def studies(cell: Cell) -> dict[str, Study]:
+def studies(cell: Cell) -> dict[str, Analysis]:
     found = {}
     for name in CANDIDATES:
         candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
         result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
-        assert isinstance(result, Study)
+        assert isinstance(result, Analysis)
         found[name] = result
     return found
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Study]) -> None:
+def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Analysis]) -> None:
     found = studies[name]
     timeline = found.timeline
     blind = timeline.monitored & ~timeline.covered
@@ -70,7 +70,7 @@ def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str,
 
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
-    name: str, cell: Cell, studies: dict[str, Study]
+    name: str, cell: Cell, studies: dict[str, Analysis]
 ) -> None:
     found = studies[name]
     weights, observation = sample_weights(found), found.timeline.observation
@@ -83,12 +83,12 @@ def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
             assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
 
 
-def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Study]) -> None:
+def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Analysis]) -> None:
     for found in studies.values():
         assert sample_weights(found).sum() == pytest.approx(found.motion.time, abs=1e-9)
 
 
-def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Study]) -> None:
+def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Analysis]) -> None:
     found = studies["g1"]
     timeline = found.timeline
     hidden = [
@@ -107,7 +107,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
 
 @pytest.mark.parametrize("name", ["g1", "g4"])
 def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_a_while(
-    name: str, cell: Cell, studies: dict[str, Study]
+    name: str, cell: Cell, studies: dict[str, Analysis]
 ) -> None:
     found = studies[name]
     observation = found.timeline.observation
@@ -135,7 +135,7 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     assert {camera for camera in share if camera in told} == partly
 
 
-def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, studies: dict[str, Study]) -> None:
+def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, studies: dict[str, Analysis]) -> None:
     found = studies["g4"]
     timeline = found.timeline
     matrix = timeline.observation.full_matrix
@@ -163,7 +163,7 @@ RANGES = [(0.2, 4.0), (0.5, 4.0), (0.8, 4.0), (1.2, 4.0), (0.2, 0.7), (0.2, 0.9)
 
 
 def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_be_untried(
-    cell: Cell, studies: dict[str, Study]
+    cell: Cell, studies: dict[str, Analysis]
 ) -> None:
     """Each camera alone, with other ranges: the change that the sentence names is made, and all is looked at again."""
     said = set[str]()
@@ -221,7 +221,7 @@ def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
 
 @pytest.mark.parametrize("name", ["g2", "g3", "g5"])
 def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
-    name: str, cell: Cell, studies: dict[str, Study]
+    name: str, cell: Cell, studies: dict[str, Analysis]
 ) -> None:
     found = studies[name]
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))

@@ -22,7 +22,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.collision import CLEARANCE, pair
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.robot import inverse_kinematics
-from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
@@ -285,7 +285,7 @@ def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, m
 
 def test_it_is_ranked(cell: Cell) -> None:
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    assessment = Assignment(FixedCount(5), cell=cell, world=cell.initial_world).assess(candidate)
+    assessment = RankJob(FixedCount(5), cell=cell, world=cell.initial_world).assess(candidate)
     assert assessment.feasible
     assert assessment.q_avg is not None
 

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import Observation, Timeline
@@ -25,7 +25,7 @@ class Story:
 
     timeline: Timeline
     formulas: tuple[GroundFormula, ...]
-    interval: Stretch
+    interval: TimeInterval
     total: float
 
 

@@ -36,7 +36,7 @@ from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detecti
 from sqrp_cli.run.perception.image_detector import ImageDetector
 from sqrp_cli.run.record.report import Confusion
 from sqrp_cli.run.robot_body import RobotBody
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
@@ -95,7 +95,7 @@ PERIOD = 0.1
 """Between two images [s]."""
 
 
-def _best_of(cell: Cell, task: str) -> Study | None:
+def _best_of(cell: Cell, task: str) -> Analysis | None:
     """The first-ranked candidate; None if there is none."""
     found = {}
     for candidate in read_task(task, cell.workspace).candidates:

@@ -24,7 +24,7 @@ from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.run.start import Simulation, slip_at
-from sqrp_cli.study.assessment import Study, study
+from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
 from sqrp_cli.study.sampling import Adaptive
@@ -85,7 +85,7 @@ def _tally(slips: Sequence[Sequence[float]]) -> tuple[str, bool]:
     return f"{words}: {100 * (ratio - 1):+.1f} % (standard error {100 * error:.1f})", good
 
 
-def _compared(way: Study, x: float, report: RunReport) -> Iterator[list[float]]:
+def _compared(way: Analysis, x: float, report: RunReport) -> Iterator[list[float]]:
     """Measured, mean and worst delay of a slip at time x [s] of the motion that came true and must be seen."""
     record = next((fault for fault in report.faults if fault.injected is not None), None)
     onset = way.onsets[FAULT][0]
@@ -99,7 +99,7 @@ def _compared(way: Study, x: float, report: RunReport) -> Iterator[list[float]]:
             yield [np.inf if record.detected is None else record.detected - record.happened, found.mean, found.worst]
 
 
-def _program(cell: Cell, way: Study) -> Program:
+def _program(cell: Cell, way: Analysis) -> Program:
     """The program of a way, which stops at the first alarm."""
     full = study(cell, way.candidate, cell.initial_world, Adaptive(), full=True)
     assert not isinstance(full, Infeasible)

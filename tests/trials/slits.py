@@ -18,7 +18,7 @@ from sqrp_cli.geometry import Array, Mask, box_corners, look_at, matrix_to_quate
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.skill.target_box import TargetBox
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import average_quality
 from sqrp_cli.study.sampling import MAX_STEP, Adaptive
@@ -54,7 +54,7 @@ class Slit(NamedTuple):
     """Poses in the world, shape (4, 4), and sizes, shape (3,) [m]."""
 
 
-def _study_of(cell: Cell) -> Study | None:
+def _study_of(cell: Cell) -> Analysis | None:
     """The fastest way of the first candidate of the task that can be done; None if there is none."""
     for candidate in read_task(TASK, cell.workspace).candidates:
         found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
@@ -63,7 +63,7 @@ def _study_of(cell: Cell) -> Study | None:
     return None
 
 
-def _watched_box(study: Study) -> TargetBox:
+def _watched_box(study: Analysis) -> TargetBox:
     """The only box that matters: that of what the tool holds."""
     (target,) = study.targets
     (sought,) = target.boxes
@@ -81,7 +81,7 @@ def every_step(stage: Stage) -> Samples:
     return Samples(np.concatenate(piece), np.concatenate(t))
 
 
-def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Study, str] | None:
+def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Analysis, str] | None:
     """The cell of a seed, the way in which its task is done, if it can be, and what its detector needs of the box."""
     rng = np.random.default_rng([seed, 27])
     random_cell(folder, Crowd(seed, objects=3, cameras=1))

@@ -223,7 +223,7 @@ class OpenProgram:
         """
         from sqrp_cli.ask.api.session import Session
         from sqrp_cli.motion.cell import Cell
-        from sqrp_cli.study.pipeline import Assignment
+        from sqrp_cli.study.pipeline import RankJob
         from sqrp_cli.study.program_update import candidate_of
         from sqrp_cli.study.ranking import rank
         from sqrp_cli.study.whole_study import StepShown, worst_seen
@@ -236,7 +236,7 @@ class OpenProgram:
             upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
             raise bad_option(f"{option} is {step}, but {self.path} has {upto}")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
-        assignment = Assignment(cell=cell, world=chosen.before)
+        assignment = RankJob(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
         ranking = rank([assignment.assess(candidate)], "q_eoi")

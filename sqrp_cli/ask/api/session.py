@@ -17,7 +17,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explain import study_shown
 from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
 from sqrp_cli.study.assessment import study
-from sqrp_cli.study.pipeline import Assignment, Explained, assess_all, described, recalibrated, sampling_done
+from sqrp_cli.study.pipeline import Explained, RankJob, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult, Ranking
@@ -38,7 +38,7 @@ class Session:
     """A task in a cell."""
 
     task: Task
-    assignment: Assignment
+    assignment: RankJob
 
     @property
     def workspace(self) -> Workspace:
@@ -66,7 +66,7 @@ class Session:
         task = read_task(ask.task, cell.workspace, world.facts)
         if inquiry.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
-        return cls(task, Assignment(**vars(inquiry), cell=cell, world=world))
+        return cls(task, RankJob(**vars(inquiry), cell=cell, world=world))
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""

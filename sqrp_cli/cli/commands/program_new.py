@@ -20,7 +20,7 @@ from sqrp_cli.show.documents.checks import PlannedStep
 from sqrp_cli.show.documents.programs import ProgramDocument
 from sqrp_cli.show.terminal.cell_tables import print_suggested
 from sqrp_cli.show.terminal.console import Column, ask, note, print_problems, print_table, progress, say
-from sqrp_cli.study.pipeline import Assignment
+from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.feasibility import Possibility, possibilities
 from sqrp_cli.task.task import Task, read_task
@@ -134,7 +134,7 @@ class _Dialog:
 
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
-        session = Session(task, Assignment(cell=self.cell, world=self.world))
+        session = Session(task, RankJob(cell=self.cell, world=self.world))
         ranking = session.ranking(list(assess(session, cores(), progress)), RankRequest(task.text))
         say()
         ranking.show(all_rows=True)

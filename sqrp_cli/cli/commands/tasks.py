@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sqrp_cli.search.advice_result import AdviceDocument
     from sqrp_cli.show.documents.checks import Check
     from sqrp_cli.show.documents.explanation import Explanation
-    from sqrp_cli.study.assessment import Study
+    from sqrp_cli.study.assessment import Analysis
     from sqrp_cli.study.result import CandidateResult, Ranking
 
 
@@ -298,7 +298,7 @@ def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path |
     say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
 
 
-def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
+def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
     from sqrp_cli.show.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
     from sqrp_cli.show.terminal.console import note, progress

@@ -13,7 +13,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, bad_option, expected_names, first_names
 from sqrp_cli.field.audit.footage import FolderFootage, Frame, ImageFiles, planned_at
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
@@ -241,10 +241,10 @@ class JointTracks:
             known &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
         return known
 
-    def span(self, names: Collection[str]) -> Stretch:
+    def span(self, names: Collection[str]) -> TimeInterval:
         """When all of some joints are known."""
         tracks = [self._tracks[name][0] for name in names]
-        return Stretch(max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks))
+        return TimeInterval(max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks))
 
 
 class FoundMotion(NamedTuple):
@@ -284,7 +284,7 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
                 message = f"{early}; expected at least {least}"
             raise bad_input("other-motion", message, Place(path))
         fits.append(fit)
-        left = Stretch(fit.start + 0.5 * step.time, known.end)
+        left = TimeInterval(fit.start + 0.5 * step.time, known.end)
     runs, t = -1, -np.inf
     while t < np.inf:  # all steps once more, one after the other, until one is not there
         runs += 1
@@ -301,7 +301,9 @@ class _Fit(NamedTuple):
     all_starts: Sequence[float]
 
 
-def _best_start(step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: Stretch) -> _Fit:
+def _best_start(
+    step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: TimeInterval
+) -> _Fit:
     """The first start of a step from which on the robot follows it for the longest time.
 
     So a retry after a fault is not taken for it, which follows other ways to where it begins. It is then refined to

@@ -116,8 +116,8 @@ def held_out(looks: DetectorLooks, detector: Detector) -> Array:
 
 def tell(curve: Curve, looks: DetectorLooks, detector: Detector) -> Array:
     """How likely each look sees (n,), by a curve and the limits that it keeps."""
-    gates = replace(detector, curve=curve).gates
-    passed: Mask = ~np.any(list(_failed(gates, looks.sights).values()), axis=0)
+    hard_limits = replace(detector, curve=curve).hard_limits
+    passed: Mask = ~np.any(list(_failed(hard_limits, looks.sights).values()), axis=0)
     return np.where(passed, curve.probability(looks.sights), 0.0)
 
 

@@ -28,7 +28,7 @@ from sqrp_cli.show.documents.explanation import (
     Verdict,
 )
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, cause_totals
 from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
@@ -38,7 +38,7 @@ from sqrp_cli.study.sampling import Sampling
 
 
 def study_shown(
-    cell: Cell, study: Study | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
+    cell: Cell, study: Analysis | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
 ) -> CandidateStudy:
     """A candidate with everything computed about it; study: None if it is infeasible.
 
@@ -76,7 +76,7 @@ def study_shown(
             from_fields(Formula, one, one.operator, literals=[str(literal) for literal in one.operator.literals])
             for one in study.formulas
         ],
-        cameras={one.name: CameraTiming(rate=one.rate, latency=one.lag) for one in cell.observer.cameras},
+        cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, study),
         recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
         sights=sights,
@@ -89,7 +89,7 @@ def study_shown(
     )
 
 
-def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample]:
+def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sample]:
     """Every sample with all verdicts; views: None to leave out those of single boxes."""
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
@@ -117,7 +117,7 @@ def _samples(cell: Cell, study: Study, views: HiddenViews | None) -> list[Sample
 
 def _coverage(
     cell: Cell,
-    study: Study,
+    study: Analysis,
     column: int,
     X_WF: Mapping[str, Array],
     views: HiddenViews | None,

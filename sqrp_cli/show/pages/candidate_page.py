@@ -27,7 +27,7 @@ from sqrp_cli.show.pages.assembly import (
     solid_colors,
     write_page,
 )
-from sqrp_cli.study.pipeline import Assignment, Explained
+from sqrp_cli.study.pipeline import Explained, RankJob
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.version import __version__
 
@@ -44,7 +44,7 @@ Result = TypeVar("Result")
 
 
 def write_ranking(
-    found: Ranking, assignment: Assignment, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+    found: Ranking, assignment: RankJob, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
     cell, candidates = assignment.cell, found.candidates
@@ -97,7 +97,7 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
     if scored.workspace is None or all(score.best is None for score in scores):
         return None, [_score(score, None, None) for score in scores]
     cell = Cell.load(scored.workspace, means.seed)
-    assignment = Assignment(means.sampling, cell=cell, world=cell.initial_world)
+    assignment = RankJob(means.sampling, cell=cell, world=cell.initial_world)
     details = [None if score.best is None else playback(assignment, assignment.explain(score.best)) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
@@ -150,12 +150,12 @@ def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, p
             advance(1)
 
 
-def playback(assignment: Assignment, explained: Explained) -> str | None:
+def playback(assignment: RankJob, explained: Explained) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
     return packed(played(assignment, explained)) if explained.steps else None
 
 
-def played(assignment: Assignment, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
+def played(assignment: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `study_shown`."""
     cell, sampling = assignment.cell, assignment.sampling
     studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]

@@ -16,7 +16,7 @@ from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
-from sqrp_cli.study.pipeline import Assignment, described, sampling_done
+from sqrp_cli.study.pipeline import RankJob, described, sampling_done
 from sqrp_cli.study.result import CandidateResult
 
 
@@ -25,7 +25,7 @@ class _Row(NamedTuple):
 
     row: PageRow  # without figures, cell and playback
     found: CandidateResult
-    assignment: Assignment  # the cell and the world with the change
+    assignment: RankJob  # the cell and the world with the change
 
 
 def write_advice(
@@ -59,7 +59,7 @@ def write_advice(
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
 
-def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
+def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[_Row]:
     """The candidate as it is, then with each change."""
     before = document.start
     several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
@@ -78,7 +78,7 @@ def _rows(document: AdviceDocument, assignment: Assignment) -> Iterator[_Row]:
         yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
 
 
-def studied(row: PageRow, found: CandidateResult, assignment: Assignment, goal: Goal | None) -> PageRow:
+def studied(row: PageRow, found: CandidateResult, assignment: RankJob, goal: Goal | None) -> PageRow:
     """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
@@ -97,7 +97,7 @@ def write_placement(
 ) -> None:
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
     question, goal = document.question, document.question.requirements.goal
-    assignment = Assignment(question.sampling, cell=document.cell, world=question.world)
+    assignment = RankJob(question.sampling, cell=document.cell, world=question.world)
     several = len(document.tasks) > 1
 
     def named(task: str, candidate: str) -> tuple[str, dict[str, str]]:

@@ -24,7 +24,7 @@ from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.study.assessment import Study
+from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failures
 from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
@@ -55,7 +55,7 @@ def check_pictures(folder: Path) -> None:
         raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
 
 
-def blind_intervals(study: Study) -> Iterator[BlindInterval]:
+def blind_intervals(study: Analysis) -> Iterator[BlindInterval]:
     """The stretches of a candidate's motion in which a state is not covered."""
     timeline = study.timeline
     t = timeline.samples.t
@@ -65,7 +65,7 @@ def blind_intervals(study: Study) -> Iterator[BlindInterval]:
         yield BlindInterval(start, end, row, float(t[row]))
 
 
-def write_pictures(cell: Cell, study: Study, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
+def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
     """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
 
     advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
@@ -94,14 +94,14 @@ def write_pictures(cell: Cell, study: Study, folder: Path, advance: Callable[[],
     return len(sheet)
 
 
-def folder_of(study: Study, folder: Path) -> Path:
+def folder_of(study: Analysis, folder: Path) -> Path:
     """Where the pictures of a candidate go if there are several."""
     return folder / _file_name(study.candidate.name)
 
 
 def _picture(
     cell: Cell,
-    study: Study,
+    study: Analysis,
     interval: BlindInterval,
     states: SceneStates,
     photographer: Photographer,
