@@ -1,7 +1,7 @@
 """Shapes, and the solid parts that they make up.
 
 Every shape but a mesh computes its extents, its triangles, whether it contains a point, and a shrunk copy. The file of
-a mesh is read where it is needed: `programming.sensing.solids` and `runtime.robot_body`.
+a mesh is read where it is needed: `sight.solids` and `run.robot_body`.
 """
 
 from __future__ import annotations
