@@ -16,6 +16,7 @@ import os
 import shlex
 import shutil
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,6 +27,8 @@ from sqrp_cli.show.terminal import progress_lines
 from tests.cells import ROOT
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
+PLACES = {sysconfig.get_path("purelib"): "SITE", str(ROOT): "ROOT"}
+"""What paths of this machine are called."""
 
 DOCUMENTS = {
     f"{command}-{cell}": (command, ROOT / "workspaces" / cell, *([task] if command == "rank" else []), "--json")
@@ -80,6 +83,13 @@ WORDS: dict[str, Callable[..., Any]] = {
 """What can be done with files; texts have `\\n` for the end of a line."""
 
 
+def placeless(text: str) -> str:
+    """A text that is the same on every machine."""
+    for path, name in PLACES.items():
+        text = text.replace(path, name)
+    return text
+
+
 def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator[str]:
     """The lines of a section as they are now; where a command is refused, every file must be as it was."""
     shutil.copytree(ROOT / "tests" / "cases" / "watch", folder / "watch")
@@ -87,7 +97,7 @@ def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator
     (folder / "cases").symlink_to(ROOT / "tests" / "cases")
 
     def plain(text: str) -> list[str]:
-        return text.replace(str(folder.resolve()), "FOLDER").replace(str(ROOT), "ROOT").splitlines()
+        return placeless(text.replace(str(folder.resolve()), "FOLDER")).splitlines()
 
     def files() -> dict[Path, bytes]:
         return {one: one.read_bytes() for one in Path().rglob("*") if one.is_file() and not one.is_symlink()}
@@ -121,7 +131,7 @@ def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator
 
 def document(name: str, sqrp: Callable[..., Any]) -> Any:
     """What a command prints, with paths as they are everywhere."""
-    return json.loads(sqrp(*DOCUMENTS[name]).out.replace(str(ROOT), "ROOT"))
+    return json.loads(placeless(sqrp(*DOCUMENTS[name]).out))
 
 
 def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:

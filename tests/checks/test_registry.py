@@ -42,7 +42,7 @@ OF_OTHERS = {SOURCE / "logic" / "unified_planner.py"}
 """Files in which `Problem` may be that of another library, if its first argument is a single word."""
 UNKNOWN = {
     "read_skill.py": ("skill-parameter", "waypoint", "predicate"),
-    "srdf.py": ("link", "joint", "group"),
+    "moveit.py": ("link", "joint", "group"),
     "check.py": ("skill", "object", "camera"),
     "load.py": ("frame", "object", "enclosed", "detector"),
     "labelled.py": ("detector", "camera", "object"),

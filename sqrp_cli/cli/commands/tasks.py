@@ -193,7 +193,7 @@ class _WaysParser(ParsedCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
         """Read the words of the command, with `all` after a `--ways` that no value follows, not even a misspelt one."""
         words: list[str] = []
-        for word, following in zip(args, [*args[1:], ""], strict=True):
+        for word, following in zip(args, [*args[1:], ""], strict=False):
             words.append(word)
             is_value = following in _WAYS or (nearest(following, _WAYS) is not None and not Path(following).exists())
             if word == "--ways" and not is_value:
