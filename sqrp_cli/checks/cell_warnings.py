@@ -27,7 +27,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
-from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive, first_samples
 from sqrp_cli.task.candidate import Candidate
@@ -200,7 +200,7 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
         motion = feasible_motion(cell, step, world)
         if isinstance(motion, Infeasible):
             return
-        scene = rehearsal(cell, step, world, motion)
+        scene = planned_motion(cell, step, world, motion)
         sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
         X_WF = scene.stage.states(sampled).X_WF
         for camera, solid in product(list(left.values()), cell.observer.solids):

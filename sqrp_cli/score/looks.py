@@ -16,7 +16,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, seen_by
-from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
 
@@ -34,7 +34,7 @@ class LookJob(Job):
         motion = feasible_motion(cell, self.candidate, cell.initial_world)
         if isinstance(motion, Infeasible):
             raise ValueError(f"{self.candidate.name} was feasible a moment ago")
-        scene = rehearsal(cell, self.candidate, cell.initial_world, motion)
+        scene = planned_motion(cell, self.candidate, cell.initial_world, motion)
         way = replace(judged(cell, self.task, self.candidate, scene), samples=self.samples)
         return as_line(seen_by(cell, way, self.places))
 

@@ -250,7 +250,7 @@ class AdviceDocument(TaskDocument):
     """True if Ctrl-C came before all kinds were searched."""
 
     session: Any = live()
-    """The `api.advice.Advised` that found it, with the workspace file."""
+    """The `api.advice.AdvisedCell` that found it, with the workspace file."""
     start: CandidateResult = live()
     """What `before` is about."""
 

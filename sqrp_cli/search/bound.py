@@ -140,7 +140,7 @@ class CameraBound:
         decisive = None if all_items else self._decisive[self._row]
         items = self.targets, self.states, self._row, self._target
         sees = self._about[0].observer.seen_from(lenses, X_FC, *items, decisive=decisive, limits_only=limits_only)
-        sees = sees.reshape(-1, len(self._row))
+        sees = sees.reshape(len(lenses) * len(X_FC), len(self._row))  # no column where the others see all
         covered = np.tile(~self._hopeless, (len(sees), 1))
         pose, item = np.nonzero(~sees)
         covered[pose, self._row[item]] = False

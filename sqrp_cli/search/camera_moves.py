@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
+from sqrp_cli.figures import falls_short
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
 from sqrp_cli.records import dataclass
@@ -246,7 +247,7 @@ class CameraMove:
             observer = change.in_cell(question.cell).observer
             timelines = [observe(step, observer, question.sampling, full=False) for step in self.base.about]
             quality = mean_quality([(interest_quality(timeline), timeline.T_eoi) for timeline in timelines])
-            met = (quality or 0.0) >= (question.goal.q_eoi or 0.0)
+            met = not falls_short(quality or 0.0, question.goal.q_eoi or 0.0)
         else:
             study = self.study(change)
             timelines, met = [step.timeline for step in study.steps], question.goal.met(study.assessment)

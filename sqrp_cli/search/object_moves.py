@@ -18,7 +18,7 @@ from sqrp_cli.search.question import Found, Question
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import with_delays
 from sqrp_cli.study.in_the_way import hidden_views, to_move
-from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_study, whole_watched
+from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_observed, whole_study
 from sqrp_cli.task.task import Candidate
 
 MOST_OBJECTS = 3
@@ -67,7 +67,7 @@ class ObjectMove:
             question, met = self.question, False
             if change.size and self._fits(change):
                 cell, world = question.cell, change.in_world(question.world)
-                seen = whole_watched(cell, self.way, world, question.sampling, full=False)
+                seen = whole_observed(cell, self.way, world, question.sampling, full=False)
                 if not isinstance(seen, Infeasible) and question.goal.may_be_met(qualities_of(seen)):
                     time = sum(step.motion.time for step in seen)
                     if question.goal.time is None or time <= question.goal.time:

@@ -34,7 +34,7 @@ from sqrp_cli.search.sites import (
     varied,
     view_batches,
 )
-from sqrp_cli.study.assessment import Analysis, Observed, all_watched, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_observed, with_delays
 from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
@@ -229,7 +229,7 @@ class VisibilityTable:
         if spare:
             more = [[replace(one, cameras=one.cameras + spare) for one in scene.targets] for scene in scenes]
             scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
-        return all_watched(self.cell_with(cameras), scenes, self.question.sampling, full=False)
+        return all_observed(self.cell_with(cameras), scenes, self.question.sampling, full=False)
 
     def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Observed]) -> list[Analysis]:
         """The same with how late faults are noticed."""

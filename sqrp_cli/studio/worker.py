@@ -35,7 +35,7 @@ from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Choose, Hold, Question, Rank, findings, message
 from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.sketch import Sketch, Steps
-from sqrp_cli.study.assessment import rehearsal
+from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.find import Plans, WantedWay
 from sqrp_cli.study.pipeline import RankJob, described
 from sqrp_cli.study.program_update import world_after
@@ -346,7 +346,7 @@ def _steps(cell: Cell, assessment: CandidateResult) -> Steps | None:
 def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
     """The motion of a way in a cell, from a world."""
     motion = feasible_motion(cell, way, world)
-    return motion if isinstance(motion, Infeasible) else Sketch.of(cell, rehearsal(cell, way, world, motion))
+    return motion if isinstance(motion, Infeasible) else Sketch.of(cell, planned_motion(cell, way, world, motion))
 
 
 def _track(sketch: Sketch) -> Mapping[str, object]:

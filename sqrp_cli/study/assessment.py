@@ -131,10 +131,10 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     motion = feasible_motion(cell, candidate, world)
     if isinstance(motion, Infeasible):
         return motion
-    return observed(cell, rehearsal(cell, candidate, world, motion), sampling, full=full)
+    return observed(cell, planned_motion(cell, candidate, world, motion), sampling, full=full)
 
 
-def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
+def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
     """A candidate with its motion from `world`, and what must be seen when."""
     workspace, model = cell.workspace, cell.model
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
@@ -166,10 +166,10 @@ def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) ->
 
 def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
     """What the cameras see of a motion; see `study`."""
-    return with_delays(cell, all_watched(cell, [scene], sampling, full=full), sampling)[0]
+    return with_delays(cell, all_observed(cell, [scene], sampling, full=full), sampling)[0]
 
 
-def all_watched(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, full: bool) -> list[Observed]:
+def all_observed(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, full: bool) -> list[Observed]:
     """As `observed` of each of several motions, without delays."""
     for scene in scenes:
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:

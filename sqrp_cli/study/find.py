@@ -17,7 +17,7 @@ from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, Observed, all_watched, rehearsal, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
@@ -209,9 +209,9 @@ class Plans:
     def observed(self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
         """What is seen of some of the planned ways; observed at the first time, if that is kept."""
         if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
-            return all_watched(cell, scenes, sampling, full=False)
+            return all_observed(cell, scenes, sampling, full=False)
         missing = [scene for scene in scenes if id(scene) not in self._seen]
-        self._seen |= zip(map(id, missing), all_watched(cell, missing, sampling, full=False), strict=True)
+        self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
         return [self._seen[id(scene)] for scene in scenes]
 
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
@@ -225,7 +225,7 @@ def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
     """The fastest branch of a candidate with its first grip, planned: its way with `--ways fastest`."""
     way = first_grip(candidate)
     motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
-    return _Planned(1, motion if isinstance(motion, Infeasible) else [rehearsal(cell, way, world, motion)])
+    return _Planned(1, motion if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)])
 
 
 def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
@@ -240,7 +240,7 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
         tried, reasons = tried + (1 if grip.branch else branches.tried), [*reasons, branches.reasons]
         stated = (found for found in branches.feasible if {**found.branch, **grip.branch} == found.branch)
         ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
-        scenes += [rehearsal(cell, way, world, motion) for way, motion in ways]
+        scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
     none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
     return _Planned(tried, scenes or none)
 

@@ -69,7 +69,7 @@ class StepDone:
     """None if it is infeasible."""
 
 
-_known: WeakKeyDictionary[World, dict[tuple[str, ...], StepDone]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, dict[tuple[str, ...], StepDone]]] = WeakKeyDictionary()
 """Steps that several candidates share, by the world that they start from."""
 
 
@@ -124,8 +124,8 @@ class RankJob(RankSettings):
         for step in candidate.steps:
             if before is None:
                 break
-            key = (str(id(self.cell)), step.skill.name, repr(step.all_parameters), *asked)
-            known = _known.setdefault(before, {})
+            key = (step.skill.name, repr(step.all_parameters), *asked)
+            known = _known.setdefault(before, WeakKeyDictionary()).setdefault(self.cell, {})
             if key not in known:
                 assessment = replace(self, world=before, plans=None).assess(step)
                 known[key] = StepDone(assessment, before, world_left(self.cell, assessment, before))

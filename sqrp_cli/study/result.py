@@ -80,7 +80,7 @@ class WaysFound(Record):
 class CandidateResult(Figures):
     """What is found of one candidate; of an infeasible one no figures.
 
-    Its words are those of `ranking.described`: they are empty before something is to be shown. Fields made with `live`
+    Its words are those of `pipeline.described`: they are empty before something is to be shown. Fields made with `live`
     are known only in the process that assessed it.
     """
 

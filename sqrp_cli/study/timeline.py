@@ -150,7 +150,7 @@ class PlannedMotion(ObservationRequest):
 
 @dataclass(frozen=True, eq=False)
 class SampledScene:
-    """A rehearsal at m samples, where all cameras look."""
+    """A planned motion at m samples, where all cameras look."""
 
     scene: PlannedMotion
     samples: Samples

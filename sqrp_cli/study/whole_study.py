@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Figures, Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, Observed, all_watched, rehearsal, with_delays
+from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.quality import average_quality, interest_quality
 from sqrp_cli.study.result import CandidateResult
@@ -157,13 +157,13 @@ def whole_study(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> WholeAnalysis | Infeasible:
     """Study a way that starts in `world`, of one step or several; see `study`."""
-    watched = whole_watched(cell, way, world, sampling, full=full)
+    watched = whole_observed(cell, way, world, sampling, full=full)
     if isinstance(watched, Infeasible):
         return watched
     return WholeAnalysis(way, tuple(with_delays(cell, watched, sampling)))
 
 
-def whole_watched(
+def whole_observed(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> tuple[Observed, ...] | Infeasible:
     """The steps of `whole_study` without delays, which take as long as all the rest."""
@@ -172,7 +172,7 @@ def whole_watched(
         motion = feasible_motion(cell, step, world)
         if isinstance(motion, Infeasible):
             return Infeasible(reasons_of_step(way, len(done) + 1, motion.reasons), motion.tried)
-        done += all_watched(cell, [rehearsal(cell, step, world, motion)], sampling, full=full)
+        done += all_observed(cell, [planned_motion(cell, step, world, motion)], sampling, full=full)
         if len(done) < len(way.steps):
             world = world_after(step, motion, world)
     return tuple(done)

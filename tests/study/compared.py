@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
-from sqrp_cli.study.assessment import Analysis, observed, rehearsal, study
+from sqrp_cli.study.assessment import Analysis, observed, planned_motion, study
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import average_quality
 from sqrp_cli.study.robustness import Calibration, perturbed
@@ -72,7 +72,7 @@ class Compared:
             if found.trajectory is not None:
                 others[space.move.primitive] = found.trajectory
         motion = with_trajectories(cell, direct, others)
-        scene = rehearsal(cell, direct.candidate, direct.world, motion)
+        scene = planned_motion(cell, direct.candidate, direct.world, motion)
         return observed(cell, scene, Adaptive(), full=False)
 
     def off(self, calibration: Calibration, draw: int) -> Compared:

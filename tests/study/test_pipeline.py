@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import gc
+from dataclasses import replace
+
 import pytest
 
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform import processes
+from sqrp_cli.study import pipeline
+from sqrp_cli.study.find import WantedWay
 from sqrp_cli.study.pipeline import WORTH_A_PROCESS, RankJob, assess_all
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -38,3 +43,18 @@ def test_a_few_candidates_of_one_way_each_stay_in_one_process(tabletop, monkeypa
     assert len(list(assess_all(assignment, few, 2))) == len(few)
     with pytest.raises(AssertionError):
         list(assess_all(assignment, read_task("pickup green", cell.workspace).candidates, 2))
+
+
+def test_steps_that_are_kept_for_a_cell_go_with_it(tabletop):
+    """Another cell may stand at the same address later, with other cameras."""
+    cell = Cell.load(tabletop)
+    world = cell.initial_world
+    candidate = read_task("pickup g2 then place g2 crate", tabletop, world.facts).candidates[0]
+    name, camera = next(iter(tabletop.cameras.items()))
+    other = cell.seen_by(replace(tabletop, cameras={name: camera}))
+    RankJob(cell=other, world=world, sampling=FixedCount(5), wanted=WantedWay(fastest=True)).assess(candidate)
+    assert other in pipeline._known[world]
+    cells = len(pipeline._known[world])
+    del other
+    gc.collect()
+    assert len(pipeline._known[world]) == cells - 1
