@@ -348,7 +348,7 @@ _PLAIN: Mapping[str, Callable[[Studio], None]] = {
 
 def _program_file(name: str) -> Path:
     """The file of a program. Raises InputError for a name that is none of a YAML file."""
-    if not name.endswith(YAML_ENDINGS):
+    if not name.endswith(YAML_ENDINGS) or not name.isprintable():
         raise bad_option(f"found `{name}`, expected a file of a program, such as pick.yaml")
     return Path(name)
 
