@@ -180,6 +180,8 @@ class Baseline(FileRecord):
         try:
             text = read_text(path, MAX_BYTES)
             data = parse_json(path, text)
+            if isinstance(data, dict) and isinstance(data.get("document"), str):
+                raise bad_input("bad-baseline", f"it is a result of `sqrp {data['document']}`", Place(path))
             try:
                 baseline = TypeAdapter(Baseline).validate_python(data)
             except ValidationError as error:
