@@ -42,7 +42,7 @@ ROOMS = {
     "checks": ("checks", 1_374),
     "run": ("run", 8_179),
     "field": ("field ros", 3_218),
-    "score": ("score", 2_437),
+    "score": ("score", 2_439),
     "show": ("show", 5_040),
     "ask": ("ask cli __init__ __main__", 5_447),
     "studio": ("studio", 2_050),
