@@ -38,7 +38,7 @@ ROOMS = {
     "motion": ("motion", 2_883),
     "sight": ("kernel sight", 1_501),
     "study": ("study", 4_601),
-    "search": ("search", 4_744),
+    "search": ("search", 4_746),
     "checks": ("checks", 1_374),
     "run": ("run", 8_179),
     "field": ("field ros", 3_218),

@@ -35,7 +35,7 @@ from sqrp_cli.search.placing_result import (
     WithFewer,
     proof_in_words,
 )
-from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, pairs_apart, seen_by
+from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, seen_by, touching_pairs
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
 from sqrp_cli.study.assessment import Analysis, Observed
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
@@ -449,7 +449,7 @@ def refined(
 
     def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
         spot = place.spot
-        apart = not any(True for other in rest for _ in pairs_apart([spot, other.spot]))
+        apart = not any(True for other in rest for _ in touching_pairs([spot, other.spot]))
         return apart and not any(blocked(cell, way.swept, [spot])[0] for way in ways)
 
     present = worth(seen)

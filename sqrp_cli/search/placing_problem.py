@@ -133,7 +133,7 @@ class Rows:
             self.needed.append(needed)
         return self.numbers[key]
 
-    def weaker(self, rows: Iterable[int]) -> tuple[int, ...]:
+    def hardest(self, rows: Iterable[int]) -> tuple[int, ...]:
         """Rows without those that are covered whenever another one of them is; only `NEVER` if that is among them."""
         some = sorted(set(rows))
         if NEVER in some:
@@ -245,7 +245,7 @@ def covered_way(
     for span in spans:
         columns = np.flatnonzero(item[span[0]] != NEVER).tolist()
         if columns and t[span[1]] > t[span[0]]:
-            key = rows.weaker(row(span, column, np.inf) for column in columns)
+            key = rows.hardest(row(span, column, np.inf) for column in columns)
             step, (seconds, of_interest) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
             groups[key] = seconds + step, of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest
     asked, watched = watched_faults(scene)
@@ -269,7 +269,7 @@ def covered_way(
             begin = np.array([t[first] for first, _ in spans])
 
             def needed(span: tuple[int, int], tier: float, known: Sequence[int] = known) -> tuple[int, ...] | None:
-                found = rows.weaker(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
+                found = rows.hardest(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
                 return None if NEVER in found else found
 
             faults.append(

@@ -333,7 +333,7 @@ class PlacementProgram:
             if not may:
                 return False
         for taken, rows in demanded.items():
-            for row in problem.rows.weaker(rows):
+            for row in problem.rows.hardest(rows):
                 still, seen = self._still_needed(row)
                 if still > 0:
                     unless = {} if taken is None else {taken: -float(still)}

@@ -210,7 +210,7 @@ def blocked(cell: Cell, states: SceneStates, spots: Sequence[Spot]) -> Mask:
     return found
 
 
-def pairs_apart(spots: Sequence[Spot]) -> Iterator[tuple[int, int]]:
+def touching_pairs(spots: Sequence[Spot]) -> Iterator[tuple[int, int]]:
     """The pairs of places in one frame at which the bodies of two cameras would touch each other."""
     places, radii = np.stack([spot.position for spot in spots]), np.array([0.5 * spot.entry.body for spot in spots])
     frames = np.unique([spot.frame for spot in spots], return_inverse=True)[1]

@@ -29,8 +29,8 @@ from sqrp_cli.search.sites import (
     installations_at,
     judged,
     middle_of,
-    pairs_apart,
     seen_locally,
+    touching_pairs,
     varied,
     view_batches,
 )
@@ -71,7 +71,7 @@ class VisibilityTable:
         self.question, self._progress = question, progress
         self.spots = list(question.mounts.spots)  # the sites: places on mounts, then those of the cameras that stay
         self.options, self.kept = list[Installation](), list[int]()
-        """Every pose at every site; with every lens that fits; of these, by index, the cameras that stay."""
+        """Every pose at every site with every lens that fits, and which of these, by index, are cameras that stay."""
         self.site: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
         self.ways: list[JudgedWay] = []
         self.plans = Plans()  # all ways of the candidates
@@ -126,7 +126,9 @@ class VisibilityTable:
             self.options.append(Installation(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), lens))
         number = {id(spot): index for index, spot in enumerate(self.spots)}
         self.site = np.array([number[id(option.spot)] for option in self.options], dtype=np.int64)
-        self.beside = {one: self.spots[other].name for one, other in pairs_apart(self.spots) if one < mounted <= other}
+        self.beside = {
+            one: self.spots[other].name for one, other in touching_pairs(self.spots) if one < mounted <= other
+        }
 
     def judge(self) -> None:
         """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
@@ -180,7 +182,7 @@ class VisibilityTable:
             price=np.array(prices),
             alone=self._alone(),
             kept=frozenset(self.kept),
-            apart=frozenset(pairs_apart(self.question.mounts.spots)),
+            apart=frozenset(touching_pairs(self.question.mounts.spots)),
             blocked=frozenset(
                 (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
             ),

@@ -203,7 +203,7 @@ class Plans:
 
     def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
         """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
-        self._known: dict[int, tuple[Candidate, _Planned]] = {}
+        self._known: dict[tuple[int, bool], tuple[Candidate, _Planned]] = {}
         self._sights, self._seen = sights, dict[int, Observed]()
 
     def observed(self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
@@ -216,9 +216,9 @@ class Plans:
 
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
         """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""
-        if id(candidate) not in self._known:
-            self._known[id(candidate)] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
-        return self._known[id(candidate)][1]
+        if (key := (id(candidate), fastest)) not in self._known:
+            self._known[key] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
+        return self._known[key][1]
 
 
 def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
