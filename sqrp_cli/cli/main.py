@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from sqrp_cli.cli.streams import ResultsLost, prepare_streams
 from sqrp_cli.platform.interrupts import heed_signals
-from sqrp_cli.platform.memory import collect_later, collect_no_more, keep_freed_memory
+from sqrp_cli.platform.memory import collect_later, collect_no_more
 
 BAD_INPUT = 2
 INTERRUPTED = 130  # as in `ExitCode`, which would take an import
@@ -55,6 +55,5 @@ def _prepare() -> None:
     # What other packages plug into it has no say here, and a look for them takes a while.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     heed_signals()
-    keep_freed_memory()
     collect_later()
     prepare_streams()

@@ -1,33 +1,13 @@
-"""Settings of memory and garbage collection for speed."""
+"""Settings of garbage collection for speed, and giving memory back."""
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import sys
-
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # numbers of mallopt(3)
+from contextlib import suppress
 
 _NEW_OBJECTS, _FIRST_OBJECTS = 20_000, 200_000
 """Number of new lists, dicts and records that triggers a garbage collection; the second while a command starts."""
-
-_LARGEST_KEPT, _KEPT = 32 * 1024 * 1024, 256 * 1024 * 1024
-"""Arrays up to this size (the largest that mallopt takes) use the heap, which keeps as much free memory [bytes]."""
-
-
-def keep_freed_memory() -> None:
-    """Keep the freed memory of arrays in this process, for the next arrays.
-
-    By default the C library returns the memory of large arrays at once, and every new one costs a system call and a
-    page fault per page: a tenth of the time of a candidate, and twice that in workers of Dask (MALLOC_TRIM_THRESHOLD_).
-    Without effect if the C library has no such setting.
-    """
-    import ctypes
-
-    with contextlib.suppress(OSError, AttributeError):
-        library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
-        library.mallopt(_M_TRIM_THRESHOLD, _KEPT)
 
 
 def give_back_memory() -> None:
@@ -35,7 +15,7 @@ def give_back_memory() -> None:
     import ctypes
 
     gc.collect()
-    with contextlib.suppress(OSError, AttributeError):
+    with suppress(OSError, AttributeError):  # other C libraries have no such function
         ctypes.CDLL(None).malloc_trim(0)
 
 
@@ -51,11 +31,6 @@ def keep_all_so_far() -> None:
     """Exclude all present objects from garbage collection, the first time in a process, and collect new ones seldom."""
     if gc.get_freeze_count() == 0:  # later, what is no longer used would be kept, too
         gc.freeze()
-    collect_seldom()
-
-
-def collect_seldom() -> None:
-    """Run Python's garbage collection less often."""
     gc.set_threshold(_NEW_OBJECTS)
 
 

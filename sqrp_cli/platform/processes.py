@@ -22,11 +22,10 @@ from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
 from types import ModuleType
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from sqrp_cli.errors import InputError, Problem, SqrpError, bad_input
-from sqrp_cli.records import dataclass
 
 Context: TypeAlias = ForkContext | ForkServerContext | SpawnContext
 Message = TypeVar("Message")
@@ -98,12 +97,6 @@ class WorkerDied(SqrpError):  # noqa: N818 - what happened, not what is wrong
     """A process ended before it answered, or took too long to answer."""
 
 
-class _Raised(NamedTuple):
-    """The answer of a process that failed."""
-
-    error: Exception
-
-
 class Worker(Generic[Message, Answer]):
     """A process that answers messages one after the other."""
 
@@ -121,6 +114,10 @@ class Worker(Generic[Message, Answer]):
         """
         self.pipe, theirs = context.Pipe()
         """Ready to read when it has answered; to wait for it among other things."""
+        self.own, self.since = deque[int](), 0.0
+        """The messages of a `Pool` that it has and has not answered, by number, and when it began with the first [s]."""
+        self.kind: object = None
+        """Of the last message that it got from a `Pool`."""
         _pipes.add(self.pipe)
         self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=not starts_others)
         # It does not run the caller's script again: it needs nothing of that, and the script may have no guard.
@@ -156,11 +153,11 @@ class Worker(Generic[Message, Answer]):
             self.kill()
             raise WorkerDied("does not answer")
         try:
-            answer = self.pipe.recv()
+            answer, raised = self.pipe.recv()
         except (EOFError, OSError) as error:
             raise WorkerDied("has ended") from error
-        if isinstance(answer, _Raised):
-            raise answer.error
+        if raised is not None:
+            raise raised
         received: Answer = answer
         return received
 
@@ -190,29 +187,18 @@ def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], argum
     for inherited in list(_pipes):  # a reader sees the end of a pipe only when nobody has it open
         inherited.close()
     threading.Thread(target=end_with_parent, daemon=True).start()
-    answer = _tried(prepare, *arguments)
+
+    def tried(work: Callable[..., Any], *given: object) -> tuple[Any, Exception | None]:
+        try:
+            return work(*given), None
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            return None, error
+
+    answer, failed = tried(prepare, *arguments)
     with suppress(EOFError, OSError):
         while True:
-            pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, pipe.recv()))
-
-
-def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 # the result or the exception
-    try:
-        return work(*arguments)
-    except Exception as error:
-        error.add_note(traceback.format_exc())
-        return _Raised(error)
-
-
-@dataclass(eq=False)
-class _Post(Generic[Message, Answer]):
-    """A worker of a pool, with the messages that it has and has not answered, by number."""
-
-    worker: Worker[Message, Answer]
-    own: deque[int]
-    since: float = 0.0
-    """When it began with the first of them [s]."""
-    kind: object = None  # of the last message that it got
+            pipe.send((None, failed) if failed else tried(answer, pipe.recv()))
 
 
 class Pool(Generic[Message, Answer]):
@@ -233,7 +219,7 @@ class Pool(Generic[Message, Answer]):
         """
         self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
         self._deadline, self._ahead = deadline, ahead
-        self._posts = [_Post(self._new(), deque[int]()) for _ in range(count)]
+        self._workers = [self._new() for _ in range(count)]
 
     def map(self, messages: Sequence[Message]) -> Iterator[Answer]:
         """The answer to each message, in order, each as soon as it and those before it are there.
@@ -272,61 +258,60 @@ class Pool(Generic[Message, Answer]):
             if enough():
                 left = {}
             self._hand_out(messages, left)
-            busy = [post for post in self._posts if post.own]
+            busy = [worker for worker in self._workers if worker.own]
             if not busy:
                 return
-            end = min(post.since for post in busy) + self._deadline
-            ready = wait([post.worker.pipe for post in busy], None if end == inf else max(0.0, end - time.monotonic()))
-            for post in busy:
-                late = time.monotonic() - post.since > self._deadline
-                if post.worker.pipe not in ready and not late:
+            end = min(worker.since for worker in busy) + self._deadline
+            ready = wait([worker.pipe for worker in busy], None if end == inf else max(0.0, end - time.monotonic()))
+            for worker in busy:
+                late = time.monotonic() - worker.since > self._deadline
+                if worker.pipe not in ready and not late:
                     continue
-                index = post.own.popleft()
+                index = worker.own.popleft()
                 answer: Answer | Exception
                 try:
-                    answer = post.worker.receive(0.0 if late else inf)
+                    answer = worker.receive(0.0 if late else inf)
                 except Exception as error:
                     answer = error
+                worker.since = time.monotonic()
                 if isinstance(answer, WorkerDied):
-                    for other in reversed(post.own):  # it had not begun with these
-                        left.setdefault(post.kind, deque()).appendleft(other)
-                    post.own.clear()
-                    post.worker.close()
-                    post.worker = self._new()
+                    for other in reversed(worker.own):  # it had not begun with these
+                        left.setdefault(worker.kind, deque()).appendleft(other)
+                    worker.close()
+                    self._workers[self._workers.index(worker)] = self._new()
                     if index not in lost:
                         lost.add(index)
-                        left.setdefault(post.kind, deque()).append(index)
+                        left.setdefault(worker.kind, deque()).append(index)
                         continue
-                post.since = time.monotonic()
                 yield index, answer
 
     def _hand_out(self, messages: Sequence[Message], left: dict[object, deque[int]]) -> None:
         """Give every worker a message, and some in advance while enough are left."""
         while waiting := sum(map(len, left.values())):
-            post = min(self._posts, key=lambda post: len(post.own))
-            if len(post.own) > (self._ahead if waiting > len(self._posts) else 0):
+            worker = min(self._workers, key=lambda worker: len(worker.own))
+            if len(worker.own) > (self._ahead if waiting > len(self._workers) else 0):
                 return
             kinds = [kind for kind, some in left.items() if some]
-            taken = {other.kind for other in self._posts if other.own}
+            taken = {other.kind for other in self._workers if other.own}
             free = next((kind for kind in kinds if kind not in taken), None)
             longest = max(kinds, key=lambda kind: len(left[kind])) if free is None else free
-            post.kind = post.kind if left.get(post.kind) else longest
-            if not post.own:
-                post.since = time.monotonic()
-            post.own.append(left[post.kind].popleft())
-            post.worker.send(messages[post.own[-1]])
+            worker.kind = worker.kind if left.get(worker.kind) else longest
+            if not worker.own:
+                worker.since = time.monotonic()
+            worker.own.append(left[worker.kind].popleft())
+            worker.send(messages[worker.own[-1]])
 
     def kill(self) -> None:
         """End them at once."""
-        for post in self._posts:
-            post.worker.kill()
+        for worker in self._workers:
+            worker.kill()
 
     def close(self) -> None:
         """End them, and wait for the end."""
-        for post in self._posts:
-            post.worker.pipe.close()
-        for post in self._posts:
-            post.worker.close()
+        for worker in self._workers:
+            worker.pipe.close()
+        for worker in self._workers:
+            worker.close()
 
 
 def died(computed: str) -> Problem:

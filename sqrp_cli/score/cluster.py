@@ -132,13 +132,12 @@ async def prepare_worker() -> None:
 
 @cache
 def prepare() -> None:
-    """Load the program, and tune the memory management of this process."""
+    """Load the program, and have its objects left out of garbage collection."""
     import sqrp_cli.score.compute  # noqa: F401
-    from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
+    from sqrp_cli.platform.memory import keep_all_so_far
     from sqrp_cli.score.kept import program_digest
 
-    keep_freed_memory()
-    collect_seldom()
+    keep_all_so_far()
     program_digest()
 
 
