@@ -114,10 +114,9 @@ class Worker(Generic[Message, Answer]):
         """
         self.pipe, theirs = context.Pipe()
         """Ready to read when it has answered; to wait for it among other things."""
+        # For a `Pool`: numbers of unanswered messages, when it began with the first [s], and the last one's kind.
         self.own, self.since = deque[int](), 0.0
-        """The messages of a `Pool` that it has and has not answered, by number, and when it began with the first [s]."""
         self.kind: object = None
-        """Of the last message that it got from a `Pool`."""
         _pipes.add(self.pipe)
         self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=not starts_others)
         # It does not run the caller's script again: it needs nothing of that, and the script may have no guard.
