@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.starter.layout import CameraView, Cube, workspace_text
+from sqrp_cli.starter.layout import Cube, Point, workspace_text
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.search import arm_reach
 
@@ -50,7 +50,7 @@ def random_cell(folder: Path, crowd: Crowd) -> Path:
 
     Not every cube is in reach of the arm from every side: some candidates are infeasible, as in real cells.
     """
-    layout = make_starter(folder, None).layout
+    layout = make_starter(folder, None)
     cell = Cell.load(load_workspace(folder))
     reach = arm_reach(cell.model)
     rng = np.random.default_rng(crowd.seed)
@@ -73,7 +73,7 @@ def random_cell(folder: Path, crowd: Crowd) -> Path:
         place = taken.draw(rng, farthest, size / sqrt(2), home, 0.0)
         cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
     places = np.array([cube.position for cube in cubes])
-    views = [_view_of_some(rng, f"cam{index + 1}", base, reach, places) for index in range(crowd.cameras)]
+    views = {f"cam{index + 1}": _view_of_some(rng, base, reach, places) for index in range(crowd.cameras)}
     colors = dict.fromkeys(cube.color for cube in cubes)
     edge = max(farthest + float(np.abs(base).max()), taken.edge)
     side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
@@ -115,28 +115,23 @@ class _Ground:
             farthest *= 1.1
 
 
-def _view_of_some(rng: np.random.Generator, name: str, base: Array, reach: float, places: Array) -> CameraView:
-    """A camera as `_view` draws it that has at least one of the places (n, 3) well inside its image.
+def _view_of_some(rng: np.random.Generator, base: Array, reach: float, places: Array) -> tuple[Point, Point]:
+    """Where a camera on a dome over the cell is, and the place of the work that it looks at, both drawn.
 
-    Where none is drawn, as with few places far out, one that looks at the first of them.
+    At least one of the places (n, 3) is well inside its image; where none is drawn so, as with few places far out, it
+    looks at the first of them.
     """
     for _ in range(DRAWN_VIEWS):
-        view = _view(rng, name, base, reach)
-        eye = np.array(view.position)
-        rays, axis = places - eye, np.array(view.looks_at) - eye
+        turn, height, distance = rng.uniform(-pi, pi), rng.uniform(0.5, 1.2), rng.uniform(0.9, 1.6) * reach
+        around, far = rng.uniform(-pi, pi), rng.uniform(NEAREST, FARTHEST) * reach
+        target = np.array([*(base + far * np.array([np.cos(around), np.sin(around)])), 0.05])
+        ray = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
+        eye, looks_at = _triple(target + distance * ray), _triple(target)
+        rays, axis = places - np.array(eye), np.subtract(looks_at, eye)
         cosines = rays @ axis / (np.linalg.norm(rays, axis=1) * np.linalg.norm(axis))
         if cosines.max() > np.cos(HALF_VIEW):
-            return view
-    return replace(view, looks_at=_triple(places[0]))
-
-
-def _view(rng: np.random.Generator, name: str, base: Array, reach: float) -> CameraView:
-    """A camera on a dome over the cell that looks at some place of the work."""
-    turn, height, distance = rng.uniform(-pi, pi), rng.uniform(0.5, 1.2), rng.uniform(0.9, 1.6) * reach
-    around, far = rng.uniform(-pi, pi), rng.uniform(NEAREST, FARTHEST) * reach
-    target = np.array([*(base + far * np.array([np.cos(around), np.sin(around)])), 0.05])
-    ray = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
-    return CameraView(name, _triple(target + distance * ray), _triple(target))
+            return eye, looks_at
+    return eye, _triple(places[0])
 
 
 def _triple(values: Array | list[float]) -> tuple[float, float, float]:

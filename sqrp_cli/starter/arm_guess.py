@@ -74,14 +74,13 @@ def guess_arm(urdf: UrdfModel, tip: str | None = None) -> ArmGuess:
             if chain is not arm and long:
                 others.append(_tip(urdf, chain))
     last = arm[-1]
-    rigid = urdf.rigid_with(last.child)
     may_swing = len(arm) < AXES_OF_A_POSE and last.type != "prismatic"
     return ArmGuess(
         joints=tuple(driving_joints(arm, urdf.movable_joints)),
         tip=tip,
         carried=tuple(urdf.beyond(last.child)),
-        out=_outward(urdf, last, tip, rigid, may_swing=may_swing),
-        swinging=last.axis if may_swing and rigid == [tip] else None,
+        out=_outward(urdf, last, tip, may_swing=may_swing),
+        swinging=last.axis if may_swing and urdf.rigid_with(last.child) == [tip] else None,
         others=tuple(others),
     )
 
@@ -93,28 +92,24 @@ def _arms(urdf: UrdfModel) -> list[list[UrdfJoint]]:
     carries other independent joints is of the arm: what it mimics, or mimics it, is a parallel linkage.
     """
     leads = {joint.mimic.joint for joint in urdf.joints.values() if joint.mimic}
-
-    def movable_on(link: str) -> list[UrdfJoint]:
-        body = urdf.rigid_with(link)
-        return [joint for joint in urdf.movable_joints if joint.parent in body]
-
-    def depth_beyond(joint: UrdfJoint) -> int:
-        """The length of the longest chain of movable joints from a joint outwards, itself included."""
-        return 1 + max(map(depth_beyond, movable_on(joint.child)), default=0)
-
-    def moves_gripper(joint: UrdfJoint) -> bool:
-        beyond = {*urdf.beyond(joint.child)}
+    on: dict[str, list[UrdfJoint]] = {}  # the movable joints on each rigid body
+    for joint in urdf.movable_joints:
+        on.setdefault(urdf.body_of[joint.parent], []).append(joint)
+    deep: dict[str, int] = {}  # the length of the longest chain of movable joints from each outwards, itself included
+    for joint in reversed(urdf.movable_joints):
+        deep[joint.name] = 1 + max((deep[other.name] for other in on.get(joint.child, ())), default=0)
+    of_gripper = set()
+    for joint in urdf.movable_joints:
+        beyond, siblings = {*urdf.beyond(joint.child)}, on[urdf.body_of[joint.parent]]
         alone = not any(other.mimic is None for other in urdf.movable_joints if other.parent in beyond)
-        if _GRIPPER_JOINT.search(joint.name) or (alone and (joint.name in leads or joint.mimic is not None)):
-            return True
-        siblings = movable_on(joint.parent)
-        fingers = len(siblings) > 1 and all(depth_beyond(other) <= LONGEST_FINGER for other in siblings)
-        return fingers or any(_GRIPPER_JOINT.search(other.name) for other in siblings)
-
+        fingers = len(siblings) > 1 and all(deep[other.name] <= LONGEST_FINGER for other in siblings)
+        named = any(_GRIPPER_JOINT.search(other.name) for other in siblings)  # of which it is one
+        if named or fingers or (alone and (joint.name in leads or joint.mimic is not None)):
+            of_gripper.add(joint)
     chains: list[list[UrdfJoint]] = []
     for joint in urdf.movable_joints:
         chain = [carrier for carrier in urdf.chain(joint.child) if carrier.movable]
-        if not any(map(moves_gripper, chain)):
+        if of_gripper.isdisjoint(chain):
             chains = [other for other in chains if other[-1] is not (chain[-2] if len(chain) > 1 else None)]
             chains.append(chain)
     return chains
@@ -128,13 +123,12 @@ def _tip(urdf: UrdfModel, chain: Sequence[UrdfJoint]) -> str:
     return next(named, rigid[-1])
 
 
-def _outward(urdf: UrdfModel, last: UrdfJoint, tip: str, rigid: Sequence[str], *, may_swing: bool) -> Array:
+def _outward(urdf: UrdfModel, last: UrdfJoint, tip: str, *, may_swing: bool) -> Array:
     """The direction out of the arm in the frame of `tip`: along the last axis, away from the joints before it.
 
     An arm of few axes may end with one that swings the tool, such as a wrist without roll: then it is across this axis.
-    rigid: the links that the last joint carries rigidly.
     """
-    X_JT = urdf.pose_in(last.child, tip)
+    X_JT, rigid = urdf.pose_in(last.child, tip), urdf.rigid_with(last.child)
     away = X_JT[:3, 3] + sum((urdf.pose_in(last.child, link)[:3, 3] for link in rigid), np.zeros(3))
     across = away - last.axis * (away @ last.axis)
     far = np.linalg.norm(across)

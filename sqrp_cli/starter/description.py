@@ -34,6 +34,7 @@ from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, r
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
 from sqrp_cli.robot.urdf import MeshReference, UrdfModel
+from sqrp_cli.starter.layout import file_text
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""
@@ -58,33 +59,19 @@ class OwnRobot:
     moveit: Path | None = None  # the folder of a configuration of MoveIt; None for one that is found beside the URDF
 
 
-@dataclass(frozen=True)
-class NamedFile:
-    """A file as a workspace names it: relative to the workspace, or `package://...`; with the arguments of a xacro."""
-
-    path: str
-    arguments: Mapping[str, str] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Description:
-    """A robot description.
-
-    semantics: the content of the SRDF. limits: those of MoveIt; limits_file: their file, as a workspace names it.
-    tip: the link to which a tool is fixed, as MoveIt says; None to guess.
-    package_roots: folders that it needs besides the known ones, as a workspace names them.
-    warnings: about files that were found but cannot be used.
-    """
+    """A robot description. Texts are as a workspace file has them."""
 
     urdf: UrdfModel
-    reference: NamedFile
-    srdf: NamedFile | None
-    semantics: SrdfModel | None
+    urdf_text: str  # its file, with the arguments of a xacro
+    srdf: SrdfModel | None
+    srdf_text: str | None
     limits: MoveitLimits | None
     limits_file: str | None
-    tip: str | None
-    package_roots: tuple[str, ...]
-    warnings: tuple[Problem, ...]
+    tip: str | None  # the link to which a tool is fixed, as MoveIt says; None to guess
+    package_roots: tuple[str, ...]  # folders that it needs besides the known ones
+    warnings: tuple[Problem, ...]  # about files that were found but cannot be used
 
 
 def describe_robot(robot: OwnRobot, folder: Path) -> Description:
@@ -104,23 +91,33 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
         raise InputError(*placed) from error
     warnings: list[Problem] = []
     if config is None:
-        config = moveit_beside(urdf, around, warnings)
+        config = _moveit_beside(urdf, around, warnings)
     limits_file = None if config is None else config.joint_limits
     limits = None if limits_file is None else read_moveit_limits(limits_file)
-    named = None if config is None or config.srdf is None else config.srdf.resolve()
-    found = _srdf_beside(urdf, warnings) if named is None else _configured_srdf(named, urdf, source)
-    srdf, semantics = found or (None, None)
+    srdf, srdf_text = None, None
+    if config is not None and config.srdf is not None:
+        file, arguments = config.srdf.resolve(), dict(given)
+        while srdf is None:  # with those of the URDF's arguments that it takes, too
+            try:
+                srdf = read_srdf(file, urdf, replace(source, arguments=arguments))
+            except InputError as error:
+                if error.problems[0].code != "xacro-argument" or not arguments:
+                    raise
+                strange = next((name for name in arguments if f"no argument `{name}`" in str(error)), None)
+                arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
+        srdf_text = file_text(_named(file, folder), arguments)
+    elif (beside := _srdf_beside(urdf, warnings)) is not None:
+        srdf, srdf_text = beside[1], file_text(_named(beside[0], folder))
+    roots = _missing_roots(urdf, robot.package_roots, around)
     return Description(
         urdf=urdf if limits is None else with_position_limits(urdf, limits),
-        reference=NamedFile(_named(path, folder), given),
-        srdf=None if srdf is None else replace(srdf, path=_named(Path(srdf.path), folder)),
-        semantics=semantics,
+        urdf_text=file_text(_named(path, folder), given),
+        srdf=srdf,
+        srdf_text=srdf_text,
         limits=limits,
         limits_file=None if limits_file is None else _named(limits_file, folder),
-        tip=None if config is None else arm_tip(config, semantics, urdf),
-        package_roots=tuple(
-            os.path.relpath(root, folder.resolve()) for root in _missing_roots(urdf, robot.package_roots, around)
-        ),
+        tip=None if config is None or srdf is None else _arm_tip(config, srdf, urdf),
+        package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in roots),
         warnings=tuple(warnings),
     )
 
@@ -128,14 +125,13 @@ def describe_robot(robot: OwnRobot, folder: Path) -> Description:
 def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[str, str]]:
     """The URDF's file, and the arguments that it is read with."""
     roots = package_roots(robot.package_roots)
-    arguments = {} if config is None else config.arguments
     if robot.urdf is not None:
         # `Path` would raise errors of its own for unknown users and for impossible names.
         named = os.path.expanduser(robot.urdf)  # noqa: PTH111
         if "://" not in robot.urdf and not os.path.isfile(named):  # noqa: PTH113
             raise InputError(missing_file(Path(named)))
         path = resolve(robot.urdf, Path.cwd(), roots, None).resolve()
-        return path, {**(arguments if config is not None and config.names(path) else {}), **robot.arguments}
+        return path, {**(config.arguments if config is not None and config.names(path) else {}), **robot.arguments}
     assert config is not None  # noqa: S101 - a user names one of the two
     if config.urdf is None:
         message = "this configuration does not say which URDF it was made of (`.setup_assistant`)"
@@ -144,7 +140,8 @@ def _find(robot: OwnRobot, config: MoveitConfig | None) -> tuple[Path, Mapping[s
     # Packages are configured from a URDF that is not kept: then the xacro beside it is meant.
     for name in (config.urdf, f"{config.urdf}.xacro", config.urdf.removesuffix(".urdf") + ".xacro"):
         with suppress(InputError):
-            return resolve(name, config.folder, roots, Place(config.folder)).resolve(), {**arguments, **robot.arguments}
+            path = resolve(name, config.folder, roots, Place(config.folder)).resolve()
+            return path, {**config.arguments, **robot.arguments}
     try:
         return resolve(config.urdf, config.folder, roots, Place(config.folder)), {}
     except InputError as error:
@@ -158,37 +155,18 @@ def _around(path: Path) -> tuple[Path, ...]:
     return tuple(folder for folder in list(own.resolve().parents)[:2] if folder not in (folder.parent, Path.home()))
 
 
-def _configured_srdf(file: Path, urdf: UrdfModel, source: RobotSource) -> tuple[NamedFile, SrdfModel]:
-    """The SRDF of a configuration, with those of the URDF's arguments that it takes, too."""
-    arguments = dict(source.arguments)
-    while True:
-        try:
-            srdf = read_srdf(file, urdf, replace(source, arguments=arguments))
-            return NamedFile(str(file), arguments), srdf
-        except InputError as error:
-            strange = next((name for name in arguments if f"no argument `{name}`" in str(error)), None)
-            if error.problems[0].code != "xacro-argument" or not arguments:
-                raise
-            arguments = {} if strange is None else {k: v for k, v in arguments.items() if k != strange}
-
-
-def _srdf_beside(urdf: UrdfModel, warnings: list[Problem]) -> tuple[NamedFile, SrdfModel] | None:
+def _srdf_beside(urdf: UrdfModel, warnings: list[Problem]) -> tuple[Path, SrdfModel] | None:
     """The SRDF near a URDF with its file name or robot name; warnings: gets why no such file fits.
 
     Of several, as of one arm with several grippers, the one named as the URDF or its robot, else most like the URDF.
     """
-    path = urdf.path
-    unfit = []
-
-    def unlike(file: Path) -> tuple[bool, bool, float, Path]:
-        same = SequenceMatcher(None, file.stem, path.stem).ratio()
-        return file.stem != path.stem, file.stem != urdf.name, -same, file
-
+    path, unfit = urdf.path, []
     for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS):
-        for file in sorted(folder.glob("*.srdf"), key=unlike) if folder.is_dir() else ():
+        alike = {file: SequenceMatcher(None, file.stem, path.stem).ratio() for file in folder.glob("*.srdf")}
+        for file in sorted(alike, key=lambda one: (one.stem != path.stem, one.stem != urdf.name, -alike[one], one)):
             try:
                 if file.stem == path.stem or read_xml(file, "robot").attributes.get("name") == urdf.name:
-                    return NamedFile(str(file)), read_srdf(file, urdf)
+                    return file, read_srdf(file, urdf)
             except InputError as error:
                 why = error.problems[0]
                 message = f"{why.message}; so this SRDF was left out"
@@ -251,7 +229,7 @@ class MoveitConfig:
     kinematics: Path | None
     urdf: str | None
     """The URDF that it was made of, `package://...`, or the xacro in the configuration; None if it does not say."""
-    arguments: Mapping[str, str] = field(default_factory=dict)  # arguments of that URDF, if it is a xacro
+    arguments: Mapping[str, str]  # of that URDF, if it is a xacro
 
     def names(self, urdf: Path) -> bool:
         """Whether it was made of a file of this name."""
@@ -277,14 +255,24 @@ def find_moveit(folder: Path) -> MoveitConfig:
         raise bad_input("missing-folder", message, Place(folder), mend=_WHAT_TO_NAME)
     if folder.name in _FOLDERS and not (folder / ASSISTANT).is_file():
         folder = folder.parent
-    srdf, urdf, arguments = _noted(folder)
-    if srdf is None:
-        found = [sorted((folder / place).glob(end)) for end in ("*.srdf", "*.srdf.xacro") for place in _FOLDERS]
-        files = next((files for files in found if files), [])
-        srdf = next((file for file in files if "macro" not in file.name), files[0] if files else None)
-    if urdf is None:
-        own = [file for pattern in ("*.urdf", "*.urdf.xacro") for file in sorted((folder / "config").glob(pattern))]
-        urdf = str(own[0]) if own else None
+    # What `.setup_assistant` says: SRDF, URDF and its arguments, such as `--inorder robot_type:=xarm dof:=6`.
+    document, key = _read_hint(folder / ASSISTANT), "moveit_setup_assistant_config"
+    data: Any = (document.data.get(key) if document is not None else None) or {}
+    if document is not None and not isinstance(data, dict):
+        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
+    noted = {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
+    described, stated = noted.get("urdf", {}), folder / str(noted.get("srdf", {}).get("relative_path") or "")
+    package, path = described.get("package"), str(described.get("relative_path") or "").lstrip("/")
+    text = str(described.get("xacro_args") or "")
+    words = text.split()
+    with suppress(ValueError):
+        words = shlex.split(text)
+    arguments = {pair[1]: pair[2] for word in words if (pair := re.fullmatch(r"(\w+):=(.*)", word))}
+    files = [sorted((folder / place).glob(end)) for end in ("*.srdf", "*.srdf.xacro") for place in _FOLDERS]
+    first = next(filter(None, files), [None])
+    srdf = stated if stated.is_file() else next((file for file in first if file and "macro" not in file.name), first[0])
+    own = [file for pattern in ("*.urdf", "*.urdf.xacro") for file in sorted((folder / "config").glob(pattern))]
+    urdf = f"package://{package}/{path}" if package and path else str(own[0]) if own else None
     limits, kinematics = (
         next((folder / place / name for place in _FOLDERS if (folder / place / name).is_file()), None)
         for name in ("joint_limits.yaml", "kinematics.yaml")
@@ -296,29 +284,7 @@ def find_moveit(folder: Path) -> MoveitConfig:
     return MoveitConfig(folder, srdf, limits, kinematics, urdf, arguments)
 
 
-def _noted(folder: Path) -> tuple[Path | None, str | None, Mapping[str, str]]:
-    """SRDF, URDF and its arguments as `.setup_assistant` says; nothing if it is missing or damaged.
-
-    Raises InputError, with the line, for a file that says something else.
-    """
-    key = "moveit_setup_assistant_config"
-    document = _read_hint(folder / ASSISTANT)
-    data: Any = (document.data.get(key) if document is not None else None) or {}
-    if document is not None and not isinstance(data, dict):
-        raise document.error("not-a-mapping", (key,), f"found `{str(data)[:60]}`, expected URDF, SRDF and CONFIG")
-    noted = {key.lower(): value for key, value in data.items() if isinstance(value, dict)}
-    srdf, urdf = folder / str(noted.get("srdf", {}).get("relative_path") or ""), noted.get("urdf", {})
-    package, path = urdf.get("package"), str(urdf.get("relative_path") or "").lstrip("/")
-    text = str(urdf.get("xacro_args") or "")  # such as `--inorder robot_type:=xarm dof:=6`
-    words = text.split()
-    with suppress(ValueError):
-        words = shlex.split(text)
-    pairs = filter(None, (re.fullmatch(r"(\w+):=(.*)", word) for word in words))
-    named = f"package://{package}/{path}" if package and path else None
-    return srdf if srdf.is_file() else None, named, {pair[1]: pair[2] for pair in pairs}
-
-
-def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
+def _moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Problem]) -> MoveitConfig | None:
     """The configuration of a robot in the folders around its URDF; warnings: gets one where several fit as well.
 
     It names the URDF, or its SRDF a robot of the same name; where one names the URDF, those that do not are left out.
@@ -326,13 +292,11 @@ def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Prob
     fitting = []
     for entry in (entry for folder in around if folder.is_dir() for entry in sorted(folder.iterdir())):
         if entry.is_dir() and ("moveit" in entry.name or (entry / ASSISTANT).is_file()):
-            try:
+            with suppress(InputError):
                 config = find_moveit(entry)
                 srdf = config.srdf
                 if config.names(urdf.path) or (srdf and read_xml(srdf, "robot").attributes.get("name") == urdf.name):
                     fitting.append(config)
-            except InputError:
-                continue
     best = [config for config in fitting if config.names(urdf.path)] or fitting
     if len({config.folder for config in best}) < 2:
         return best[0] if best else None
@@ -342,14 +306,12 @@ def moveit_beside(urdf: UrdfModel, around: tuple[Path, ...], warnings: list[Prob
     return None
 
 
-def arm_tip(config: MoveitConfig, srdf: SrdfModel | None, urdf: UrdfModel) -> str | None:
+def _arm_tip(config: MoveitConfig, srdf: SrdfModel, urdf: UrdfModel) -> str | None:
     """The link to which a tool is fixed: as solver, end effector or chain of the longest arm say.
 
     Arms are groups of one chain, those with a solver first, then by number of joints; no grippers and pairs of arms.
     """
     document = None if config.kinematics is None else _read_hint(config.kinematics)
-    if srdf is None:
-        return None
     solvers: Any = {} if document is None else document.data
     for key in ("/**", "ros__parameters", "robot_description_kinematics"):
         solvers = solvers[key] if isinstance(solvers.get(key), dict) else solvers

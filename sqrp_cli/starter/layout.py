@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from math import degrees
+from pathlib import Path
 
+from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, matrix_to_rpy
 from sqrp_cli.records import dataclass
-from sqrp_cli.starter.description import NamedFile
 
 TASK = "pickup green"  # the task of a starter workspace
+
+Point = tuple[float, float, float]  # in the world [m]
 
 
 @dataclass(frozen=True)
@@ -19,139 +24,137 @@ class Cube:
 
     name: str
     color: str
-    position: tuple[float, float, float]
+    position: Point
     turn: float = 0.0
 
 
-@dataclass(frozen=True)
-class CameraView:
-    """A camera: its name, where it is and the point that it looks at, in the world [m]."""
-
-    name: str
-    position: tuple[float, float, float]
-    looks_at: tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
-    """Everything in the file of a starter workspace.
+    """A starter workspace: its folder, everything in its file, and warnings about what could not be guessed.
 
-    urdf, srdf, package_roots: as the file names them. guessed: whether the robot is the user's own, so that guesses
-    are marked. lift: height of the root link above the table [m].
-    tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
-    X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
-    home: of every joint of the arm by name [rad, or m if it `slides`]. limits: what the file says of them.
-    home_state: the state of the SRDF that stands for it, if there is one.
-    table_side: of the square table, 0 for none [m]. table_at: where its middle is, along x and y of the world [m].
-    directions: from the shoulder in which the work may lie, of a known home the one in which it lies [rad].
+    Texts are as the file has them. Poses are 4x4, lengths in m, angles in rad.
     """
 
-    urdf: NamedFile
-    srdf: NamedFile | None
+    folder: Path
+    urdf: str
+    srdf: str | None
     package_roots: tuple[str, ...]
-    guessed: bool
-    tip: str
-    home: Mapping[str, float]
+    guessed: bool  # whether the robot is the user's own, so that guesses are marked
+    tip: str  # the link of the robot that carries the suction cup, or grasps itself while there is none
+    home: Mapping[str, float]  # of every joint of the arm by name [rad, or m if it `slides`]
     slides: frozenset[str]
     limits: str
-    home_state: str | None = None
-    lift: float = 0.0
-    X_LT: Array | None = None
-    table_side: float = 0.0
-    table_at: tuple[float, float] = (0.0, 0.0)
+    home_state: str | None = None  # the state of the SRDF that stands for home, if there is one
+    lift: float = 0.0  # height of the root link above the table
+    X_LT: Array | None = None  # pose of the cup's root in the link `tip`; None while there is no cup
+    table_side: float = 0.0  # of the square table, 0 for none
+    table_at: tuple[float, float] = (0.0, 0.0)  # where its middle is, along x and y of the world
     directions: tuple[float, ...] = ()
+    """From the shoulder, in which the work may lie; of a known home the one in which it lies."""
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
-    views: Sequence[CameraView] = ()
+    views: Mapping[str, tuple[Point, Point]] = field(default_factory=dict)
+    """Of each camera by name: where it is, and the point that it looks at."""
     tasks: Sequence[str] = (TASK,)
+    warnings: tuple[Problem, ...] = ()
+
+    @property
+    def task(self) -> str | None:
+        """A task to rank; None if nothing is within reach."""
+        return self.tasks[0] if self.cubes else None
+
+
+_ROBOT = """\
+# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.
+{marked}# Every key: sqrp schema
+
+robot:
+  urdf: {urdf}
+{files}  base: {{position: [0, 0, {lift}], rpy: [0, 0, 0 deg]}}  # check: pose of the root link in the world; the \
+table's top is z = 0
+{tool}  home:{home}
+  limits: {limits}
+
+detectors:                  # what your detection algorithms can do
+  color: {{kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}}
+"""
+
+_TOOL = """\
+  tool:  # check: a suction cup stands for your tool; its own URDF, fixed to a link of the arm
+    urdf: robots/suction_cup.urdf
+    link: {link}
+    pose: {{position: {position}, rpy: [{rpy}]}}  # check: where the tool begins, its z axis pointing out
+  tool_frame: suction_tip  # check: the link that grasps; its z axis points into the object
+"""
+
+_CAMERA = """\
+  {name}:  # check: yours; or `calibration: camera.yaml` (ROS) instead of `image`
+    pose: {{position: {position}, look_at: {look_at}}}
+    image: {{width: 1280, height: 960, horizontal_fov: 60 deg}}
+    near: 20 cm
+    far: 6 m
+    rate: 10 Hz
+    latency: 50 ms
+"""
 
 
 def workspace_text(layout: Layout) -> str:
-    """The workspace file. Guesses about a robot carry a comment that begins with `check:`."""
-
-    def check(what: str) -> str:
-        return f"  # check: {what}" if layout.guessed else ""
-
-    arm, home = "your arm" if layout.guessed else "a six-axis arm", "where programs start and end"
-    lines = [
-        f"# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.",
-        *["# Lines marked `check:` were guessed; `sqrp show` prints what was understood."][: layout.guessed],
-        "# Every key: sqrp schema",
-        "",
-        "robot:",
-        f"  urdf: {_file(layout.urdf)}",
-    ]
+    """The workspace file. Guesses about a robot of the user's own carry a comment that begins with `check:`."""
+    files, tool = "", f"  tool_frame: {_text(layout.tip)}\n"
     if layout.srdf is not None:
-        lines.append(f"  srdf: {_file(layout.srdf)}" + check("found beside the URDF"))
+        files += f"  srdf: {layout.srdf}  # check: found beside the URDF\n"
     if layout.package_roots:
         roots = ", ".join(map(_text, layout.package_roots))
-        lines.append(f"  package_roots: [{roots}]" + check("where the package:// of its meshes is looked up"))
-    base = f"  base: {{position: [0, 0, {_number(layout.lift)}], rpy: [0, 0, 0 deg]}}"
-    lines.append(base + check("pose of the root link in the world; the table's top is z = 0"))
-    if layout.X_LT is None:
-        lines.append(f"  tool_frame: {_text(layout.tip)}")
-    else:
+        files += f"  package_roots: [{roots}]  # check: where the package:// of its meshes is looked up\n"
+    if layout.X_LT is not None:
         rpy = ", ".join(_degrees(value, 4) for value in matrix_to_rpy(layout.X_LT[:3, :3]))
-        pose = f"{{position: {_vector(layout.X_LT[:3, 3].tolist())}, rpy: [{rpy}]}}"
-        lines += [
-            "  tool:" + check("a suction cup stands for your tool; its own URDF, fixed to a link of the arm"),
-            "    urdf: robots/suction_cup.urdf",
-            f"    link: {_text(layout.tip)}",
-            f"    pose: {pose}" + check("where the tool begins, its z axis pointing out"),
-            "  tool_frame: suction_tip" + check("the link that grasps; its z axis points into the object"),
-        ]
-    if layout.home_state is not None:
-        lines.append(f"  home: {_text(layout.home_state)}" + check(f"{home}; a state of the SRDF"))
-    else:
-        lines.append("  home:" + check(home))
+        tool = _TOOL.format(link=_text(layout.tip), position=_vector(layout.X_LT[:3, 3].tolist()), rpy=rpy)
+    home = f" {_text(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
+    if layout.home_state is None:
+        home = "  # check: where programs start and end"
         for name, at in layout.home.items():
-            lines.append(f"    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else _degrees(at)}")
-    lines += [
-        f"  limits: {layout.limits}",
-        "",
-        "detectors:                  # what your detection algorithms can do",
-        "  color: {kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}",
-        "",
-    ]
+            home += f"\n    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else _degrees(at)}"
+    marked = "# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n"
+    text = _ROBOT.format(
+        arm="your arm" if layout.guessed else "a six-axis arm",
+        marked=marked if layout.guessed else "",
+        urdf=layout.urdf,
+        files=files,
+        lift=_number(layout.lift),
+        tool=tool,
+        home=home,
+        limits=layout.limits,
+    )
     if layout.views:
-        lines.append("cameras:                    # pose: where the lens is, and the point that it looks at")
-        for view in layout.views:
-            lines += [
-                f"  {view.name}:" + check("yours; or `calibration: camera.yaml` (ROS) instead of `image`"),
-                f"    pose: {{position: {_vector(view.position)}, look_at: {_vector(view.looks_at)}}}",
-                "    image: {width: 1280, height: 960, horizontal_fov: 60 deg}",
-                "    near: 20 cm",
-                "    far: 6 m",
-                "    rate: 10 Hz",
-                "    latency: 50 ms",
-            ]
-        lines.append("")
+        text += "\ncameras:                    # pose: where the lens is, and the point that it looks at\n"
+        for name, (position, look_at) in layout.views.items():
+            text += _CAMERA.format(name=name, position=_vector(position), look_at=_vector(look_at))
     if layout.cubes:
-        lines += [
-            "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change",
-            "",
-        ]
+        text += "\nskills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n"
     if layout.table_side:
-        side, cube_side = _number(layout.table_side), _number(layout.cube_size)
+        side, edge = _number(layout.table_side), ", ".join([_number(layout.cube_size)] * 3)
         table = f"pose: {{position: {_vector((*layout.table_at, -0.02))}}}"
-        lines += [
-            "objects:                    # pose: of the centre of a box of `size`",
-            f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {table}, fixed: true}}",
-        ]
+        text += "\nobjects:                    # pose: of the centre of a box of `size`\n"
+        text += f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {table}, fixed: true}}\n"
         for cube in layout.cubes:
             turn = f", rpy: [0, 0, {round(degrees(cube.turn), 1):g} deg]" if cube.turn else ""
-            size = ", ".join([cube_side] * 3)
             stands = f"pose: {{position: {_vector(cube.position)}{turn}}}, on: table"
-            lines.append(f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{size}], {stands}}}")
-        lines.append("")
+            text += f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{edge}], {stands}}}\n"
     if layout.cubes:
-        lines += [
-            "state:                      # what the sensors report now; every other fact is false",
-            "  - hand_empty",
-        ]
-        lines += [*(f"  - obj_on_table({cube.name})" for cube in layout.cubes), ""]
-        lines += ["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks), ""]
-    return "\n".join(lines)
+        text += (
+            "\nstate:                      # what the sensors report now; every other fact is false\n  - hand_empty\n"
+        )
+        text += "".join(f"  - obj_on_table({cube.name})\n" for cube in layout.cubes)
+        text += "\ntasks:\n" + "".join(f"  - {{task: {task}}}\n" for task in layout.tasks)
+    return text if layout.guessed else re.sub(r"  # check: .*", "", text)
+
+
+def file_text(path: str, arguments: Mapping[str, str] | None = None) -> str:
+    """A file, with the arguments of a xacro, as YAML."""
+    if not arguments:
+        return _text(path)
+    pairs = ", ".join(f"{_text(name)}: {json.dumps(value)}" for name, value in arguments.items())
+    return f"{{xacro: {_text(path)}, args: {{{pairs}}}}}"
 
 
 def _text(value: str) -> str:
@@ -160,14 +163,6 @@ def _text(value: str) -> str:
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
-
-
-def _file(file: NamedFile) -> str:
-    """A file, with the arguments of a xacro."""
-    if not file.arguments:
-        return _text(file.path)
-    arguments = ", ".join(f"{_text(name)}: {json.dumps(value)}" for name, value in file.arguments.items())
-    return f"{{xacro: {_text(file.path)}, args: {{{arguments}}}}}"
 
 
 def _number(value: float) -> str:
@@ -179,4 +174,4 @@ def _degrees(value: float, places: int = 1) -> str:
 
 
 def _vector(values: Sequence[float]) -> str:
-    return "[" + ", ".join(_number(value) for value in values) + "]"
+    return "[" + ", ".join(map(_number, values)) + "]"

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import permutations
@@ -18,7 +18,6 @@ from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, bad_input
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import naming, no_folder
-from sqrp_cli.records import dataclass
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
@@ -45,36 +44,12 @@ ASSUMED = {"acceleration": 2, "jerk": 20}
 """Limits that a URDF cannot state: gentle ones [rad/s^2, rad/s^3, or m for a sliding joint]."""
 
 
-@dataclass(frozen=True)
-class Starter:
-    """A workspace that was made: its path, what is in it, and warnings about what could not be guessed."""
-
-    folder: Path
-    layout: Layout
-    warnings: tuple[Problem, ...]
-
-    @property
-    def tip(self) -> str:
-        """The link that carries the tool."""
-        return self.layout.tip
-
-    @property
-    def cubes(self) -> tuple[str, ...]:
-        """The cubes within reach, by name."""
-        return tuple(cube.name for cube in self.layout.cubes)
-
-    @property
-    def task(self) -> str | None:
-        """A task to rank; None if nothing is within reach."""
-        return self.layout.tasks[0] if self.layout.cubes else None
-
-
 def make_starter(
     folder: Path,
     robot: OwnRobot | str | None,
     tip: str | None = None,
     advance: Callable[[int], object] = lambda _: None,
-) -> Starter:
+) -> Layout:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the user's arm, or just its URDF, a path or `package://...`; None for a shipped arm.
@@ -95,16 +70,14 @@ def make_starter(
     folder = folder.absolute()
     draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
 
-    def of_folder(problems: Iterable[Problem]) -> list[Problem]:
+    def of_folder(problems: Iterable[Problem]) -> Iterator[Problem]:
         """Problems of the draft as ones of the finished folder."""
-        found = []
         for problem in problems:
             place = problem.place
             if place is not None and place.file.is_relative_to(draft):
                 place = replace(place, file=folder / place.file.relative_to(draft))
             message, mend = (text and text.replace(str(draft), str(folder)) for text in (problem.message, problem.mend))
-            found.append(replace(problem, message=message or "", place=place, mend=mend))
-        return found
+            yield replace(problem, message=message or "", place=place, mend=mend)
 
     try:
         with naming(folder, "this folder cannot be made"):
@@ -113,8 +86,7 @@ def make_starter(
             for file in (SUCTION_CUP, *([OWN_ARM] if robot is None else [])):
                 shutil.copyfile(SHIPPED / file, draft / file)
             own = robot if isinstance(robot, OwnRobot) else OwnRobot(robot or str(draft / OWN_ARM))
-            description = describe_robot(own, draft)
-            layout, warnings = _fill(draft, description, tip, advance, guessed=robot is not None)
+            layout = _filled(draft, describe_robot(own, draft), tip, advance, guessed=robot is not None)
             if not folder.exists():
                 draft.replace(folder)
             else:  # the workspace file comes last
@@ -124,81 +96,82 @@ def make_starter(
         raise InputError(*of_folder(error.problems)) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    return Starter(folder, layout, tuple(of_folder((*description.warnings, *warnings))))
+    return replace(layout, folder=folder, warnings=tuple(of_folder(layout.warnings)))
 
 
-def _fill(
+def _filled(
     draft: Path, description: Description, tip: str | None, advance: Callable[[int], object], *, guessed: bool
-) -> tuple[Layout, tuple[Problem, ...]]:
+) -> Layout:
     """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf, tip or description.tip)
     layout = Layout(
-        urdf=description.reference,
-        srdf=description.srdf,
+        folder=draft,
+        urdf=description.urdf_text,
+        srdf=description.srdf_text,
         package_roots=description.package_roots,
         guessed=guessed,
-        limits=limits_text(description),
+        limits=_limits_text(description),
         tip=arm.tip,
         # At 0, or in the middle of limits that exclude it, until a home position is found.
         home={one.name: 0.0 if one.lower <= 0.0 <= one.upper else 0.5 * (one.lower + one.upper) for one in arm.joints},
         slides=frozenset(joint.name for joint in arm.joints if joint.type == "prismatic"),
     )
-    tried = _tried(draft, layout, arm, advance)
+    tried = _tried(layout, arm, advance)
     best = max((layout for layout, _ in tried), key=lambda layout: len(layout.cubes))  # of equals the least lifted
-    states = description.semantics.states if description.semantics else {}
+    states = description.srdf.states if description.srdf else {}
     whole = [name for name, positions in states.items() if best.home.keys() <= positions.keys()]
     for name in (name for word in HOMES for name in whole if word in name.lower()):
         named = replace(best, home_state=name)
         with suppress(InputError):  # outside the limits
-            cubes, _ = search.cubes_in_reach(_load(draft, named), best.cubes)
+            cubes, _ = search.cubes_in_reach(_load(named), best.cubes)
             if 0 < sum(cube.color in TASK for cube in best.cubes) == len(cubes):  # it loses none
                 best = named
                 break
-    best = _told_apart(draft, best)
-    _write(draft, best)
-    warnings = []
+    best, warnings = _told_apart(best), [*description.warnings]
     if arm.others:
         message = f"the robot has several arms, and the one that carries `{arm.tip}` is taken"
         mend = "another one: " + " or ".join(f"`--tip {name}`" for name in arm.others)
         warnings.append(Problem("several-arms", message, severity="warning", mend=mend))
+    (draft / WORKSPACE_FILE).write_text(workspace_text(best), encoding="utf-8")
     if best.cubes:
         workspace = load_workspace(draft)
-        return best, (*warnings, *workspace.warnings, *lint(workspace))
+        return replace(best, warnings=(*warnings, *workspace.warnings, *lint(workspace)))
     message = f"no place was found from which the arm can pick something up from above: {tried[0][1]}"
     if len(tried) > 1:
         message += f"; {len(tried) - 1} other heights and places of the table are no better"
     mend = "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
-    return best, (*warnings, Problem("nothing-in-reach", message, severity="warning", mend=mend))
+    return replace(best, warnings=(*warnings, Problem("nothing-in-reach", message, severity="warning", mend=mend)))
 
 
-def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
+def _tried(layout: Layout, arm: ArmGuess, advance: Callable[[int], object]) -> list[tuple[Layout, str]]:
     """What the arm can do with a tool from one stand after the other, until there is enough; and why not more.
 
     A layout with home position, reachable cubes and cameras, as far as they are found, for each stand.
     """
-
-    def reachable(there: Layout, places: Iterable[Cube]) -> tuple[Sequence[Cube], str]:
-        if not (trial := [*places]):
-            return (), "there is no place on the table for anything"
-        return search.cubes_in_reach(_load(draft, replace(there, cubes=trial)), trial)
-
-    bare = _load(draft, layout)
+    bare = _load(layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm))
-    seated = _load(draft, layout)
+    seated = _load(layout)
     reach, down = search.arm_reach(seated.model), search.places_pointing_down(seated.model)
     size = min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
     tried: list[tuple[Layout, str]] = []
     for there in search.stands(replace(layout, cube_size=size), seated, bare, reach, down):
-        cell = _load(draft, there)
+        cell = _load(there)
         home = search.find_home(cell, reach, there, down)
         if isinstance(home, Infeasible):
             reason = home.reasons[0]
         else:
-            cubes, reason = reachable(home, search.usual_places(cell.model, reach, home))
-            if len(cubes) < len(search.COLORS):
-                others = reachable(home, search.other_places(cell.model, reach, home, down))
-                cubes, reason = max((cubes, reason), others, key=lambda one: len(one[0]))
-            there = replace(home, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else ())
+            cubes: Sequence[Cube] = ()
+            for places in (None, down):
+                trial = [*search.cube_places(cell.model, reach, home, places)]
+                why = "there is no place on the table for anything"
+                found: Sequence[Cube] = ()
+                if trial:
+                    found, why = search.cubes_in_reach(_load(replace(home, cubes=trial)), trial)
+                if places is None or len(found) > len(cubes):
+                    cubes, reason = found, why
+                if len(cubes) == len(search.COLORS):
+                    break
+            there = replace(home, cubes=cubes, views=search.views_of(cell, home, cubes, LIFT) if cubes else {})
         tried.append((there, reason))
         advance(1)
         if len(there.cubes) == len(search.COLORS):
@@ -206,7 +179,7 @@ def _tried(draft: Path, layout: Layout, arm: ArmGuess, advance: Callable[[int], 
     return tried
 
 
-def _told_apart(draft: Path, layout: Layout) -> Layout:
+def _told_apart(layout: Layout) -> Layout:
     """The layout with the colours of its cubes changed round so that the fewest stand behind another of their colour.
 
     With all of them green, what each camera loses for another cube is known of every pair; pairs of two colours lose
@@ -214,7 +187,7 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
     """
     names = [f"c{index + 1}" for index in range(len(layout.cubes))]
     green = [replace(cube, name=name, color="green") for name, cube in zip(names, layout.cubes, strict=True)]
-    cell, lost = _load(draft, replace(layout, cubes=green)), defaultdict[tuple[str, str], float](float)
+    cell, lost = _load(replace(layout, cubes=green)), defaultdict[tuple[str, str], float](float)
     for candidate in read_task(TASK, cell.workspace).candidates if green else ():
         found = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(found, Infeasible):
@@ -232,16 +205,13 @@ def _told_apart(draft: Path, layout: Layout) -> Layout:
     return replace(layout, cubes=search.painted(layout.cubes, colors))
 
 
-def _load(draft: Path, layout: Layout) -> Cell:
-    _write(draft, layout)
-    return Cell.load(load_workspace(draft))
+def _load(layout: Layout) -> Cell:
+    """The cell of a layout, whose file is written."""
+    (layout.folder / WORKSPACE_FILE).write_text(workspace_text(layout), encoding="utf-8")
+    return Cell.load(load_workspace(layout.folder))
 
 
-def _write(draft: Path, layout: Layout) -> None:
-    (draft / WORKSPACE_FILE).write_text(workspace_text(layout), encoding="utf-8")
-
-
-def limits_text(description: Description) -> str:
+def _limits_text(description: Description) -> str:
     """The value of `robot.limits`: MoveIt's file where there is one, and what it leaves open."""
     if description.limits is None or description.limits_file is None:
         assumed = ", ".join(f"{kind}: {value}" for kind, value in ASSUMED.items())

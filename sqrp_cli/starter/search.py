@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
 from math import pi
 
 import numpy as np
@@ -17,7 +16,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
-from sqrp_cli.starter.layout import TASK, CameraView, Cube, Layout
+from sqrp_cli.starter.layout import TASK, Cube, Layout, Point
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
@@ -234,29 +233,23 @@ def tool_down(model: RobotModel, far: float, direction: float, high: float) -> A
     return pose(axis_rotation(0, pi), [*(shoulder_of(model)[:2] + far * _heading(direction)), high])
 
 
-def usual_places(model: RobotModel, reach: float, layout: Layout) -> Iterator[Cube]:
-    """Cubes on the table with some distance between them, the most likely reachable ones first."""
-    ahead, high = layout.directions[0], 0.5 * layout.cube_size
-    shares = ((share, turn) for share in CUBE_SHARES for turn in CUBE_TURNS)
-    return _cubes_below(model, (tool_down(model, share * reach, ahead + turn, high) for share, turn in shares), layout)
+def cube_places(model: RobotModel, reach: float, layout: Layout, down: Array | None) -> Iterator[Cube]:
+    """Cubes on the table with some distance between them, the most likely reachable ones first.
 
-
-def other_places(model: RobotModel, reach: float, layout: Layout, down: Array) -> Iterator[Cube]:
-    """Cubes on the table below places where the arm can point the tool down, for arms that reach few usual places."""
-    size, found = layout.cube_size, down[:, :3, 3] + [0.0, 0.0, layout.lift]
-    low = found[(found[:, 2] > size) & (found[:, 2] < LOW * reach)]
-    far = np.linalg.norm(low[:, :2] - shoulder_of(model)[:2], axis=1)
-    nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
-    tools = (pose(axis_rotation(0, pi), (*place, 0.5 * size)) for place in nearest)
-    return islice(_cubes_below(model, tools, layout), MORE_CUBES)
-
-
-def _cubes_below(model: RobotModel, tools: Iterable[Array], layout: Layout) -> Iterator[Cube]:
-    """Cubes around the ends of the tool at poses (4, 4), as far as they are on the table and apart from those before.
-
-    For an arm that cannot turn the tool they are turned so that it can take them from above.
+    down: places where the arm can point the tool down, (k, 4, 4), below which the cubes are, for arms that reach few
+    usual places; None for the usual places. For an arm that cannot turn the tool they are turned so that it can take
+    them from above.
     """
-    size = layout.cube_size
+    ahead, size = layout.directions[0], layout.cube_size
+    if down is None:
+        usual = [(share * reach, ahead + turn) for share in CUBE_SHARES for turn in CUBE_TURNS]
+        tools = [tool_down(model, far, direction, 0.5 * size) for far, direction in usual]
+    else:
+        found = down[:, :3, 3] + [0.0, 0.0, layout.lift]
+        low = found[(found[:, 2] > size) & (found[:, 2] < LOW * reach)]
+        far = np.linalg.norm(low[:, :2] - shoulder_of(model)[:2], axis=1)
+        nearest = low[np.argsort(np.abs(far - CUBE_SHARES[0] * reach), kind="stable"), :2].round(2)
+        tools = [pose(axis_rotation(0, pi), (*place, 0.5 * size)) for place in nearest]
     chosen: list[Array] = []
     for X_WT in tools:
         place = X_WT[:2, 3].round(2)
@@ -269,6 +262,8 @@ def _cubes_below(model: RobotModel, tools: Iterable[Array], layout: Layout) -> I
                 R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
                 turn = float(np.arctan2(R[1, 0], R[0, 0]))
             yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), turn)
+        if down is not None and len(chosen) == MORE_CUBES:
+            return
 
 
 def cubes_in_reach(cell: Cell, trial: Sequence[Cube]) -> tuple[Sequence[Cube], str]:
@@ -305,35 +300,35 @@ def painted(cubes: Sequence[Cube], colors: Sequence[str]) -> list[Cube]:
     return [replace(cube, name=f"{color[0]}{number}", color=color) for cube, color, number in named]
 
 
-def views_of(cell: Cell, layout: Layout, cubes: Sequence[Cube], lift: float) -> tuple[CameraView, ...]:
+def views_of(cell: Cell, layout: Layout, cubes: Sequence[Cube], lift: float) -> dict[str, tuple[Point, Point]]:
     """A camera that sees all cubes while the arm is not in its way, and one that sees some of them from the side.
 
-    Neither is in the robot or close to it, if there is such a place. lift: how far the cubes are lifted [m].
+    Where they are and look, as `Layout.views`. Neither is in the robot or close to it, if there is such a place. lift:
+    how far the cubes are lifted [m].
     """
     q = np.array([layout.home[joint] for joint in cell.model.arm])
     X_WL = cell.model.link_poses(q[None])
     solids = [(inverse(X_WL[one.part.parent][0]), *_extent(one.vertices)) for one in load_solids(cell.model.parts)]
-
-    def clear(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
-        """In a direction relative to that of the work [rad], or the next one in which no robot is."""
-        at_x, at_y, at_z = looks_at.round(2).tolist()
-        views = []
-        for by in SHIFTS:
-            for sign in (1, -1):
-                heading = np.cos(VIEW_HEIGHT) * _heading(layout.directions[0] + sign * turn + by)
-                x, y, z = (looks_at + distance * np.append(heading, np.sin(VIEW_HEIGHT))).round(2).tolist()
-                views.append(CameraView(name, (x, y, z), (at_x, at_y, at_z)))
-                eye = np.array([[x, y, z]])
-                if all((np.abs(transform(X, eye) - mid) >= half + CLEARANCE).any() for X, mid, half in solids):
-                    return views[-1]
-        return views[0]
-
     places = np.array([cube.position for cube in cubes])
     middle = np.append(_extent(places)[0][:2], lift / 2)
     radius = float(np.linalg.norm(places - middle, axis=1).max()) + lift / 2
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
     some_cube = np.append(places[len(places) // 3][:2], lift / 2)
-    return (clear("cam1", middle, distance, BEHIND), clear("cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE))
+    views = dict[str, tuple[Point, Point]]()
+    for name, looks_at, far, turn in (
+        ("cam1", middle, distance, BEHIND), ("cam2", some_cube, max(CLOSE_UP * distance, 0.25), ASIDE)
+    ):  # fmt: skip
+        at_x, at_y, at_z = looks_at.round(2).tolist()
+        # In a direction relative to that of the work, or the next one in which no robot is.
+        for heading in (_heading(layout.directions[0] + sign * turn + by) for by in SHIFTS for sign in (1, -1)):
+            way = np.append(np.cos(VIEW_HEIGHT) * heading, np.sin(VIEW_HEIGHT))
+            x, y, z = (looks_at + far * way).round(2).tolist()
+            views.setdefault(name, ((x, y, z), (at_x, at_y, at_z)))
+            eye = np.array([[x, y, z]])
+            if all((np.abs(transform(X, eye) - mid) >= half + CLEARANCE).any() for X, mid, half in solids):
+                views[name] = (x, y, z), (at_x, at_y, at_z)
+                break
+    return views
 
 
 def _extent(points: Array) -> tuple[Array, Array]:

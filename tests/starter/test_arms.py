@@ -13,7 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.arm_guess import guess_arm
-from sqrp_cli.starter.make import Starter, make_starter
+from sqrp_cli.starter.make import make_starter
 from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, SIX_AXES, joint, turning, written_urdf
 from tests.trials.arms import BOX, PEDESTAL, side, solid
 
@@ -55,7 +55,6 @@ def urdf_of(folder: Path, joints: Sequence[str], *, boxes: bool) -> Path:
 )
 def test_an_odd_arm_gets_a_workspace_that_says_if_nothing_is_in_reach(tmp_path: Path, name: str, solid: bool) -> None:
     made = make_starter(tmp_path / "cell", str(urdf_of(tmp_path, ODD_ARMS[name], boxes=solid)))
-    assert isinstance(made, Starter)
     assert made.cubes or "nothing-in-reach" in [problem.code for problem in made.warnings]
     assert Cell.load(load_workspace(made.folder)).model.arm
 

@@ -99,4 +99,4 @@ def test_of_several_srdfs_the_one_is_taken_that_is_named_like_the_arm(
     for name in beside:
         (tmp_path / "srdf" / f"{name}.srdf").write_text('<robot name="ur5"/>')
     found = describe_robot(OwnRobot(urdf=str(tmp_path / "urdf" / f"{named}.urdf")), tmp_path)
-    assert Path(found.srdf.path).stem == taken
+    assert Path(found.srdf_text or "").stem == taken

@@ -16,7 +16,8 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.geometry import matrix_to_rpy, rpy_to_matrix
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.starter.make import Starter, make_starter
+from sqrp_cli.starter.layout import Layout
+from sqrp_cli.starter.make import make_starter
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
@@ -60,12 +61,12 @@ def arm(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def starter(arm: str, tmp_path_factory: pytest.TempPathFactory) -> Starter:
+def starter(arm: str, tmp_path_factory: pytest.TempPathFactory) -> Layout:
     return make_starter(tmp_path_factory.mktemp(arm) / "cell", ARMS[arm])
 
 
 @pytest.fixture(scope="module")
-def cell(starter: Starter) -> Cell:
+def cell(starter: Layout) -> Cell:
     return Cell.load(load_workspace(starter.folder))
 
 
@@ -76,12 +77,12 @@ def motions(cell: Cell) -> dict[str, Motion]:
     return {name: motion for name, motion in found.items() if isinstance(motion, Motion)}
 
 
-def test_the_tool_is_fixed_to_the_link_that_a_programmer_would_take(arm: str, starter: Starter) -> None:
+def test_the_tool_is_fixed_to_the_link_that_a_programmer_would_take(arm: str, starter: Layout) -> None:
     assert starter.tip == LINKS[arm]
 
 
-def test_every_object_that_it_puts_there_can_be_picked_up(starter: Starter, motions: dict[str, Motion]) -> None:
-    assert len(motions) == sum(name.startswith("g") for name in starter.cubes) == 3
+def test_every_object_that_it_puts_there_can_be_picked_up(starter: Layout, motions: dict[str, Motion]) -> None:
+    assert len(motions) == sum(cube.name.startswith("g") for cube in starter.cubes) == 3
     assert starter.task == "pickup green"
 
 
@@ -138,7 +139,7 @@ def test_it_is_the_same_every_time(tmp_path: Path) -> None:
     assert one == other
 
 
-def test_what_was_guessed_is_marked_and_nothing_else(arm: str, starter: Starter) -> None:
+def test_what_was_guessed_is_marked_and_nothing_else(arm: str, starter: Layout) -> None:
     text = (starter.folder / "workspace.yaml").read_text()
     marked = set(re.findall(r"^ *(\w+):.*# check:", text, re.MULTILINE))
     guessed = {"base", "tool", "tool_frame", "home", *(["srdf"] if arm == "panda" else [])}

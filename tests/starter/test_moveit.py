@@ -14,7 +14,8 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.description import OwnRobot, describe_robot, find_moveit
-from sqrp_cli.starter.make import OWN_ARM, SHIPPED, Starter, make_starter
+from sqrp_cli.starter.layout import Layout
+from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
 
 ARM = read_urdf(SHIPPED / OWN_ARM)
 JOINTS = [joint.name for joint in ARM.movable_joints]
@@ -85,16 +86,16 @@ def src(tmp_path_factory: pytest.TempPathFactory, home: dict[str, float]) -> Pat
 
 
 @pytest.fixture(scope="module")
-def starter(src: Path) -> Starter:
+def starter(src: Path) -> Layout:
     return make_starter(src.parent / "cell", OwnRobot(moveit=src / "my_arm_moveit_config"))
 
 
 @pytest.fixture(scope="module")
-def workspace(starter: Starter) -> Workspace:
+def workspace(starter: Layout) -> Workspace:
     return load_workspace(starter.folder)
 
 
-def test_nothing_but_the_objects_is_left_to_type(starter: Starter) -> None:
+def test_nothing_but_the_objects_is_left_to_type(starter: Layout) -> None:
     robot = yaml.safe_load((starter.folder / "workspace.yaml").read_text())["robot"]
     assert robot["urdf"] == "../src/Vendor_Arm_ROS2/urdf/my_arm.urdf"
     assert robot["srdf"] == "../src/my_arm_moveit_config/config/my_arm.srdf.xacro"
@@ -104,7 +105,7 @@ def test_nothing_but_the_objects_is_left_to_type(starter: Starter) -> None:
     assert starter.task is not None
 
 
-def test_with_objects_of_ones_own_and_nothing_else_the_task_can_be_done(starter: Starter) -> None:
+def test_with_objects_of_ones_own_and_nothing_else_the_task_can_be_done(starter: Layout) -> None:
     file = Path(shutil.copytree(starter.folder, starter.folder.parent / "own")) / "workspace.yaml"
     before, after = file.read_text().split("\nobjects:")
     table, cube = (next(one for one in after.splitlines() if word in one) for word in ("  table:", "color: green"))

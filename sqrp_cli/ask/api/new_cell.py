@@ -39,7 +39,7 @@ def made(ask: InitRequest) -> NewCell:
     return NewCell(
         workspace=str(found.folder),
         tool_link=found.tip,
-        objects=list(found.cubes),
+        objects=[cube.name for cube in found.cubes],
         task=found.task,
         run=tried,
         path=str(folder),
