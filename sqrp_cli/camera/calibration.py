@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.camera import calibration_formats as formats
 from sqrp_cli.camera.camera import (
@@ -22,38 +23,13 @@ from sqrp_cli.camera.camera import (
     Intrinsics,
     PixelSize,
     check_count,
+    check_pixels,
     check_principal_point,
 )
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.validation import misspelt, validate
 from sqrp_cli.geometry import read_only
-
-_MODELS: Mapping[str, tuple[DistortionModel, tuple[int, ...]]] = {
-    "plumb_bob": ("plumb_bob", (5,)),
-    "rational_polynomial": ("rational_polynomial", (8,)),
-    "equidistant": ("equidistant", (4,)),
-    "radtan": ("plumb_bob", (4, 5)),
-    "brown_conrady": ("plumb_bob", (4, 5)),
-    "fisheye": ("equidistant", (4,)),
-    "equi": ("equidistant", (4,)),
-    "kannala_brandt": ("equidistant", (4,)),
-    "opencv": ("plumb_bob", (4,)),
-    "full_opencv": ("rational_polynomial", (8,)),
-    "pinhole_full": ("rational_polynomial", (8,)),
-    "opencv_fisheye": ("equidistant", (4,)),
-    "simple_radial": ("plumb_bob", (1,)),
-    "radial": ("plumb_bob", (2,)),
-    "simple_radial_fisheye": ("equidistant", (1,)),
-    "radial_fisheye": ("equidistant", (2,)),
-    "none": ("none", (0,)),
-    "pinhole": ("none", (0,)),
-    "simple_pinhole": ("none", (0,)),
-}
-"""Names of distortion models, in lower case, with the model and how many of its first coefficients a file states.
-
-The first three are ROS's; radtan and equi Kalibr's; fisheye OpenCV's; the others COLMAP's and camodocal's.
-"""
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
@@ -84,23 +60,28 @@ def read_calibration(
     and where file and workspace contradict each other.
     """
     wanted = wanted or CalibrationFile(file=str(path))
-    text = formats.read_calibration_text(path)
-    part, known, name = _chosen(text.document, wanted, asked)
-    camera = validate(part, known)
-    width, height = _size(camera, part, wanted, asked)
-    stated = camera.lens(part)
-    K, rows = np.array(stated.K).reshape(3, 3), "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    document, syntax = formats.read_calibration_text(path)
+    part, format_name, name = _chosen(document, wanted, asked)
+    known = formats.FORMATS[format_name]
+    camera = validate(part, known.entry)
+    stated = known.lens(camera, part)
+    width, height = _size(stated.size or formats.stated_size(camera), part, wanted, asked)
+    numbers, rows = stated.K, "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    if len(numbers) == 4:
+        fx, fy, cx, cy = numbers
+        numbers = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
+    K = np.array(numbers).reshape(3, 3)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: {rows}"
         raise part.error("wrong-value", stated.K_at, message)
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
         raise part.error("wrong-value", stated.K_at, message)
-    title = known.rows()[0].partition(" | ")[0]
-    if known is formats.CameraInfo:  # which is said in several syntaxes, by OpenCV too
+    title = known.files[0].partition(" | ")[0]
+    if format_name == "camera_info":  # which is said in several syntaxes, by OpenCV too
         matrix = next(part.data[key] for key in formats.K_KEYS if key in part.data)
-        of_opencv = text.syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
-        title = f"OpenCV FileStorage ({text.syntax})" if of_opencv else f"{title} ({text.syntax})"
+        of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
+        title = f"{'OpenCV FileStorage' if of_opencv else title} ({syntax})"
     distortion_model, coefficients = _distortion(part, stated)
     intrinsics = Intrinsics(
         width=width,
@@ -111,17 +92,17 @@ def read_calibration(
         lens_file=title if name is None else f"{title}: {name}",
     )
     check_principal_point(part, stated.K_at, intrinsics)
-    return CameraCalibration(intrinsics, text.document, part)
+    return CameraCalibration(intrinsics, document, part)
 
 
-def _chosen(
-    document: SourceDocument, wanted: CalibrationFile, asked: str
-) -> tuple[SourceDocument, type[formats.StatedCamera], str | None]:
-    """The wanted camera of a file, its format, and its name if the file has several."""
+def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[SourceDocument, str, str | None]:
+    """The wanted camera of a file, the name of its format, and its own if the file has several."""
 
-    def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, type[formats.StatedCamera]]]:
-        if isinstance(data, dict) and (known := formats.format_of(data)) is not None:
-            yield at, known
+    def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, str]]:
+        has = {name: sum(key in data for key in one.keys) >= min(2, len(one.keys))
+               for name, one in formats.FORMATS.items() if isinstance(data, dict)}  # fmt: skip
+        if any(has.values()):
+            yield at, next(name for name in has if has[name])
         elif len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
             for key, value in data.items() if isinstance(data, dict) else enumerate(data):
                 yield from cameras(value, (*at, key))
@@ -148,7 +129,7 @@ def _chosen(
         message = f"`{asked}.camera`: found `{wanted.camera}`, but {held}{hint}"
         raise bad_input("unknown-camera", message, Place(document.path), mend=mend)
     if is_one:
-        return document, found.get((), formats.CameraInfo), None
+        return document, found.get((), "camera_info"), None
     if wanted.camera is None and len(names) > 1:
         message = f"the file has the cameras {', '.join(f'`{name}`' for name in names)}"
         mend = f"say which: `{asked}: {{file: {wanted.file}, camera: {next(iter(names))}}}`"
@@ -157,15 +138,15 @@ def _chosen(
     return document.part(names[name]), found[names[name]], name
 
 
-def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
+def _size(size: PixelSize | None, part: SourceDocument, wanted: CalibrationFile, asked: str) -> PixelSize:
     """That of the image, from the file or the workspace, which must not contradict each other."""
     stated = PixelSize.of(wanted.width, wanted.height)
     at = next(((key,) for key in (*formats.SIZES, *formats.WIDTHS, *formats.HEIGHTS) if key in part.data), ())
-    if camera.size is None and at:
+    if size is None and at:
         missing = "image_height" if at[0] in formats.WIDTHS else "image_width"
         message = f"the file lacks the key `{missing}`{misspelt(missing, part.data)}"
         raise bad_input("missing-key", message, part.key_place(at))
-    size = camera.size or stated
+    size = size or stated
     if size is None:
         message = "the file does not say how large the image is"
         mend = f"say it: `{asked}: {{file: {wanted.file}, width: 640, height: 480}}`"
@@ -174,6 +155,10 @@ def _size(camera: formats.StatedCamera, part: SourceDocument, wanted: Calibratio
         message = f"the file is of an image of {size} pixels, `{asked}` of {stated}"
         mend = "leave `width` and `height` out, or name the calibration of that image size"
         raise part.error("image-size", at, message, mend)
+    try:
+        check_pixels(*size)
+    except PydanticCustomError as error:
+        raise part.error("image-too-large", at, error.message()) from None
     return size
 
 
@@ -212,7 +197,8 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
 
 def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[DistortionModel, list[float]]:
     """The distortion model and all of its coefficients."""
-    _, counts = _MODELS.get((stated.model or "").lower(), ("none", (8,)))
+    known = formats.FACTS["distortions"]
+    model, *counts = known.get((stated.model or "").lower(), ("none", 8))
     count = len(stated.D)
     while count > max(counts) and not stated.D[count - 1]:  # OpenCV writes zeros of models with 12 and 14
         count -= 1
@@ -228,10 +214,9 @@ def _distortion(document: SourceDocument, stated: formats.StatedLens) -> tuple[D
         raise document.error("wrong-length", stated.D_at, message, mend)
     if not stated.model:
         return _OPENCV_MODELS[count], list(stated.D[:count])
-    if stated.model.lower() not in _MODELS:
+    if stated.model.lower() not in known:
         expected = expected_names(stated.model, stated.models)
         message = f"found `{stated.model}`, which is no known distortion model; {expected}"
         raise document.error("unknown-distortion-model", stated.model_at, message)
-    model, counts = _MODELS[stated.model.lower()]
     check_count(document, stated.D_at, stated.model, count, counts)
     return model, [*stated.D[:count], *[0.0] * (DISTORTION_LENGTHS[model] - count)]

@@ -21,6 +21,7 @@ from pydantic import (
     Tag,
     ValidatorFunctionWrapHandler,
     WithJsonSchema,
+    create_model,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
@@ -145,6 +146,14 @@ class ForeignEntry(BaseModel):
     """An entry of a file that other programs write: unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
+
+
+def foreign(**fields: Any) -> Any:  # noqa: ANN401 - a class made at run time
+    """The class of such entries with some fields, each a type, or one with its default or Pydantic's `Field`."""
+    given: dict[str, Any] = {
+        name: stated if isinstance(stated, tuple) else (stated, ...) for name, stated in fields.items()
+    }
+    return create_model("ForeignEntry", __base__=ForeignEntry, **given)
 
 
 def one_of(*keys: str) -> Discriminator:

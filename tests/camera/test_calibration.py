@@ -180,5 +180,5 @@ def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left
 
 
 def test_a_region_out_of_the_image_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="`roi` reaches out of the image of 1280x720"):
+    with pytest.raises(InputError, match="`roi`: reaches out of the image of 1280x720"):
         read(INFO.format(x=0, y=0, left=700, top=0, width=640, height=360), tmp_path)
