@@ -28,9 +28,9 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_386),
-    "files": ("files", 2_221),
+    "files": ("files", 2_230),
     "robot": ("robot", 2_894),
-    "camera": ("camera", 2_154),
+    "camera": ("camera", 1_972),
     "cell": ("cell", 3_362),
     "logic": ("logic", 2_867),
     "skill, program": ("skill program", 1_869),

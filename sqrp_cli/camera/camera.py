@@ -202,19 +202,11 @@ class ImageEntry(FileRecord):
 
 def image_of(camera: Intrinsics) -> ImageEntry:
     """The entry that gives these intrinsics."""
-    K, lens = camera.matrix, list(map(float, camera.distortion))
-    distortion = None
+    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+    size, lens = {"width": camera.width, "height": camera.height}, None
     if camera.distortion_model != "none":
-        distortion = DistortionEntry(model=camera.distortion_model, coefficients=lens)
-    return ImageEntry(
-        width=camera.width,
-        height=camera.height,
-        fx=float(K[0, 0]),
-        fy=float(K[1, 1]),
-        cx=float(K[0, 2]),
-        cy=float(K[1, 2]),
-        distortion=distortion,
-    )
+        lens = DistortionEntry(model=camera.distortion_model, coefficients=camera.distortion.tolist())
+    return ImageEntry(**size, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)
 
 
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:

@@ -8,7 +8,7 @@ held, gone or in a place, for what predicts it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
@@ -198,8 +198,8 @@ VisibleShare = Annotated[float, In(SHARE, LEAST_VISIBLE, 1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectorTraits(FileRecord):
-    """What a workspace file says of a detection algorithm, and what is taken unchanged."""
+class DetectorEntry(FileRecord):
+    """A detection algorithm, and the limits within which it is reliable."""
 
     kind: DetectorKind
     """What it detects: `aruco` (markers), `color`, or a kind that an installed package brings."""
@@ -209,12 +209,6 @@ class DetectorTraits(FileRecord):
     """Least share of the box that must be seen."""
     curve: Curve | None = None
     """How likely it sees a box, by how a camera sees it; the limits go on deciding what is covered."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DetectorEntry(DetectorTraits):
-    """A detection algorithm, and the limits within which it is reliable."""
-
     distance: Range | None = None
     """Nearest and farthest distance from the camera. Of `aruco` by default from the markers and lenses of the cell."""
     min_pixels: Pixels | None = None
@@ -231,12 +225,12 @@ class DetectorEntry(DetectorTraits):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Detector(DetectorTraits):
-    """The limits within which a detection algorithm is reliable."""
+class Detector(DetectorEntry):
+    """The limits within which a detection algorithm is reliable: what an entry leaves to the cell is known, too."""
 
-    distance: tuple[float, float]
+    distance: tuple[float, float] = field()
     """Nearest and farthest distance from the camera [m]."""
-    min_pixels: float
+    min_pixels: float = field()
     """Least size in the image: square root of the area in pixels."""
     dictionaries: tuple[str, ...] = ()
     """Of the cell's markers, for a detector of them."""

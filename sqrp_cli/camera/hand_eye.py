@@ -18,14 +18,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from sqrp_cli.camera.camera import Seat
 from sqrp_cli.errors import InputError, Place, bad_input, expected_names
-from sqrp_cli.files.entries import ForeignEntry, Length, Number, Text
+from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.units import as_number
@@ -84,69 +84,32 @@ class HandEye(Seat):
     """Its keys and values, of easy_handeye."""
 
 
-class _Vector(ForeignEntry):
-    x: Length
-    y: Length
-    z: Length
-
-
-class _Quaternion(ForeignEntry):
-    x: Number
-    y: Number
-    z: Number
-    w: Number
-
-
-class _Transform(ForeignEntry):
-    """`geometry_msgs/Transform`."""
-
-    translation: _Vector
-    rotation: _Quaternion
-
-
-class _Header(ForeignEntry):
-    frame_id: Text
-
-
-class _Stamped(ForeignEntry):
-    header: _Header
-    child_frame_id: Text
-    transform: _Transform
-
-
-class _Message(ForeignEntry):
-    transforms: list[_Stamped] = Field(min_length=1)
-
-
 def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
     """The rotation matrix of x, y, z, w; None if that is not of length 1, to 1 %."""
     length = sum(value * value for value in quaternion) ** 0.5
     return None if abs(length - 1.0) > 0.01 else quaternion_to_matrix(quaternion)
 
 
-class _Parameters(ForeignEntry):
-    eye_on_hand: bool | None = None
-    calibration_type: Literal["eye_in_hand", "eye_on_base"] | None = None
-    robot_base_frame: Text | None = None
-    robot_effector_frame: Text | None = None
-    tracking_base_frame: Text
+_VECTOR = {"x": Length, "y": Length, "z": Length}
+_TRANSFORM = foreign(
+    translation=foreign(**_VECTOR), rotation=foreign(**dict.fromkeys("xyzw", Number))
+)  # `geometry_msgs/Transform`
+_STAMPED = foreign(header=foreign(frame_id=Text), child_frame_id=Text, transform=_TRANSFORM)
+_MESSAGE = foreign(transforms=Annotated[list[_STAMPED], Field(min_length=1)])  # type: ignore[valid-type]
 
-
-class _Transformation(_Vector):
-    qx: Number
-    qy: Number
-    qz: Number
-    qw: Number
-
-
-class _Result(ForeignEntry):
-    transformation: _Transformation | None = None
-    transform: _Transform | None = None
-
-
-class _File(_Result):
-    parameters: _Parameters
-
+_RESULT: Any = {
+    "transformation": (foreign(**_VECTOR, **dict.fromkeys(_QUATERNION, Number)) | None, None),
+    "transform": (_TRANSFORM | None, None),
+}
+_PARAMETERS: Any = {
+    "eye_on_hand": (bool | None, None),
+    "calibration_type": (Literal["eye_in_hand", "eye_on_base"] | None, None),
+    "robot_base_frame": (Text | None, None),
+    "robot_effector_frame": (Text | None, None),
+    "tracking_base_frame": Text,
+}
+_EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), foreign(**_RESULT, **_PARAMETERS)
+"""Results of easy_handeye; in early versions the parameters stand beside the transformation."""
 
 _KEYS = (
     "parameters", "transform", "transformation", "tracking_base_frame", "header", "transforms", "child_frame_id",
@@ -178,18 +141,14 @@ def read_hand_eye(
 
 
 def _easy_handeye(path: Path, content: bytes) -> HandEye:
-    """A result of easy_handeye; in early versions the parameters stand beside the transformation."""
+    """A result of easy_handeye."""
     document = parse_yaml(path, content, keys=_KEYS)
     if not any(key in document.data for key in _KEYS):
         message = "found no camera pose; expected a result of easy_handeye, TF messages, a launch file or a recording"
         raise bad_input("unknown-calibration", message, Place(path))
-    owner: KeyPath = ()
-    result: _Result
-    if "tracking_base_frame" in document.data:
-        parameters, result = validate(document, _Parameters), validate(document, _Result)
-    else:
-        result = file = validate(document, _File)
-        parameters, owner = file.parameters, ("parameters",)
+    owner: KeyPath = () if "tracking_base_frame" in document.data else ("parameters",)
+    result: Any = validate(document, _EASY_HANDEYE if owner else _EARLY)
+    parameters = result.parameters if owner else result
 
     def lacks(owner: KeyPath, key: str) -> InputError:
         who = f"`{dotted(owner)}`" if owner else "the file"
@@ -201,18 +160,15 @@ def _easy_handeye(path: Path, content: bytes) -> HandEye:
     if in_hand is None:
         raise lacks(owner, "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)")
     key = "robot_effector_frame" if in_hand else "robot_base_frame"
-    frame = parameters.robot_effector_frame if in_hand else parameters.robot_base_frame
+    frame = getattr(parameters, key)
     if frame is None:
         raise lacks(owner, f"`{key}`, the frame that carries the camera")
-    t: _Vector
-    at: KeyPath
-    if result.transform is not None:
-        t, r, at = result.transform.translation, result.transform.rotation, ("transform", "rotation")
-        quaternion = (r.x, r.y, r.z, r.w)
-    elif (f := result.transformation) is not None:
-        t, quaternion, at = f, (f.qx, f.qy, f.qz, f.qw), ("transformation",)
-    else:
+    found = result.transform or result.transformation
+    if found is None:
         raise lacks((), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
+    at: KeyPath = ("transform", "rotation") if result.transform else ("transformation",)
+    t, r = (found.translation, found.rotation) if result.transform else (found, found)
+    quaternion = [getattr(r, name) for name in ("xyzw" if result.transform else _QUATERNION)]
     R = unit_quaternion(quaternion)
     if R is None:
         length = sum(value * value for value in quaternion) ** 0.5
@@ -268,11 +224,11 @@ def read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransfor
     for part in _DOCUMENTS.split(text):
         if any(row.strip() and not row.lstrip().startswith("#") for row in part.split("\n")):
             document = parse_yaml(path, ("\n" * line + part).encode())
-            stamped: dict[KeyPath, _Stamped] = {}
+            stamped: dict[KeyPath, Any] = {}
             if "transforms" in document.data:
-                stamped |= {("transforms", i): one for i, one in enumerate(validate(document, _Message).transforms)}
+                stamped |= {("transforms", i): one for i, one in enumerate(validate(document, _MESSAGE).transforms)}
             else:
-                stamped[()] = validate(document, _Stamped)
+                stamped[()] = validate(document, _STAMPED)
             for at, one in stamped.items():
                 transform = StaticTransform.of(one, document.value_place((*at, "header", "frame_id")))
                 if transform is None:

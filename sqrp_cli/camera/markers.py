@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Annotated, NamedTuple
 
 from pydantic import Field, PlainValidator, WithJsonSchema
-from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.files.entries import FileRecord, MappingOr, Size, refused
@@ -68,41 +68,33 @@ MarkerNumber = Annotated[int, Field(strict=True, ge=0, le=max(one.ids for one in
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Code(FileRecord):
-    """What a marker shows."""
+class ObjectMarker(FileRecord):
+    """A printed marker in the middle of the top (+z) of an object."""
 
     id: Annotated[MarkerNumber, Field(description="Its number in the dictionary.")]
     dictionary: Annotated[DictionaryName, Field(description=_SETS)] = ORIGINAL
+    side: Size | None = None
+    """Side of the printed black square; by default as large as fits there with a margin."""
 
     def __post_init__(self) -> None:
         """Raises PydanticCustomError for an id that the dictionary does not have."""
         last = DICTIONARIES[self.dictionary].ids - 1
         if self.id > last:
-            message = "found id {id}, expected one of `{dictionary}`: 0 to {last}"
-            found = {"id": self.id, "dictionary": self.dictionary, "last": last}
-            raise PydanticCustomError("wrong-value", message, found)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marker(_Code):
-    """A printed marker: on a link around the origin of the link's frame, facing along its z axis."""
-
-    side: Size
-    """Side of the printed black square."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObjectMarker(_Code):
-    """A printed marker in the middle of the top (+z) of an object."""
-
-    side: Size | None = None
-    """Side of the printed black square; by default as large as fits there with a margin."""
+            raise refused("wrong-value", f"found id {self.id}, expected one of `{self.dictionary}`: 0 to {last}")
 
     def on(self, size: tuple[float, float, float]) -> Marker:
         """The marker on an object of a size [m], with its side."""
         modules = DICTIONARIES[self.dictionary].modules
         side = self.side or min(size[:2]) * modules / (modules + 2)
         return Marker(id=self.id, dictionary=self.dictionary, side=side)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker(ObjectMarker):
+    """A printed marker: on a link around the origin of the link's frame, facing along its z axis."""
+
+    side: Size = field()
+    """Side of the printed black square."""
 
 
 StatedMarker = MappingOr[ObjectMarker, MarkerNumber]

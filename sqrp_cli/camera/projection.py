@@ -6,49 +6,41 @@ The models are those of ROS `sensor_msgs/CameraInfo` and OpenCV: `plumb_bob` (k1
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.records import dataclass
 
 
-class ImagePoints(NamedTuple):
-    """Where points are in an image, in pixels or in the plane z = 1."""
-
-    points: Array
-    """Shape (..., 2)."""
-    inside: NDArray[np.bool_]
-    """Whether the lens shows them: within the radius of the projection, shape (...)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """A camera's intrinsics with the limit of its distortion model.
+    """Where a camera shows points.
 
-    radius: largest distance from the optical axis, in the plane z = 1, up to which the distortion is monotonic. Beyond
-    it the polynomial folds back and shows points that the lens does not.
+    Results say where they are in pixels or in the plane z = 1, shape (..., 2), and whether the lens shows them: within
+    the radius, shape (...).
     """
 
     camera: Camera
-    radius: float
 
-    @classmethod
-    def of(cls, camera: Camera) -> Projection:
-        """The projection of a camera."""
-        return cls(camera, monotonic_radius(camera))
+    @cached_property
+    def radius(self) -> float:
+        """Largest distance from the optical axis, in the plane z = 1, up to which the distortion is monotonic.
 
-    def pixels(self, points_C: Array) -> ImagePoints:
+        Beyond it the polynomial folds back and shows points that the lens does not.
+        """
+        return monotonic_radius(self.camera)
+
+    def pixels(self, points_C: Array) -> tuple[Array, Mask]:
         """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
 
         A point beyond the radius gets the pixel of the undistorted camera, which is on the right side at least.
         """
         K = self.camera.matrix
         bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
-        return ImagePoints(bent @ K[:2, :2].T + K[:2, 2], inside)
+        return bent @ K[:2, :2].T + K[:2, 2], inside
 
     def shows(self, directions_C: Array) -> Mask:
         """Which of some directions (..., 3) in the optical frame with z > 0 are within the image."""
@@ -56,7 +48,7 @@ class Projection:
         beyond = (pixels < -0.5) | (pixels > np.array([self.camera.width, self.camera.height]) - 0.5)
         return inside & ~beyond.any(axis=-1)
 
-    def bent(self, plane: Array) -> ImagePoints:
+    def bent(self, plane: Array) -> tuple[Array, Mask]:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
 
         Points beyond the radius stay where they are; so does NaN.
@@ -65,7 +57,7 @@ class Projection:
         square = x * x + y * y
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
         if self.camera.distortion_model == "none":
-            return ImagePoints(plane, inside)
+            return plane, inside
         if self.camera.distortion_model == "equidistant":
             k1, k2, k3, k4 = self.camera.distortion
             radius = np.sqrt(square)
@@ -80,7 +72,7 @@ class Projection:
             across = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
             down = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
             moved = np.stack([across, down], axis=-1)
-        return ImagePoints(np.where(inside[..., None], moved, plane), inside)
+        return np.where(inside[..., None], moved, plane), inside
 
 
 def monotonic_radius(camera: Camera) -> float:

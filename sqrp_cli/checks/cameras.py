@@ -169,7 +169,7 @@ def _why_implausible(camera: Camera) -> str | None:
     """
     focal, across = camera.matrix[0, 0], 0.5 * camera.width / camera.matrix[0, 0]
     nearest = min(across, 0.5 * camera.height / camera.matrix[1, 1])
-    projection = Projection.of(camera)
+    projection = Projection(camera)
 
     def bent(radius: float) -> Array:
         """Where the four points on the axes at a radius go: right, left, bottom, top, shape (4, 2)."""

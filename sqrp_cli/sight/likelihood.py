@@ -66,7 +66,7 @@ def likelihoods(
                         for at in shutters[camera.exposure]
                     )
                     before = (np.where([True, True, False], p, np.where(p[:, 2:] > 0, p, 1.0)) for p in centers)
-                    first, last = (Projection.of(camera).pixels(points).points for points in before)
+                    first, last = (Projection(camera).pixels(points)[0] for points in before)
                     blur[:, column] = np.hypot(*(last - first).T)
             sights = BoxSights(faced.size, faced.incidence, faced.distance, verdicts.visible, blur)
             sights = BoxSights(*(np.where(passed, values, np.nan) for values in sights))

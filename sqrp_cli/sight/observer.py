@@ -197,7 +197,7 @@ class Observer:
         boxes = [box for target in targets for box in target.boxes]
         counts = np.array([len(one.boxes) for one in targets], dtype=np.int64)
         first = np.cumsum(counts) - counts
-        request = self._scene.request([Projection.of(lens) for lens in lenses], boxes, states)
+        request = self._scene.request([Projection(lens) for lens in lenses], boxes, states)
         return request.look_from(X_FC, Items(state, first[target], counts[target]), decisive, limits_only=limits_only)
 
     def _look(
@@ -216,7 +216,7 @@ class Observer:
 
     @cached_property
     def _projections(self) -> list[Projection]:
-        return [Projection.of(camera) for camera in self.cameras]
+        return [Projection(camera) for camera in self.cameras]
 
     @cached_property
     def _scene(self) -> SightScene:

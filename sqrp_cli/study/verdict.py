@@ -343,7 +343,7 @@ def _angles_of_view(camera: Camera) -> tuple[float, ...]:
     angles = np.radians(np.arange(0.0, 90.0, 0.5))
     sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
     rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
-    shown = np.minimum.accumulate(Projection.of(camera).shows(rays), axis=1)
+    shown = np.minimum.accumulate(Projection(camera).shows(rays), axis=1)
     return tuple(float(angles[max(row.sum() - 1, 0)]) for row in shown)
 
 

@@ -255,7 +255,7 @@ def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path: Path, num
     wanted = typed(WRITTEN_BY_COLMAP, camera=str(number))(tmp_path)
     lens = read_calibration(Path(wanted.file), wanted).intrinsics
     camera = Camera(**vars(lens), name="c", frame="world", X_FC=np.eye(4), rate=10.0)
-    seen = Projection.of(camera).pixels(np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]])).points
+    seen = Projection(camera).pixels(np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]]))[0]
     np.testing.assert_allclose(seen, np.array(SEEN_BY_COLMAP[number - 1]) - 0.5, rtol=0, atol=2e-9)
 
 

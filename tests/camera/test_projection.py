@@ -61,7 +61,7 @@ def searched_radius(camera: Camera, radii: Array) -> float:
 @given(units=st.lists(st.floats(-1, 1), min_size=8, max_size=8), seed=st.integers(0, 2**32 - 1))
 def test_pixels_are_those_of_opencv(model: str, units: list[float], seed: int) -> None:
     camera = lens(model, np.array(units))
-    projection = Projection.of(camera)
+    projection = Projection(camera)
     rng = np.random.default_rng(seed)
     reach = min(0.999 * projection.radius, 1.5)
     angle, radius = rng.uniform(0, 2 * np.pi, 200), reach * np.sqrt(rng.uniform(0, 1, 200))
@@ -102,7 +102,7 @@ def test_radius_worked_out_by_hand(model: str, distortion: tuple[float, ...], ra
 
 
 def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side() -> None:
-    projection = Projection.of(make_camera(model="plumb_bob", distortion=(-0.3, 0, 0, 0, 0), focal=(200.0, 200.0)))
+    projection = Projection(make_camera(model="plumb_bob", distortion=(-0.3, 0, 0, 0, 0), focal=(200.0, 200.0)))
     assert projection.radius == pytest.approx(np.sqrt(1 / 0.9))
     # The lens folds this point back to u = r (1 - 0.3 r^2) = 0: right in the middle of the image.
     folded = np.array([[np.sqrt(1 / 0.3), 0.0, 1.0]])

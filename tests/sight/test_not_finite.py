@@ -27,7 +27,7 @@ LENSES = {"none": (), "plumb_bob": (-0.1, 0, 0, 0, 0), "equidistant": (0.01, 0, 
 
 @pytest.mark.parametrize("model", LENSES)
 def test_a_lens_shows_no_point_that_is_not_a_number(model: str) -> None:
-    projection = Projection.of(make_camera(model=model, distortion=LENSES[model]))
+    projection = Projection(make_camera(model=model, distortion=LENSES[model]))
     _, inside = projection.pixels(np.array([[0.0, 0.0, 1.0], [NAN, 0.0, 1.0], [0.0, NAN, 1.0], [0.0, 0.0, NAN]]))
     assert inside.tolist() == [True, False, False, False]
 

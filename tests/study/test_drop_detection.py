@@ -45,7 +45,7 @@ class Painted:
         """tool: where its middle is, and its size."""
         self.size, self.eye = size, eye
         self.object = thing("part", (4.0, 0.0, 0.02), size, color="green")
-        self.posed = PosedCamera(Projection.of(eye), eye.X_FC)
+        self.posed = PosedCamera(Projection(eye), eye.X_FC)
         self._surface = [Surface.of(part) for part in self.object.parts]
         self._tool = ProjectedParts(())
         if tool is not None:

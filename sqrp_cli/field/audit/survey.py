@@ -151,7 +151,7 @@ class _Surveyor:
 
     def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
         """The pose error of a camera and the offset of its clock."""
-        projection = Projection.of(camera)
+        projection = Projection(camera)
         # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
         if not kept:
             return None
@@ -177,7 +177,7 @@ class _Surveyor:
             fit, points, X_CC = better, np.concatenate([one.edges.points for one in seen]), X_CC @ _moved(better.change)
             turn, _ = cv2.Rodrigues(X_CC[:3, :3])
             change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
-        away = projection.pixels(points).points - projection.pixels(transform(X_CC, points)).points
+        away = projection.pixels(points)[0] - projection.pixels(transform(X_CC, points))[0]
         pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
         return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
 
@@ -286,7 +286,7 @@ class MotionInImage:
     @classmethod
     def of(cls, camera: Camera, body: RobotBody, footage: Footage, t: Array) -> MotionInImage:
         """Of the robot, at times t (m,) [s]; and of what stands, for a camera that moves."""
-        projection = Projection.of(camera)
+        projection = Projection(camera)
         X_WL = body.poses_over(footage.joints(t))
         X_WC = X_WL[camera.frame] @ camera.X_FC if camera.frame != WORLD else camera.X_FC[None]
         X_CW = np.array([inverse(X) for X in X_WC])

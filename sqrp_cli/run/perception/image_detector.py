@@ -52,7 +52,7 @@ class ImageDetector:
     def __init__(self, camera: Camera, cell: CellModel) -> None:
         """cell: what is known of it beforehand."""
         self._camera, self._cell = camera, cell
-        self._projection = Projection.of(camera)
+        self._projection = Projection(camera)
         self._sought = DetectionTargets({}, {}, {})
         self._background: Background | None = None
         self._last: ImageArray | None = None

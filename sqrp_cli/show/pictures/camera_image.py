@@ -171,7 +171,7 @@ class Photographer:
     def view(self, camera: Camera, pixels: Array) -> PixelView:
         """What the camera sees at pixels of shape (n, 2)."""
         X_WC = self._states.camera_poses(camera)[0]
-        rays_C, shown = directions(Projection.of(camera), pixels)
+        rays_C, shown = directions(Projection(camera), pixels)
         rays = rays_C @ X_WC[:3, :3].T
         return PixelView(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
 

@@ -137,7 +137,7 @@ def _picture(
         if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
-    return drawing.outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+    return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
 
 
 def _drawable(camera: Camera) -> tuple[Camera, int]:

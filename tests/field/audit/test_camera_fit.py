@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 def test_slopes_are_the_differences_of_how_far_points_are_away() -> None:
     rng = np.random.default_rng(3)
     camera = load_workspace(ROOT / "workspaces" / "tabletop").cameras["cam1"]
-    projection, n = Projection.of(camera), 50
+    projection, n = Projection(camera), 50
     points = np.column_stack([rng.uniform(-0.1, 0.1, (n, 2)), rng.uniform(0.8, 1.2, n)])
     edges = ExpectedEdges(
         points=points,
@@ -30,7 +30,7 @@ def test_slopes_are_the_differences_of_how_far_points_are_away() -> None:
         R_CW=np.linalg.qr(rng.normal(size=(3, 3)))[0],
     )
     normals = rng.normal(size=(n, 2))
-    fitted = _Points([SeenEdges(edges, projection.pixels(points).points, normals, np.zeros((n, 21)))], projection)
+    fitted = _Points([SeenEdges(edges, projection.pixels(points)[0], normals, np.zeros((n, 21)))], projection)
     change = rng.normal(0.0, 0.02, len(fitted.deviations))
     steps = 1e-6 * np.eye(len(change))
     differences = [fitted.away(change + step) - fitted.away(change - step) for step in steps]

@@ -69,7 +69,7 @@ def test_balls_appear_where_the_camera_model_projects_them(lens: str) -> None:
     eye = LENSES[lens]
     grid = np.array([(x, y, 0.0) for x in np.linspace(-0.34, 0.34, 6) for y in np.linspace(-0.24, 0.24, 5)])
     centers_C = grid + np.random.default_rng(1).uniform((-0.02, -0.02, 0.9), (0.02, 0.02, 1.1), (30, 3))
-    expected, inside = Projection.of(eye).pixels(centers_C)
+    expected, inside = Projection(eye).pixels(centers_C)
     assert inside.all()
     balls = [
         thing(f"ball{k}", center.tolist(), (0.036, 0.036, 0.036), shape=Sphere(0.018), fixed=True)
@@ -109,7 +109,7 @@ def test_a_camera_on_a_link_moves_with_it() -> None:
     renderer.move(physics.positions)
     (seen,) = blobs(renderer.image("cam", 0.0))
     renderer.close()
-    assert np.linalg.norm(seen - Projection.of(eye).pixels(point_C)[0]) < 0.3
+    assert np.linalg.norm(seen - Projection(eye).pixels(point_C)[0]) < 0.3
 
 
 def test_leaving_out_what_is_out_of_view_changes_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,7 +192,7 @@ def test_a_marker_lies_on_top_of_its_object_the_right_way_round(name: str, const
     # OpenCV's corners: upper left first, clockwise, as one who looks at the marker sees it.
     half = 0.035 if name == "original" else 0.03
     square = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) + [0, 0, 0.05]
-    expected, _ = Projection.of(eye).pixels(transform(inverse(eye.X_FC) @ plate.X_WO, square))
+    expected, _ = Projection(eye).pixels(transform(inverse(eye.X_FC) @ plate.X_WO, square))
     assert np.abs(corners[0][0] - expected).max() < 1.0
     (found,) = find_markers(image, *(() if name == "original" else (name,)))
     assert found.id == 23
@@ -234,7 +234,7 @@ def test_each_of_eight_lamps_is_drawn() -> None:
         for number, (x, y, _) in enumerate(spots.tolist())
     }
     eye = camera(eye=(0.65, -0.5, 0.9), target=(0.65, 0.0, 0.0), size=(160, 120), focal=(150.0, 150.0))
-    pixels = Projection.of(eye).pixels(transform(inverse(eye.X_FC), spots))[0].round().astype(int)
+    pixels = Projection(eye).pixels(transform(inverse(eye.X_FC), spots))[0].round().astype(int)
     plates = [
         thing(f"plate{number}", spot, (0.04, 0.04, 0.001), color=None, fixed=True)
         for number, spot in enumerate(spots.tolist())

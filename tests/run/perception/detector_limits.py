@@ -109,7 +109,7 @@ def color_rates(
 def outline(eye: Camera, X_WO: Array) -> Array:
     """The image of the cube at a pose, a convex polygon (n, 2) [pixels]."""
     X_CO = np.linalg.inv(eye.X_FC) @ X_WO
-    pixels, _ = Projection.of(eye).pixels(transform(X_CO, box_corners(CUBE.size)))
+    pixels, _ = Projection(eye).pixels(transform(X_CO, box_corners(CUBE.size)))
     hull: Array = cv2.convexHull(pixels.astype(np.float32))[:, 0].astype(float)
     return hull
 

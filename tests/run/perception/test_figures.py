@@ -73,7 +73,7 @@ def stage(request: pytest.FixtureRequest, ring: SceneObject) -> Iterator[Stage]:
 
 
 def projected(stage: Stage, eye: Camera, X_WO: np.ndarray) -> ProjectedObject:
-    view = PosedCamera(Projection.of(eye), eye.X_FC)
+    view = PosedCamera(Projection(eye), eye.X_FC)
     box = view.outline(X_WO, stage.knowledge.objects["part"].size)
     assert box is not None
     return ProjectedObject.of(box, view.silhouette(stage.knowledge.surfaces["part"], {"part": X_WO}, beyond=True))
@@ -182,7 +182,7 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     coarse = fine.coarsened()
     assert coarse.triangles is not None
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
-    view = PosedCamera(Projection.of(EYES[0]), EYES[0].X_FC)
+    view = PosedCamera(Projection(EYES[0]), EYES[0].X_FC)
     masks = [view.silhouette([surface], {"part": pose(position=PLACE)}).mask(view.whole) for surface in (fine, coarse)]
     assert masks[0].sum() > 300
     assert not (masks[0] & ~dilated(masks[1], 2)).any()

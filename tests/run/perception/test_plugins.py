@@ -131,7 +131,7 @@ def test_a_workspace_may_name_an_installed_kind_and_reading_it_runs_nothing_of_t
 def test_a_question_says_what_the_robot_does_not_cover() -> None:
     stage = stage_with("as_at_first")
     image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
-    view = ExpectedView(stage.knowledge, Projection.of(EYE), sought(), image, believed)
+    view = ExpectedView(stage.knowledge, Projection(EYE), sought(), image, believed)
     stage.close()
     found = question_about(view, "placed(plate)", sought().targets["placed(plate)"].boxes[0])
     assert found is not None

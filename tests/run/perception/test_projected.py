@@ -15,7 +15,7 @@ from tests.run.cell.scenes import camera
 
 SIZE = np.array([0.04, 0.05, 0.06])
 EYE = camera("near", (4.3, 0.4, 0.5), (4.0, 0.0, 0.02))
-VIEW = PosedCamera(Projection.of(EYE), EYE.X_FC)
+VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
 def box_at(X_WB: Array) -> ProjectedBox:
@@ -69,7 +69,7 @@ def test_a_finger_that_stands_up_behind_a_part_is_not_before_it() -> None:
 
 
 WIDE = camera("beside", (0.3, 0.4, 0.5), (0.0, 0.0, 0.0), size=(160, 120), focal=(150.0, 150.0))
-WIDE_VIEW = PosedCamera(Projection.of(WIDE), WIDE.X_FC)
+WIDE_VIEW = PosedCamera(Projection(WIDE), WIDE.X_FC)
 FINE = 5
 """Rays across a pixel: what a link shows may be thinner."""
 

@@ -37,7 +37,7 @@ def camera(model: str, focal: float = 320.0) -> Camera:
 
 @pytest.mark.parametrize("model", LENSES)
 def test_a_direction_is_seen_at_its_pixel(model):
-    projection = Projection.of(camera(model))
+    projection = Projection(camera(model))
     pixels = np.stack(np.meshgrid(np.linspace(-0.5, 639.5, 41), np.linspace(-0.5, 479.5, 31)), axis=-1).reshape(-1, 2)
     rays, shown = directions(projection, pixels)
     assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
@@ -48,6 +48,6 @@ def test_a_direction_is_seen_at_its_pixel(model):
 
 
 def test_pixels_beyond_the_reach_of_the_lens_show_nothing():
-    projection = Projection.of(camera("plumb_bob", focal=150.0))
+    projection = Projection(camera("plumb_bob", focal=150.0))
     _, shown = directions(projection, np.array([[311.0, 251.0], [0.0, 0.0], [639.0, 479.0]]))
     assert shown.tolist() == [True, False, False]

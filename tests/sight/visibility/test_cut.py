@@ -40,7 +40,7 @@ def shown(camera: Camera, size: Array, X_CB: Array, before: tuple[Array, Array] 
     rays = np.stack([*map(np.ravel, np.meshgrid(*grid)), np.ones(ACROSS**2)], axis=1)
     depth = met(size, X_CB, rays)
     rays, depth = rays[np.isfinite(depth)], depth[np.isfinite(depth)]
-    (u, v), bent = Projection.of(camera).pixels(rays)[0].T, Projection.of(camera).pixels(rays)[1]
+    (u, v), bent = Projection(camera).pixels(rays)[0].T, Projection(camera).pixels(rays)[1]
     free = bent & (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
     if before is not None:
         free &= met(*before, rays) > depth
