@@ -82,7 +82,7 @@ class Solid:
         the centre and the radius of one around it [m]. Raises ValueError for no triangles, for vertices that do not
         exist, and for what is not finite.
         """
-        vertices, triangles = np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(triangles, np.int64)
+        vertices, triangles = _reals(vertices), np.ascontiguousarray(triangles, np.int64)
         figures = np.array([*np.reshape(X_PG, -1), *half, *ball], dtype=float)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.shape != (len(triangles), 3) or not len(triangles):
             raise ValueError(f"a solid needs triangles, found shapes {vertices.shape} and {triangles.shape}")
@@ -103,7 +103,7 @@ class Solid:
         X_AB: pose of the other one's parent in that of this one, (4, 4). enough: one of at most this may be too large.
         Raises ValueError for a pose that is not finite.
         """
-        X_AB = np.ascontiguousarray(X_AB, dtype=float)
+        X_AB = _reals(X_AB)
         if X_AB.shape != (4, 4) or not np.isfinite(X_AB).all():
             raise ValueError(f"a pose must be finite and of shape (4, 4), found {X_AB}")
         measure = library.load().solid_distance
@@ -136,6 +136,15 @@ class Items(NamedTuple):
     """How many there are."""
 
 
+class Loss(NamedTuple):
+    """How much of what matters may be lost by one target, in two respects."""
+
+    steps: Array
+    """How much is, in each of m states in which and before which the target is not seen, shape (m, 2)."""
+    bars: Array
+    """Too much, in both respects of a row; shape (b, 2)."""
+
+
 class Verdicts(NamedTuple):
     """What c cameras make of n boxes, arrays of shape (c, n)."""
 
@@ -164,7 +173,7 @@ class Aspects(NamedTuple):
 
 def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -> Array:
     """World poses (N, m, 4, 4) of N joints at m positions (m, N) [rad or m]; see `JointTree` for the other arrays."""
-    terms, positions = np.ascontiguousarray(terms, dtype=float), np.ascontiguousarray(positions, dtype=float)
+    terms, positions = _reals(terms), _reals(positions)
     joints, count = len(parents), len(positions)
     if len(turns) != joints or terms.shape != (joints, 3, 4, 4) or positions.shape != (count, joints):
         raise ValueError(f"{joints} joints have terms of shape {terms.shape} and positions of shape {positions.shape}")
@@ -204,7 +213,7 @@ class Collisions:
         indices of nothing.
         """
         arrays: dict[str, NDArray[Any]] = {name: _whole(np.asarray(values)) for name, values in whole.items()}
-        arrays |= {name: np.ascontiguousarray(values, dtype=float) for name, values in real.items()}
+        arrays |= {name: _reals(values) for name, values in real.items()}
         arrays["solids"] = np.array([solid.address for solid in solids], dtype=np.uint64)
         joints, bodies = len(arrays["parents"]), len(solids)
         if not all(np.isfinite(array).all() for array in arrays.values()):
@@ -235,7 +244,7 @@ class Collisions:
     def motion_bounds(self, q: Array, variation: Array) -> Array:
         """How far each pair can move against each other around q (d,), where the arm's joints differ by (n,) [m]."""
         (q,), bounds = self._positions(q[None]), np.zeros(self.pairs)
-        change = np.ascontiguousarray(variation, dtype=float)
+        change = _reals(variation)
         library.load().collisions_bounds(ctypes.byref(self._scene), _at(q), _at(change), _at(bounds))
         return bounds
 
@@ -247,8 +256,8 @@ class Collisions:
         breaks (p + 1,), coefficients (p, k, n), slopes (p, n): of its pieces, as of `JointPath` and its
         `derivative_bounds`. fingers: positions of the other driven joints. resolution: see `PlacedScene.check_path`.
         """
-        fingers = np.ascontiguousarray(fingers, dtype=float)
-        arrays = [np.ascontiguousarray(array, dtype=float) for array in (breaks, coefficients, slopes)]
+        fingers = _reals(fingers)
+        arrays = [_reals(array) for array in (breaks, coefficients, slopes)]
         pieces, terms, joints = coefficients.shape
         shapes = [array.shape for array in arrays]
         if (
@@ -267,7 +276,7 @@ class Collisions:
         return None if found < 0 else (found, at.value)
 
     def _positions(self, q: Array) -> Array:
-        q = np.ascontiguousarray(q, dtype=float)
+        q = _reals(q)
         if q.shape != (len(q), self.driven) or not np.isfinite(q).all():
             raise ValueError(f"positions must be finite and of {self.driven} joints, found the shape {q.shape}")
         return q
@@ -327,7 +336,7 @@ class Request:
         still = self._count == 1
         # Those that never move are often hundreds, and lie one after the other.
         resting = np.concatenate([np.empty((0, 4, 4)), *compress(X_WF, still.tolist())])
-        moving = [np.ascontiguousarray(X, dtype=float) for X in compress(X_WF, (~still).tolist())]
+        moving = [_reals(X) for X in compress(X_WF, (~still).tolist())]
         if len(X_WF) < scene.frames or any(X.shape != (states, 4, 4) for X in moving):
             raise ValueError(f"poses of {scene.frames} frames are needed, found {sorted({X.shape for X in X_WF})}")
         self._X = [resting, *moving]
@@ -339,12 +348,23 @@ class Request:
         at, counts = self._places.ctypes.data, self._count.ctypes.data
         self._request = _Request(X_WF=at, pose_count=counts, **scene.fields)
 
-    def cover(self, items: Items, needed: Indices, tiers: Sequence[Indices], sights: NDArray[np.int8]) -> None:
+    def cover(
+        self,
+        items: Items,
+        needed: Indices,
+        tiers: Sequence[Indices],
+        sights: NDArray[np.int8],
+        loss: Loss | None = None,
+    ) -> None:
         """Find out in place whether cameras see items: of `sights` (c, n), -1 becomes 0 or 1 as far as it matters.
 
         needed: how many cameras must see each item, shape (n,). tiers: cameras by index, those with the fastest
-        response first; of later ones no more are asked than needed. Items of the same boxes follow each other.
+        response first; of later ones no more are asked than needed. Items of the same boxes follow each other. loss:
+        after which the rest stays as it is.
         """
+        steps, bars = Loss(np.empty((0, 2)), np.empty((0, 2))) if loss is None else loss
+        if bars.shape != (len(bars), 2) or (len(bars) and steps.shape != (self._states, 2)):
+            raise ValueError(f"a loss in {self._states} states has the shapes {steps.shape} and {bars.shape}")
         items = self._checked(items)
         if (
             sights.shape != (self._scene.cameras, len(items.state))
@@ -357,7 +377,8 @@ class Request:
             raise ValueError(f"a camera of a tier is none of {self._scene.cameras}")
         ends, needed = _whole(np.cumsum([len(tier) for tier in tiers])), _whole(needed)
         state, first, count = items
-        self._call("cover", len(state), state, first, count, needed, len(tiers), ends, order, sights)
+        given = state, first, count, needed, len(tiers), ends, order
+        self._call("cover", len(state), *given, len(bars), *map(_reals, (bars, steps)), sights)
 
     def judge(self, box: Indices, state: Indices, *, shares: bool, culprits: bool) -> Verdicts:
         """What all cameras make of boxes in states, shape (n,) each.
@@ -405,7 +426,7 @@ class Request:
         X_FC: the poses, (p, 4, 4). decisive: items, shape (n,), without which a pose is given up: all that follow come
         out unseen. limits_only: whether only the limits of camera and detector count.
         """
-        items, X_FC = self._checked(items), np.ascontiguousarray(X_FC, dtype=float)
+        items, X_FC = self._checked(items), _reals(X_FC)
         if X_FC.shape[1:] != (4, 4) or not np.isfinite(X_FC).all():
             raise ValueError(f"the poses of a camera must be finite and of shape (p, 4, 4), found {X_FC.shape}")
         if decisive is not None and decisive.shape != items.state.shape:
@@ -437,6 +458,10 @@ class Request:
 
 def _at(array: NDArray[Any]) -> c_void_p:
     return c_void_p(array.ctypes.data)
+
+
+def _reals(figures: Array) -> Array:
+    return np.ascontiguousarray(figures, dtype=float)
 
 
 def _whole(numbers: Indices) -> Indices:

@@ -25,14 +25,19 @@ constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
 // Whether cameras see all boxes of the targets of questions, as far as it matters: replaces what is unknown in `sights`
 // (cameras, questions). A question: a target, of `count` boxes from `first` on, in a state, that `needed` cameras must
 // see. Cameras are asked in tiers, those with the fastest response first; tier_ends: where each ends in tier_cameras.
+// Ends as soon as a target loses as much as one of the bars (bars, 2): `steps` (states, 2) up to states in which it is seen
+// as little as in the question before.
 void cover(const Request* request, int questions, const int64_t* state, const int64_t* first, const int64_t* count,
-           const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int8_t* sights) {
+           const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int bar_count,
+           const double* bars, const double* steps, int8_t* sights) {
     Scene scene(*request);
     struct Turn { int camera, near; };
     List<Turn> turns;
     List<View> views;   // of the boxes of the present target, (cameras, its boxes)
     List<LitBox> lit;
     List<uint8_t> saw;  // whether each camera saw all of them when it was asked last
+    double lost[2];
+    bool was_unseen = false;
     for (int q = 0; q < questions; q++) {
         int boxes = int(count[q]), first_box = int(first[q]);
         if (!q || first[q] != first[q - 1] || count[q] != count[q - 1]) {
@@ -40,6 +45,7 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             lit.resize(most(lit.size(), boxes));
             for (View& view : views) view.forget();
             saw.clear(), saw.resize(int(request->camera_count));
+            was_unseen = false, lost[0] = lost[1] = 0;
         }
         int64_t seen = 0, left = 0;  // how many cameras see it, and may
         auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
@@ -74,6 +80,11 @@ void cover(const Request* request, int questions, const int64_t* state, const in
             for (Turn turn : turns)
                 if (is_open()) find_out(turn.camera, turn.near);
         }
+        bool unseen = seen < needed[q];
+        for (int k = 0; bar_count && unseen && was_unseen && k < 2; k++) lost[k] += steps[2 * state[q] + k];
+        was_unseen = unseen;
+        for (int b = 0; b < bar_count; b++)
+            if (lost[0] >= bars[2 * b] && lost[1] >= bars[2 * b + 1]) return;
     }
 }
 

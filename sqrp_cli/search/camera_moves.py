@@ -23,7 +23,7 @@ from sqrp_cli.search.least import MOST_MORE, Bounds, Move, least_changes, shells
 from sqrp_cli.search.moves import ProposedChange
 from sqrp_cli.search.question import Found, Question, Tried, seen_by
 from sqrp_cli.study.assessment import Analysis
-from sqrp_cli.study.quality import interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_study import WholeAnalysis, mean_quality
@@ -246,7 +246,7 @@ class CameraMove:
         if question.goal.only_events:
             observer = change.in_cell(question.cell).observer
             timelines = [observe(step, observer, question.sampling, full=False) for step in self.base.about]
-            quality = mean_quality([(interest_quality(timeline), timeline.T_eoi) for timeline in timelines])
+            quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, question.goal.q_eoi or 0.0)
         else:
             study = self.study(change)

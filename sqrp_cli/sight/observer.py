@@ -17,7 +17,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import Light
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.kernel.kernel import Aspects, Items
+from sqrp_cli.kernel.kernel import Aspects, Items, Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
@@ -110,11 +110,12 @@ class Observer:
         return tuple(tuple(next(of_boxes) for _ in target.boxes) for target in targets)
 
     def coverage(
-        self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
+        self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices], loss: Loss | None = None
     ) -> tuple[CoveredStates, ...]:
         """Whether each target is covered in its states `rows`, testing no more cameras than needed.
 
-        Cameras with the fastest response come first, so the result is the response of the best k cameras.
+        Cameras with the fastest response come first, so the result is the response of the best k cameras. loss: after
+        which nothing more is looked at, and counts as uncovered, unless there is a memory.
         """
         counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
@@ -122,7 +123,7 @@ class Observer:
         items = Items(state, np.repeat(np.cumsum(boxes) - boxes, counts), np.repeat(boxes, counts))
         sights = np.full((len(self.cameras), len(needed)), UNKNOWN, dtype=np.int8)
         if self.memory is None:
-            self._look(targets, states, items, needed, sights)
+            self._look(targets, states, items, needed, sights, loss)
         else:
             keys = self.memory.questions(targets, states, rows, self._frames)
             sights = self.memory.recalled(self.cameras, keys)
@@ -201,12 +202,18 @@ class Observer:
         return request.look_from(X_FC, Items(state, first[target], counts[target]), decisive, limits_only=limits_only)
 
     def _look(
-        self, targets: Sequence[Target], states: SceneStates, items: Items, needed: Indices, sights: Sights
+        self,
+        targets: Sequence[Target],
+        states: SceneStates,
+        items: Items,
+        needed: Indices,
+        sights: Sights,
+        loss: Loss | None = None,
     ) -> None:
         """Replace what is unknown in the `sights` of items, as far as it matters."""
         boxes = [box for target in targets for box in target.boxes]
         request = self._scene.request(self._projections, boxes, states)
-        request.cover(items, needed, self._tiers, sights)
+        request.cover(items, needed, self._tiers, sights, loss)
 
     @cached_property
     def _tiers(self) -> list[NDArray[np.int64]]:

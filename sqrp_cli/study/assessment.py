@@ -13,6 +13,7 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.figures import FaultMetrics
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
@@ -169,15 +170,23 @@ def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool
     return with_delays(cell, all_observed(cell, [scene], sampling, full=full), sampling)[0]
 
 
-def all_observed(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, full: bool) -> list[Observed]:
-    """As `observed` of each of several motions, without delays."""
+def all_observed(
+    cell: Cell,
+    scenes: Sequence[PlannedMotion],
+    sampling: Sampling,
+    *,
+    full: bool,
+    bars: Array | None = None,
+) -> list[Observed]:
+    """As `observed` of each of several motions, without delays. bars: see `observe`."""
     for scene in scenes:
         if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
             name = scene.candidate.name
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    return [Observed(**vars(one), timeline=observe(one, cell.observer, sampling, full=full)) for one in scenes]
+    seen = (observe(one, cell.observer, sampling, full=full, bars=bars) for one in scenes)
+    return [Observed(**vars(one), timeline=timeline) for one, timeline in zip(scenes, seen, strict=True)]
 
 
 def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import compress
 from math import inf
 
@@ -19,7 +20,7 @@ from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, p
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.quality import qualities_over
-from sqrp_cli.study.ranking import compared_quality, compared_time, contenders, rank
+from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import PlannedMotion
@@ -112,11 +113,12 @@ def find_way(
         longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
     if isinstance(scenes, Infeasible):
         return replace(scenes, tried=planned.tried)
-    watched = plans.observed(cell, scenes, sampling)
+    compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
+    watched = plans.observed(cell, scenes, sampling, contending=compared)
     if candidate.open_paths:
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
         watched = [*direct, *_seen(cell, scenes, sampling, longest, wanted.by)]
-    if wanted.by in ("q_eoi", "q_avg", "time"):  # only these may be the best or Pareto-optimal
+    if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     studies = with_delays(cell, watched, sampling)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
@@ -206,10 +208,15 @@ class Plans:
         self._known: dict[tuple[int, bool], tuple[Candidate, _Planned]] = {}
         self._sights, self._seen = sights, dict[int, Observed]()
 
-    def observed(self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
-        """What is seen of some of the planned ways; observed at the first time, if that is kept."""
+    def observed(
+        self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
+    ) -> list[Observed]:
+        """What is seen of some of the planned ways; observed at the first time, if that is kept.
+
+        contending: whether others than `contenders` may be left at fewer samples, if nothing is kept.
+        """
         if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
-            return all_observed(cell, scenes, sampling, full=False)
+            return (_contending if contending else partial(all_observed, full=False))(cell, scenes, sampling)
         missing = [scene for scene in scenes if id(scene) not in self._seen]
         self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
         return [self._seen[id(scene)] for scene in scenes]
@@ -219,6 +226,26 @@ class Plans:
         if (key := (id(candidate), fastest)) not in self._known:
             self._known[key] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
         return self._known[key][1]
+
+
+def _contending(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
+    """What is seen of ways: as exactly as asked of `contenders`, in fewer samples of some others.
+
+    A way is looked at no closer once all that it may still be found to see is no more than a way sees that takes no
+    longer: then it is no contender, neither by what is known of it nor by what it would be found to see.
+    """
+    found: dict[int, Observed] = {}
+    known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
+    of_kind = len({(scene.T > 0.0, scene.T_eoi > 0.0) for scene in scenes}) == 1  # else qualities are not compared
+    for number in sorted(range(len(scenes)), key=lambda index: scenes[index].motion.time):
+        scene, time = scenes[number], compared_time(scenes[number].motion.time)
+        # A way that is as fast must see more. What rounding may add must not decide.
+        least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
+        bars = (1.0 - np.array(least).reshape(-1, 2)) * [scene.T, scene.T_eoi] * (1.0 + 1e-9)
+        (found[number],) = all_observed(cell, [scene], sampling, full=False, bars=bars if of_kind else None)
+        seen = qualities_over(found[number].timeline)
+        known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
+    return [found[number] for number in range(len(scenes))]
 
 
 def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.kernel.kernel import Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import BoxVerdicts, Observer, sees_all
 from sqrp_cli.sight.targets import Target
@@ -92,10 +93,11 @@ def look_at(
     targets: Sequence[Target],
     samples: Samples,
     known: Observation | None = None,
+    bars: Array | None = None,
 ) -> Observation:
     """Whether enough cameras see each target in samples of a motion, where it is required.
 
-    known: what is known of the samples already, and not asked again.
+    known: what is known of the samples already, and not asked again. bars: see `observe`.
     """
     required = stage.requires(targets, samples)
     nothing = np.zeros(required.shape, dtype=bool)
@@ -109,7 +111,9 @@ def look_at(
     )
     rows = [np.flatnonzero(asked) for asked in (required if known is None else required & ~known.known).T]
     if any(map(len, rows)):
-        seen = observer.coverage(targets, stage.states(samples), rows)
+        steps = np.append(0.0, samples.steps)
+        loss = None if bars is None else Loss(np.stack([steps, steps * stage.of_interest(samples)], axis=1), bars)
+        seen = observer.coverage(targets, stage.states(samples), rows, loss)
         for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
             found.covered[at, column], found.response[at, column] = of_target.covered, of_target.response
     return found

@@ -14,8 +14,7 @@ def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetric
     """The figures of a motion that takes `time` [s]."""
     return Figures(
         time=time,
-        q_avg=average_quality(timeline),
-        q_eoi=interest_quality(timeline),
+        **vars(qualities_over(timeline)),
         t_total=timeline.T,
         t_eoi=timeline.T_eoi,
         faults=faults,
@@ -24,27 +23,17 @@ def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetric
 
 
 def qualities_over(timeline: Timeline) -> Qualities:
-    """Both qualities of a timeline."""
-    return Qualities(average_quality(timeline), interest_quality(timeline))
-
-
-def average_quality(timeline: Timeline) -> float | None:
-    """Q_avg: total length of the runs of covered states over T, in 0..1; None where no formula applies for any time.
+    """Q_avg: total length of the runs of covered states over T, in 0..1; Q_eoi: the same within the events of interest.
 
     A run is a maximal sequence of consecutive covered samples inside one stretch of formula time; its length is last
     minus first (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum
-    over runs is the sum over neighbouring covered samples.
+    over runs is the sum over neighbouring covered samples. None where no formula, or no event, applies for any time.
     """
-    return _covered_length(timeline, interesting_only=False) / timeline.T if timeline.T > 0 else None
-
-
-def interest_quality(timeline: Timeline) -> float | None:
-    """Q_eoi: the same within the events of interest, over T_eoi; None where there are none."""
-    return _covered_length(timeline, interesting_only=True) / timeline.T_eoi if timeline.T_eoi > 0 else None
-
-
-def _covered_length(timeline: Timeline, *, interesting_only: bool) -> float:
-    covered = timeline.covered & timeline.interesting if interesting_only else timeline.covered
-    within = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
-    covered_length = float(timeline.steps[within].sum())
-    return min(covered_length, timeline.T_eoi if interesting_only else timeline.T)  # rounding may add a little
+    within = timeline.covered[:-1] & timeline.covered[1:] & ~np.isnan(timeline.steps)
+    length = float(timeline.steps[within].sum())
+    of_interest = float(timeline.steps[within & timeline.interesting[:-1]].sum())
+    # Rounding may add a little.
+    return Qualities(
+        min(length, timeline.T) / timeline.T if timeline.T > 0 else None,
+        min(of_interest, timeline.T_eoi) / timeline.T_eoi if timeline.T_eoi > 0 else None,
+    )

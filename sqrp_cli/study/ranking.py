@@ -15,7 +15,7 @@ _Figure = Callable[[CandidateResult], float | None]
 _TIME_DECIMALS = 6
 """Times equal to this many decimals of a second count as equal: the rest is rounding."""
 
-_QUALITY_STEP = 1e-3
+QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
 
 
@@ -74,7 +74,7 @@ def winners(feasible: Sequence[CandidateResult], by: Criterion) -> Counter[str]:
 
 def compared_quality(quality: float | None) -> float:
     """A quality as it is compared, in 0..1; one that is undefined counts as 1."""
-    return 1.0 if quality is None else round(quality / _QUALITY_STEP) * _QUALITY_STEP
+    return 1.0 if quality is None else round(quality / QUALITY_STEP) * QUALITY_STEP
 
 
 def compared_time(seconds: float) -> float:

@@ -31,7 +31,7 @@ from sqrp_cli.study.move_search import (
     exchange,
 )
 from sqrp_cli.study.observation import look_at
-from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
@@ -307,6 +307,6 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     found = study(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
-    blind = (1.0 - (average_quality(found.timeline) or 0.0)) * found.timeline.T
+    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.timeline.T
     direct = runner.cost_with([search.space.direct for search in runner.searches])
     return found if runner.cost_of(blind, found.motion.time) < direct else None

@@ -98,6 +98,16 @@ class Timeline:
         return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]
 
     @property
+    def surely_lost(self) -> Array:
+        """How long no bisection can find all covered, and how long of that is of interest, shape (2,) [s].
+
+        Where a target is seen in neither of two neighbouring samples, it is not looked for between them.
+        """
+        lost = self.observation.required & ~self.observation.covered
+        steps = np.where((lost[:-1] & lost[1:]).any(axis=1), np.nan_to_num(self.steps), 0.0)
+        return np.array([steps.sum(), steps[self.interesting[:-1]].sum()])
+
+    @property
     def largest_gap(self) -> float:
         """Longest time between neighbouring samples that hold literals and were observed, where something moves [s].
 
@@ -166,16 +176,30 @@ class SampledScene:
         return self.scene.stage.requires(self.scene.targets, self.samples)
 
 
-def observe(request: ObservationRequest, observer: Observer, sampling: Sampling, *, full: bool) -> Timeline:
+def observe(
+    request: ObservationRequest,
+    observer: Observer,
+    sampling: Sampling,
+    *,
+    full: bool,
+    bars: Array | None = None,
+) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
-    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
+    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well. bars: times
+    [s], shape (b, 2); where as much as in a row is surely lost, of all and of the events of interest, no more is looked
+    at, and what was not looked at counts as lost.
     """
     stage, targets = request.stage, request.targets
     samples = first_samples(sampling, stage, observer, targets)
-    seen = (look_closely if full else look_at)(observer, stage, targets, samples)
+    if full:
+        seen = look_closely(observer, stage, targets, samples)
+    else:
+        seen = look_at(observer, stage, targets, samples, bars=bars)
     timeline = Timeline.of(request, samples, seen)
-    while isinstance(sampling, Adaptive) and (finer := _finer(timeline, sampling.tolerance)) is not None:
+    while isinstance(sampling, Adaptive) and (bars is None or not (timeline.surely_lost >= bars).all(axis=1).any()):
+        if (finer := _finer(timeline, sampling.tolerance)) is None:
+            break
         samples, seen = timeline.samples, timeline.observation
         if full:
             more = look_closely(observer, stage, targets, finer.samples)

@@ -16,7 +16,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
-from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.task.candidate import Candidate, whole_candidate
@@ -181,6 +181,6 @@ def whole_observed(
 def qualities_of(steps: Sequence[Observed]) -> Qualities:
     """How well the steps of a way are seen, in all."""
     return Qualities(
-        mean_quality([(average_quality(step.timeline), step.T) for step in steps]),
-        mean_quality([(interest_quality(step.timeline), step.T_eoi) for step in steps]),
+        mean_quality([(qualities_over(step.timeline).q_avg, step.T) for step in steps]),
+        mean_quality([(qualities_over(step.timeline).q_eoi, step.T_eoi) for step in steps]),
     )

@@ -23,7 +23,7 @@ from sqrp_cli.motion.plan_motion import plan_branches
 from sqrp_cli.search.advise import Adviser
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.assessment import study
-from sqrp_cli.study.quality import interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
@@ -633,7 +633,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
             X_FC = look_at(camera.X_FC[:3, 3] + offset, (-0.31, -0.027, 0.245))
             observer = Observer((replace(camera, X_FC=X_FC), *others), cell.observer.solids)
             timeline = observe(replace(found, faults={}), observer, Adaptive(), full=False)
-            if interest_quality(timeline) == 1.0:
+            if qualities_over(timeline).q_eoi == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.kernel.kernel import Loss
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
@@ -28,7 +29,7 @@ from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.pipeline import RankJob, assess_all
-from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.study.stage import Stage
@@ -161,6 +162,17 @@ def test_coverage_of_some_states_is_that_of_all_at_those(seed: int, states: list
     some, whole = watch.coverage(rows), watch.whole
     assert some.covered.tolist() == whole.covered[rows].tolist()
     assert same_response(some.response, whole.response[rows])
+
+
+@few
+@given(seed=SEEDS, too_many=st.integers(1, 4))
+def test_no_more_is_looked_at_once_too_much_is_lost(seed: int, too_many: int) -> None:
+    watch = random_watch(seed)
+    loss = Loss(np.ones((STATES, 2)), np.array([[too_many, 0.0], [0.0, STATES]]))
+    (found,) = watch.observer.coverage([watch.target], watch.states, [np.arange(STATES)], loss)
+    covered = watch.whole.covered
+    lost = np.cumsum(~covered & np.append(False, ~covered[:-1])) >= too_many
+    assert found.covered.tolist() == (covered & ~lost).tolist()
 
 
 @few
@@ -340,7 +352,7 @@ def test_asking_for_more_cameras_never_raises_coverage(seed: int) -> None:
 
 def qualities(motion: WatchedMotion) -> tuple[float | None, float | None]:
     timeline = motion.timeline(FixedCount(40))
-    return average_quality(timeline), interest_quality(timeline)
+    return qualities_over(timeline).q_avg, qualities_over(timeline).q_eoi
 
 
 def with_cameras(motion: WatchedMotion, cameras: Iterable[Camera]) -> WatchedMotion:
@@ -435,8 +447,12 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
         )
         there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.timeline.faults)
         timeline = there.timeline(Adaptive())
-        assert average_quality(timeline) == pytest.approx(average_quality(quick.timeline), abs=DEFAULT_TOLERANCE)
-        assert interest_quality(timeline) == pytest.approx(interest_quality(quick.timeline), abs=DEFAULT_TOLERANCE)
+        assert qualities_over(timeline).q_avg == pytest.approx(
+            qualities_over(quick.timeline).q_avg, abs=DEFAULT_TOLERANCE
+        )
+        assert qualities_over(timeline).q_eoi == pytest.approx(
+            qualities_over(quick.timeline).q_eoi, abs=DEFAULT_TOLERANCE
+        )
 
 
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:

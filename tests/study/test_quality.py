@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.task.pieces import Piece
 from tests.task.studies import always, eventually
 from tests.task.timelines import ATOMS, Story, make_story, stories, stretches
@@ -48,17 +48,17 @@ def defined_quality(story: Story, kinds: tuple[str, ...]) -> float | None:
 
 @given(story=stories())
 def test_quality_is_the_length_of_the_covered_runs_over_formula_time(story: Story) -> None:
-    assert average_quality(story.timeline) == pytest.approx(defined_quality(story, BOTH))
+    assert qualities_over(story.timeline).q_avg == pytest.approx(defined_quality(story, BOTH))
 
 
 @given(story=stories())
 def test_interest_quality_is_the_same_within_the_events_of_interest(story: Story) -> None:
-    assert interest_quality(story.timeline) == pytest.approx(defined_quality(story, ("eventually",)))
+    assert qualities_over(story.timeline).q_eoi == pytest.approx(defined_quality(story, ("eventually",)))
 
 
 @given(story=stories())
 def test_quality_lies_between_nothing_and_everything(story: Story) -> None:
-    for quality in (average_quality(story.timeline), interest_quality(story.timeline)):
+    for quality in (qualities_over(story.timeline).q_avg, qualities_over(story.timeline).q_eoi):
         assert quality is None or 0.0 <= quality <= 1.0 + 1e-12
 
 
@@ -77,19 +77,19 @@ def test_all_covered_is_one_even_where_primitives_and_formulas_touch() -> None:
     hold = Literal(ATOMS[0])
     formulas = (always(0.0, 1.0, hold), always(1.0, 2.0, hold.negated()), eventually(1.5, 2.0, hold))
     story = make_story([0.7, 1.3], formulas, [3], seed=0, seen=1.0)
-    assert average_quality(story.timeline) == pytest.approx(1.0)
-    assert interest_quality(story.timeline) == pytest.approx(1.0)
+    assert qualities_over(story.timeline).q_avg == pytest.approx(1.0)
+    assert qualities_over(story.timeline).q_eoi == pytest.approx(1.0)
 
 
 def test_a_formula_at_an_instant_has_no_quality() -> None:
     story = make_story([1.0], (eventually(0.4, 0.4, Literal(ATOMS[0])),), [2], seed=0, seen=1.0)
-    assert average_quality(story.timeline) is None
-    assert interest_quality(story.timeline) is None
+    assert qualities_over(story.timeline).q_avg is None
+    assert qualities_over(story.timeline).q_eoi is None
     assert story.timeline.monitored.sum() == 1
 
 
 def test_the_time_between_two_stretches_counts_neither_way() -> None:
     hold = Literal(ATOMS[0])
     story = make_story([1.0, 1.0, 1.0], (always(0, 1, hold), always(2, 3, hold)), [4], seed=0, seen=1.0)
-    assert average_quality(story.timeline) == pytest.approx(1.0)
+    assert qualities_over(story.timeline).q_avg == pytest.approx(1.0)
     assert pytest.approx(2.0) == story.timeline.T

@@ -24,7 +24,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import Analysis, study
-from sqrp_cli.study.quality import average_quality, interest_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import (
     DEFAULT_TOLERANCE,
     MAX_MOTION,
@@ -75,10 +75,10 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference,
     short = float(lengths[lengths < adaptive.largest_gap].sum())
     found = []
     for quality, length, rows in (
-        (average_quality, dense.T, np.ones(len(dense.samples), dtype=bool)),
-        (interest_quality, dense.T_eoi, dense.interesting),
+        ("q_avg", dense.T, np.ones(len(dense.samples), dtype=bool)),
+        ("q_eoi", dense.T_eoi, dense.interesting),
     ):
-        approximate, reference = quality(adaptive), quality(dense)
+        approximate, reference = (getattr(qualities_over(one), quality) for one in (adaptive, dense))
         if approximate is None or reference is None:
             assert approximate == reference
             continue
@@ -158,7 +158,7 @@ def test_a_tighter_tolerance_is_kept_too(watched_finely: list[tuple[WatchedMotio
         coarse = motion.timeline(Adaptive(1e-2))
         assert fine.transition_error <= 1e-6
         assert coarse.transition_error <= 1e-2
-        assert average_quality(coarse) == pytest.approx(average_quality(fine), abs=1e-2)
+        assert qualities_over(coarse).q_avg == pytest.approx(qualities_over(fine).q_avg, abs=1e-2)
 
 
 @pytest.mark.parametrize("sampling", [FixedCount(5), FixedCount(23), FixedStep(0.21), FixedStep(0.05)])
@@ -168,7 +168,7 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
     for motion, fine in watched_finely:
         coarse = motion.timeline(sampling)
         spacing = float(np.nanmax(coarse.steps))
-        length = (average_quality(fine) - average_quality(coarse)) * fine.T
+        length = (qualities_over(fine).q_avg - qualities_over(coarse).q_avg) * fine.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
 
@@ -258,8 +258,8 @@ def test_a_formula_at_an_instant_is_sampled_there_and_has_no_quality(ur5: RobotM
     motion = with_formulas(watched_motion(1, ur5), eventually(0.4, 0.4, Literal(HOLD)))
     timeline = motion.timeline(Adaptive())
     assert timeline.samples.t[timeline.monitored] == pytest.approx([0.4])
-    assert average_quality(timeline) is None
-    assert interest_quality(timeline) is None
+    assert qualities_over(timeline).q_avg is None
+    assert qualities_over(timeline).q_eoi is None
 
 
 def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) -> None:
@@ -271,7 +271,7 @@ def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) 
     assert pytest.approx(2.0) == timeline.T
     assert not timeline.monitored[inside].any()
     assert not timeline.covered[inside].any()
-    assert 0 <= average_quality(timeline) <= 1
+    assert 0 <= qualities_over(timeline).q_avg <= 1
 
 
 @settings(max_examples=25, deadline=None)
@@ -281,7 +281,7 @@ def test_an_interval_cut_in_two_that_touch_has_the_same_quality(ur5: RobotModel,
     time, hold = motion.stage.motion.time, Literal(HOLD)
     whole = with_formulas(motion, always(0.0, time, hold)).timeline(Adaptive(1e-6))
     parts = with_formulas(motion, always(0.0, cut * time, hold), always(cut * time, time, hold))
-    assert average_quality(parts.timeline(Adaptive(1e-6))) == pytest.approx(average_quality(whole), abs=1e-5)
+    assert qualities_over(parts.timeline(Adaptive(1e-6))).q_avg == pytest.approx(qualities_over(whole).q_avg, abs=1e-5)
 
 
 SPANS = {"a1": (0.0, 1.0), "a2": (1.0, 1.5), "a3": (1.5, 4.0)}

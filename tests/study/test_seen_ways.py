@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
-from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
@@ -179,7 +179,7 @@ def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: s
     fastest = g2.direct.motion.time
     longest = 10.1 if limit.endswith("s") else float(limit[:-1]) * fastest
     assert bounded.seen.motion.time <= longest + 1e-6
-    assert average_quality(bounded.seen.timeline) >= average_quality(g2.direct.timeline) - 1e-3
+    assert qualities_over(bounded.seen.timeline).q_avg >= qualities_over(g2.direct.timeline).q_avg - 1e-3
 
 
 def test_the_gain_of_g2_outlives_cameras_that_are_off(g2: Compared) -> None:

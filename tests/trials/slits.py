@@ -20,7 +20,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.find import WantedWay, find_way
-from sqrp_cli.study.quality import average_quality
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import MAX_STEP, Adaptive
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import Timeline
@@ -224,7 +224,7 @@ def slits(number: int, folder: Path) -> dict[str, Any] | None:
     covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=sought.limits.min_visible)
     steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
     truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.timeline.T
-    error = 100 * abs((average_quality(study.timeline) or 0.0) - truth)
+    error = 100 * abs((qualities_over(study.timeline).q_avg or 0.0) - truth)
     events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event.length)
     said = ", ".join(
         f"{'gain' if event.gained else 'loss'} {1000 * event.length:.0f} ms{'' if event.found else ' MISSED'}"
