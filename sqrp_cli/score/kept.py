@@ -11,7 +11,7 @@ import errno
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -19,7 +19,7 @@ from importlib import metadata, resources
 from math import isfinite
 from pathlib import Path
 from types import UnionType
-from typing import IO, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
@@ -31,11 +31,10 @@ from sqrp_cli.files.input_file import read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.geometry import read_only
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
-from sqrp_cli.records import dataclass
 from sqrp_cli.search import advice_result as advice
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Kind
-from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search.question import ProposedChange
 from sqrp_cli.shown import json_line
 from sqrp_cli.skill.skill import Skill
 from sqrp_cli.study.blind_spans import Coverage
@@ -43,6 +42,9 @@ from sqrp_cli.study.result import BlindEnd, CandidateResult, WayFigures, WaysFou
 from sqrp_cli.task.candidate import THEN, whole_skill
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.version import __version__
+
+if TYPE_CHECKING:
+    from sqrp_cli.search.advise import Remembered
 
 MAX_BYTES = 10_000_000  # largest outcome that is read; an hour's motion takes less than a megabyte
 _LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")  # libraries that figures depend on
@@ -286,24 +288,20 @@ def _locked(folder: Path) -> IO[str]:
     return file
 
 
-@dataclass(frozen=True, eq=False)
-class KeptSearches:
-    """Outcomes by kind; see `advise.Kept`."""
+def kept_searches(results: Results, about: tuple[object, ...], skills: Sequence[Skill]) -> Remembered:
+    """What comes of a kind of change as it is kept, else as it is found, which is kept then; see `advise.outcomes`.
 
-    results: Results
-    about: tuple[object, ...]  # all that an answer depends on beside the kind and the program, in numbers and texts
-    skills: Mapping[str, Skill]  # of the workspace, by name: they are not written
+    about: all that an answer depends on beside the kind and the program, in numbers and texts. skills: of the
+    workspace, which are not written. Raises InputError where an outcome cannot be written.
+    """
 
-    def get(self, kind: Kind) -> advice.KindOutcome | None:
-        """The outcome that was kept; None if there is none, or its file is damaged or another's."""
-        with suppress(ValueError):
-            outcome: advice.KindOutcome = from_line(self.results.get(self._key(kind)) or "", [*self.skills.values()])
-            return outcome
-        return None
+    def remembered(kind: Kind, search: Callable[[], advice.KindOutcome]) -> advice.KindOutcome:
+        key = key_of("advise", kind, plain_of(about))
+        with suppress(ValueError):  # none is kept, or its file is damaged or another's
+            known: advice.KindOutcome = from_line(results.get(key) or "", skills)
+            return known
+        outcome = search()
+        results.keep(key, as_line(outcome))
+        return outcome
 
-    def keep(self, outcome: advice.KindOutcome) -> None:
-        """Keep an outcome. Raises InputError where it cannot be written."""
-        self.results.keep(self._key(outcome.kind), as_line(outcome))
-
-    def _key(self, kind: Kind) -> str:
-        return key_of("advise", kind, plain_of(self.about))
+    return remembered

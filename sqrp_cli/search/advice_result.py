@@ -16,7 +16,7 @@ from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
 
 if TYPE_CHECKING:
-    from sqrp_cli.search.moves import ProposedChange
+    from sqrp_cli.search.question import ProposedChange
     from sqrp_cli.study.result import CandidateResult
 else:  # no file has them
     CandidateResult = ProposedChange = Any
@@ -89,36 +89,31 @@ class TaskEffect(Record):
     @classmethod
     def of(cls, task: str, candidates: Sequence[tuple[CandidateResult, CandidateResult]]) -> TaskEffect:
         """The effect on candidates, each without and with the change."""
-
-        def first(some: Sequence[CandidateResult]) -> str | None:
+        firsts, changed = [], []
+        for some in zip(*candidates, strict=True):
             ranking = rank(some, "q_eoi")
-            return ranking[0].candidate.name if ranking and ranking[0].rank is not None else None
+            firsts.append(ranking[0].candidate.name if ranking[0].rank is not None else None)
+        for pair in candidates:
+            better, worse = _what_falls(pair[1], pair[0]), _what_falls(*pair)
+            if better or worse:
+                before, after = map(AdvisedFigures.of, pair)
+                name = pair[0].candidate.name
+                changed.append(ChangedCandidate(candidate=name, before=before, after=after, worse=worse))
+        first_before, first_after = firsts or (None, None)
+        return cls(task=task, first_before=first_before, first_after=first_after, candidates=tuple(changed))
 
-        def worse(before: CandidateResult, after: CandidateResult) -> tuple[str, ...]:
-            if before.feasible and not after.feasible:
-                return ("feasible",)
-            names = []
-            for name, sign, step in _COMPARED:
-                old, new = getattr(before, name), getattr(after, name)
-                if old is not None and new is not None and np.round(sign * new / step) < np.round(sign * old / step):
-                    names.append("delay_worst" if name == "latest" else name)
-            return tuple(names)
 
-        return cls(
-            task=task,
-            first_before=first([before for before, _ in candidates]),
-            first_after=first([after for _, after in candidates]),
-            candidates=tuple(
-                ChangedCandidate(
-                    candidate=before.candidate.name,
-                    before=AdvisedFigures.of(before),
-                    after=AdvisedFigures.of(after),
-                    worse=worse(before, after),
-                )
-                for before, after in candidates
-                if worse(before, after) or worse(after, before)
-            ),
-        )
+def _what_falls(one: CandidateResult, other: CandidateResult) -> tuple[str, ...]:
+    """The figures in which the other is worse than the one, by as much as rankings tell apart."""
+    if one.feasible and not other.feasible:
+        return ("feasible",)
+    names = []
+    for name, sign, step in _COMPARED:
+        first, second = getattr(one, name), getattr(other, name)
+        known = first is not None and second is not None
+        if known and np.round(sign * second / step) < np.round(sign * first / step):
+            names.append("delay_worst" if name == "latest" else name)
+    return tuple(names)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,7 +69,7 @@ def turned(aim: Aim, eye: Array, angles: Array) -> Array:
     return points
 
 
-def whole(vector: Array) -> Array:
+def whole_millimetres(vector: Array) -> Array:
     """A place or an offset in whole millimetres [m]."""
     rounded: Array = np.round(np.round(vector / 1e-3) * 1e-3, 6)
     return rounded
@@ -84,32 +84,22 @@ CAMERA_RADIUS = 0.03
 """Radius of the ball around a camera's centre that must be clear of everything [m]."""
 
 
-class CameraRoom:
-    """Where cameras that are fixed in the world may be."""
+def free_for_cameras(cell: Cell, swept: Sequence[SceneStates], eyes: Array, present: Array | None = None) -> Mask:
+    """Whether a camera that is fixed in the world may be at each of p places (p, 3), shape (p,).
 
-    def __init__(self, cell: Cell, states: Sequence[SceneStates]) -> None:
-        """states: of the motions during which the cameras must not be in the way."""
-        self._solids = cell.observer.solids
-        self._states = states
-        objects = cell.workspace.objects
-        carriers = (objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None})
-        self._tops = [
-            float(transform(obj.X_WO, box_corners(obj.size))[:, 2].max())
-            for obj in carriers
-            if obj.fixed and obj.X_WO is not None
-        ]
-        """Heights of the tops of fixed objects that carry others [m]."""
-
-    def free(self, eyes: Array, present: Array | None = None) -> Mask:
-        """Whether a camera may be at each of p places (p, 3); present: where it is now, (3,), above the same tables."""
-        height = np.inf if present is None else float(present[2])
-        lowest = max((top for top in self._tops if top <= height), default=-np.inf)
-        free: Mask = eyes[:, 2] >= lowest
-        for solid in self._solids:
-            for states in self._states:
-                rows = np.flatnonzero(free)
-                free[rows] = ~touched(solid, states.X_WF[solid.part.parent], eyes[rows], CAMERA_RADIUS)
-        return free
+    swept: the states of the motions during which it must not be in the way. present: where it is now, (3,): it stays
+    above the tops of fixed objects that carry others which are below it now.
+    """
+    objects, height = cell.workspace.objects, np.inf if present is None else float(present[2])
+    carriers = (objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None})
+    fixed = [(obj.X_WO, obj.size) for obj in carriers if obj.fixed and obj.X_WO is not None]
+    tops = [float(transform(X_WO, box_corners(size))[:, 2].max()) for X_WO, size in fixed]
+    free: Mask = eyes[:, 2] >= max((top for top in tops if top <= height), default=-np.inf)
+    for solid in cell.observer.solids:
+        for states in swept:
+            rows = np.flatnonzero(free)
+            free[rows] = ~touched(solid, states.X_WF[solid.part.parent], eyes[rows], CAMERA_RADIUS)
+    return free
 
 
 def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:

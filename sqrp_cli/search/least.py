@@ -6,7 +6,7 @@ pass that may meet the goal, the exact study of the motion decides, and the samp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from math import inf
@@ -16,8 +16,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.search.advice_result import Margin
-from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Found, Question, Tried
+from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
 from sqrp_cli.study.whole_study import WholeAnalysis
 
 FINE = 16
@@ -28,6 +27,9 @@ COARSE = {2: 12, 3: 4}
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A change is not made larger than the least that was found and this, for its margin or to confirm it."""
+
+_MARGIN_STEPS = 60
+"""Steps in which margins are searched where a move names no lengths."""
 
 _TOGETHER = 512
 """Vectors of a grid that are looked through at once."""
@@ -59,16 +61,17 @@ class Bounds(NamedTuple):
     """That each of them tries."""
     shares: tuple[float, ...] = ()
     """Of the length so far, that it tries in each direction."""
+    margins: tuple[float, ...] = ()
+    """By how much longer changes are looked at for the margin; none: all lengths up to `MOST_MORE` beyond, in steps."""
 
 
 class Move(Protocol):
     """Changes of one thing by vectors (d,); what is learned of one of them makes the bound on others sharper."""
 
-    @property
-    def bounds(self) -> Bounds:
-        """How it is searched."""
+    bounds: Bounds
+    """How it is searched."""
 
-    def outward(self, reach: float) -> Iterator[Array]:
+    def outward(self, reach: float) -> Iterable[Array]:
         """Batches of vectors (p, d) up to a length, nearer ones first."""
 
     def passes(self, vectors: Array) -> Mask:
@@ -83,14 +86,8 @@ class Move(Protocol):
     def study(self, change: ProposedChange) -> WholeAnalysis | None:
         """The way with a change; None if it cannot be done."""
 
-    def lengths(self, size: float) -> Array:
-        """Lengths at which the margin of a change of this size is looked for, ascending."""
-
-    def compared(self) -> Array:
-        """Vectors (p, d) that are compared where none meets the goal."""
-
-    def worth(self, vectors: Array) -> Array:
-        """How near vectors (p, d) come to the goal, more being better, shape (p,); -inf for what cannot be."""
+    def nearest(self) -> Array | None:
+        """Of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be."""
 
 
 def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str) -> Found:
@@ -99,20 +96,19 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
     moves: each makes a move that has learned nothing, so that answers do not depend on what was asked before; of one
     kind. none: why no change meets the goal; nowhere: why none could be tried.
     """
-    seed, share = question.cell.seed, question.shared
-    numbers = range(len(moves))
-    found: dict[int, ProposedChange] = {}
+    seed, share, numbers, bounds = question.cell.seed, question.shared, range(len(moves)), moves[0]().bounds
 
-    def kept(changes: Sequence[ProposedChange | None]) -> dict[int, ProposedChange]:
+    def searched(vectors: Callable[[Move], Iterable[Array]], most: float) -> dict[int, ProposedChange]:
+        """What is found in the vectors of each move."""
+        changes = share(lambda number: least(move := moves[number](), vectors(move), seed, most), numbers)
         return {number: change for number, change in enumerate(changes) if change is not None}
 
-    for reach in moves[0]().bounds.reaches:
-        found = kept(share(lambda number: anywhere(moves[number](), reach, seed), numbers))  # noqa: B023 - done at once
-        if found:
-            break
-    if found and moves[0]().bounds.fine:
-        least = 0.95 * min(change.size for change in found.values())
-        found |= kept(share(lambda number: nearer(moves[number](), least, seed), numbers))
+    found: dict[int, ProposedChange] = {}
+    for reach in bounds.reaches:
+        found = found or searched(lambda move: move.outward(reach), inf)  # noqa: B023 - done at once
+    if found and bounds.fine:
+        below = fine_grid(bounds, 0.95 * min(change.size for change in found.values()))
+        found |= searched(lambda _: [below], _GIVEN_UP)
     best: dict[str, int] = {}
     for number in sorted(found, key=lambda number: found[number].size):
         best.setdefault(found[number].target, number)
@@ -120,58 +116,41 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
     def confirmed(number: int) -> Tried | None:
         """The change, or the least larger one, that meets the goal if sampled as finely as may be."""
         move, first = moves[number](), found[number]
-        unit = np.array(first.values[: move.bounds.dimension]) / first.size
+        unit = np.array(first.values[: bounds.dimension]) / first.size
 
         def tried(length: float) -> Tried | None:
             change = first if length == first.size else move.change(length * unit)
             study = move.study(change)
             return Tried(change, study) if study is not None and question.met_for_sure(change, study) else None
 
-        one, low, high = tried(first.size), first.size, first.size + 0.1 * move.bounds.step
+        one, low, high = tried(first.size), first.size, first.size + 0.1 * bounds.step
         if one is None:
             while high <= first.size + MOST_MORE[first.unit] and (one := tried(high)) is None:
                 low, high = high, high + 2.0 * (high - low)
-            while one is not None and high - low > 0.1 * move.bounds.step:
+            while one is not None and high - low > 0.1 * bounds.step:
                 middle = 0.5 * (low + high)
                 smaller = tried(middle)
                 low, high, one = (low, middle, smaller) if smaller is not None else (middle, high, one)
         return None if one is None else one._replace(margin=margin(move, one.change))
 
     if answers := [one for one in share(confirmed, list(best.values())) if one is not None]:
-        return Found(answers)
+        return answers, ""
 
     def nearest(number: int) -> Tried | None:
         move = moves[number]()
-        worth = move.worth(vectors := move.compared())
-        if not len(worth) or worth.max() == -inf:
+        if (vector := move.nearest()) is None:
             return None
-        change = move.change(vectors[int(np.argmax(worth))])
-        study = move.study(change)
+        study = move.study(change := move.change(vector))
         return None if study is None else Tried(change, study)
 
     near = [one for one in share(nearest, numbers) if one is not None]
-    return Found(why=none if near else nowhere, near=near)
-
-
-def anywhere(move: Move, reach: float, seed: int) -> ProposedChange | None:
-    """A change that meets the goal, as small as a coarse search and a way down from what it finds can make it."""
-    return _least(move, move.outward(reach), inf, seed)
-
-
-def nearer(move: Move, length: float, seed: int) -> ProposedChange | None:
-    """A change from a fine grid up to a length; of many points that pass the bound a few are decided.
-
-    The grid is coarser than asked for beyond `FINE` of its steps.
-    """
-    points = grid(move.bounds.dimension, FINE) * max(move.bounds.step, length / FINE)
-    lengths = np.linalg.norm(points, axis=1)
-    return _least(move, iter([points[(lengths > 0) & (lengths <= length * (1 + 1e-9))]]), _GIVEN_UP, seed)
+    return near, none if near else nowhere
 
 
 def margin(move: Move, change: ProposedChange) -> Margin:
     """How much less and how much more of a change along the same direction meets the goal."""
-    size = change.size
-    unit = np.array(change.values[: move.bounds.dimension]) / size
+    size, bounds = change.size, move.bounds
+    unit = np.array(change.values[: bounds.dimension]) / size
 
     def unbroken(lengths: Array) -> float:
         """The last of some lengths, going away, up to which all pass, and which is confirmed exactly."""
@@ -185,13 +164,18 @@ def margin(move: Move, change: ProposedChange) -> Margin:
             lengths = lengths[: passed - 1 if patient else passed // 2]  # the failure has made the bound sharper
         return size
 
-    lengths = move.lengths(size)
+    lengths = size + np.array(bounds.margins)
+    if not bounds.margins:
+        lengths = np.linspace(0.0, size + MOST_MORE[change.unit], _MARGIN_STEPS)
     more, less = unbroken(lengths[lengths > size]), unbroken(lengths[lengths < size][::-1])
     return Margin(less=abs(size - less), more=abs(more - size))
 
 
-def _least(move: Move, batches: Iterator[Array], most: float, seed: int) -> ProposedChange | None:
-    """The first vector of the batches that does, made shorter. most: batches that are given up before all are."""
+def least(move: Move, batches: Iterable[Array], seed: int, most: float = inf) -> ProposedChange | None:
+    """The first vector of the batches that meets the goal, made as short as a way down from it can.
+
+    most: batches of `_TOGETHER` that are given up before all of the search is.
+    """
     given_up = 0
     for batch in batches:
         for start in range(0, len(batch), _TOGETHER):
@@ -247,6 +231,14 @@ def _made_shorter(move: Move, found: Array, seed: int) -> Array:
         elif (spread := 0.5 * spread) < 0.02:
             break
     return found
+
+
+def fine_grid(bounds: Bounds, length: float) -> Array:
+    """Vectors (p, d) of a fine grid up to a length, coarser than asked for beyond `FINE` of its steps."""
+    points = grid(bounds.dimension, FINE) * max(bounds.step, length / FINE)
+    lengths = np.linalg.norm(points, axis=1)
+    near: Array = points[(lengths > 0) & (lengths <= length * (1 + 1e-9))]
+    return near
 
 
 def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:

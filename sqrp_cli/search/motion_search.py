@@ -10,15 +10,14 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Found, Question, Tried
+from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
 from sqrp_cli.skill.settings import SEEN, MotionValue, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study, worst_seen
+from sqrp_cli.study.whole_study import WholeAnalysis, worst_seen
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
 from sqrp_cli.task.task import Candidate
@@ -31,7 +30,7 @@ def other_way(question: Question) -> Found:
     """The fastest of all ways that meet the goal; of several steps, of combinations of their Pareto-optimal ways."""
     best, cell, goal = question.best, question.cell, question.goal
     if not best.feasible or not (best.ways or best.candidate.steps):
-        return Found(why=f"none can be done: {'; '.join(best.reasons[:1])}")
+        return [], f"none can be done: {'; '.join(best.reasons[:1])}"
     ways: Iterable[WholeAnalysis]
     if best.candidate.steps:
         ways = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
@@ -51,37 +50,40 @@ def other_way(question: Question) -> Found:
         way, said = study.candidate.parameters, choice_in_words(best.candidate, study.candidate)
         return Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), study)
 
-    outcome = _first_met(question, map(tried, ways))
-    if outcome.met:
-        return outcome
+    near, none = _first_met(question, map(tried, ways), "none meets the wish")
+    if not none:
+        return near, ""
     if best.ways is None:
-        return outcome._replace(why=f"none of {len(outcome.near)} combinations of the steps' ways meets the wish")
-    near = list(outcome.near)
-    for place, figures in enumerate(best.ways.pareto):
-        way = with_way(best.candidate, figures) if place else best.way
-        named = whole_study(cell, way, question.world, question.sampling, full=False)
-        near += [tried(named)] if isinstance(named, WholeAnalysis) else []
-    return Found(why=f"none of {best.ways.tried} meets the wish", near=near)
+        return near, f"none of {len(near)} combinations of the steps' ways meets the wish"
+    pareto = [with_way(best.candidate, figures) for figures in best.ways.pareto[1:]]
+    named = (question.studied(way) for way in ([best.way, *pareto] if best.ways.pareto else ()))
+    near = [*near, *(tried(study) for study in named if isinstance(study, WholeAnalysis))]
+    return near, f"none of {best.ways.tried} meets the wish"
 
 
 def seen_path(question: Question) -> Found:
     """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
     several = bool(question.best.candidate.steps)
     if not several and not _open_paths(question.best.candidate):
-        return Found(why="not tried: the skill or the task says which path")
-    outcome = _first_met(question, _of_steps_in_seen_paths(question) if several else _in_seen_paths(question))
-    none = "not tried: the skills or the task say which paths" if several else "it cannot be done, or not in that time"
-    return outcome._replace(why="no path that was found meets the wish" if outcome.near else none)
+        return [], "not tried: the skill or the task says which path"
+    tried = _of_steps_in_seen_paths(question) if several else _in_seen_paths(question)
+    near, none = _first_met(question, tried, "no path that was found meets the wish")
+    if near:
+        return near, none
+    return (
+        [],
+        "not tried: the skills or the task say which paths" if several else "it cannot be done, or not in that time",
+    )
 
 
-def _first_met(question: Question, tried: Iterable[Tried]) -> Found:
-    """The first that meets the goal; else all of them."""
+def _first_met(question: Question, tried: Iterable[Tried], none: str) -> Found:
+    """The first that meets the goal; else all of them, and none."""
     near: list[Tried] = []
     for one in tried:
         if question.met_for_sure(None, one.study):
-            return Found([one])
+            return [one], ""
         near.append(one)
-    return Found(near=near)
+    return near, none
 
 
 def with_way(candidate: Candidate, way: WayFigures) -> Candidate:

@@ -10,16 +10,13 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask, box_corners, read_only, transform
-from sqrp_cli.motion.cell import Cell
-from sqrp_cli.search.aiming import whole
+from sqrp_cli.search.aiming import whole_millimetres
 from sqrp_cli.search.least import Bounds, Move, least_changes
-from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Found, Question
+from sqrp_cli.search.question import Found, ProposedChange, Question
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import with_delays
 from sqrp_cli.study.in_the_way import hidden_views, to_move
-from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_observed, whole_study
-from sqrp_cli.task.task import Candidate
+from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_observed
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -27,15 +24,18 @@ MOST_OBJECTS = 3
 _DIRECTIONS = 12
 """Directions that are tried at each distance."""
 
+_BOUNDS = Bounds(
+    2, 0.02, (0.32,), fine=False, rounds=4, directions=4, shares=(0.9,), margins=(0.01, 0.02, 0.05, 0.1, 0.2)
+)
+
 
 class ObjectMove:
     """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
 
-    bounds = Bounds(dimension=2, step=0.02, reaches=(0.32,), fine=False, rounds=4, directions=4, shares=(0.9,))
-
-    def __init__(self, question: Question, way: Candidate, name: str) -> None:
-        """way: the one that starts from where the object then is."""
-        self.question, self.way, self.name, self._known = question, way, name, dict[tuple[float, ...], bool]()
+    def __init__(self, question: Question, name: str) -> None:
+        """name: of the object; the way of the question starts from where it then is."""
+        self.question, self.name, self.bounds = question, name, _BOUNDS
+        self._known = dict[tuple[float, ...], bool]()
 
     def outward(self, reach: float) -> Iterator[Array]:
         """Rings of vectors, from 1 cm on each with twice the radius of the one before."""
@@ -49,7 +49,7 @@ class ObjectMove:
 
     def change(self, vector: Array) -> ProposedChange:
         """See `least.Move`: in whole millimetres."""
-        moved = whole(np.append(vector, 0.0))
+        moved = whole_millimetres(np.append(vector, 0.0))
         X_WO = self.question.world.X_WO[self.name].copy()
         X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
         return ProposedChange(
@@ -67,11 +67,11 @@ class ObjectMove:
             question, met = self.question, False
             if change.size and self._fits(change):
                 cell, world = question.cell, change.in_world(question.world)
-                seen = whole_observed(cell, self.way, world, question.sampling, full=False)
+                seen = whole_observed(cell, question.way, world, question.sampling, full=False)
                 if not isinstance(seen, Infeasible) and question.goal.may_be_met(qualities_of(seen)):
                     time = sum(step.motion.time for step in seen)
                     if question.goal.time is None or time <= question.goal.time:
-                        study = WholeAnalysis(self.way, tuple(with_delays(cell, seen, question.sampling)))
+                        study = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
                         met = question.goal.met(study.assessment)
             self._known[change.values] = met
         return self._known[change.values]
@@ -80,22 +80,15 @@ class ObjectMove:
         """See `least.Move`; None where the object does not fit, or cannot be handled."""
         if not self._fits(change):
             return None
-        world = change.in_world(self.question.world)
-        found = whole_study(self.question.cell, self.way, world, self.question.sampling, full=False)
+        found = self.question.studied(self.question.way, change.in_world(self.question.world))
         return None if isinstance(found, Infeasible) else found
 
-    def lengths(self, size: float) -> Array:
-        """See `least.Move`."""
-        return size + np.array([0.01, 0.02, 0.05, 0.1, 0.2])
-
-    def compared(self) -> Array:
-        """Moves by some centimetres."""
-        return list(self.outward(0.08))[-1]
-
-    def worth(self, vectors: Array) -> Array:
-        """See `least.Move`."""
+    def nearest(self) -> Array | None:
+        """See `least.Move`: of moves by some centimetres."""
+        *_, vectors = self.outward(0.08)
         studies = [self.study(self.change(vector)) for vector in vectors]
-        return np.array([-self.question.goal.shortfall(None if one is None else one.assessment) for one in studies])
+        missing = [self.question.goal.shortfall(None if one is None else one.assessment) for one in studies]
+        return None if min(missing) == np.inf else vectors[int(np.argmin(missing))]
 
     def _fits(self, change: ProposedChange) -> bool:
         """Whether the object stays on what it stands on, its box above that of its support, and clear of all else."""
@@ -116,40 +109,40 @@ class ObjectMove:
         return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
 
 
-def moved_object(question: Question, way: Candidate, found: WholeAnalysis | Infeasible) -> Found:
-    """The least move of what a way handles, and of what hides most. found: of the way as it is."""
+def moved_object(question: Question) -> Found:
+    """The least move of what the way of a question handles, and of what hides most."""
     cell, world = question.cell, question.world
-    names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
-    hiding = _hiding(cell, found) if isinstance(found, WholeAnalysis) else ()
+    names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
     # Only what stands at a known place and carries nothing.
     carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
-    names = [name for name in dict.fromkeys([*names, *hiding]) if name in world.X_WO and name not in carriers]
+    names = [
+        name for name in dict.fromkeys([*names, *_hiding(question)]) if name in world.X_WO and name not in carriers
+    ]
     if not names:
-        return Found(why="no object is handled or hides anything")
-    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, way, name) for name in names[:MOST_OBJECTS]]
+        return [], "no object is handled or hides anything"
+    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names[:MOST_OBJECTS]]
     named = ", ".join(names[:MOST_OBJECTS])
-    tried = f"in none of {_DIRECTIONS} directions, up to {100 * ObjectMove.bounds.reaches[-1]:.0f} cm,"
-    return least_changes(
-        question,
-        moves,
-        f"{tried} does a place of {named} meet the wish",
-        f"{tried} is a place where {named} can be handled and stand clear of all else",
-    )
+    tried = f"in none of {_DIRECTIONS} directions, up to {100 * _BOUNDS.reaches[-1]:.0f} cm,"
+    none = f"{tried} does a place of {named} meet the wish"
+    nowhere = f"{tried} is a place where {named} can be handled and stand clear of all else"
+    return least_changes(question, moves, none, nowhere)
 
 
-def _hiding(cell: Cell, found: WholeAnalysis) -> Iterator[str]:
+def _hiding(question: Question) -> Iterator[str]:
     """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
-    hiding = [one for step in found.steps for one in to_move(cell, step, hidden_views(cell, step))]
+    if isinstance(question.study, Infeasible):
+        return
+    cell, steps = question.cell, question.study.steps
     alone, share = defaultdict[str, float](float), defaultdict[str, float](float)
-    for one in hiding:
+    for one in (one for step in steps for one in to_move(cell, step, hidden_views(cell, step))):
         alone[one.name] += one.alone
         share[one.name] += one.share
     yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
     behind = Counter[str]()  # those of the colour of targets before them in uncovered states
-    for step in found.steps:
+    for step in steps:
         lost = ~step.timeline.covered & step.timeline.monitored
         for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
-            alike = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
-            behind.update(cell.observer.solids[index].part.parent for index in alike)
+            same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
+            behind.update(cell.observer.solids[index].part.parent for index in same_colour)
     others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
     yield from sorted(others, key=lambda name: (-behind[name], name))

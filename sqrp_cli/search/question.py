@@ -1,37 +1,104 @@
-"""What advice is asked about, and what a search for one kind of change answers."""
+"""What advice is asked about, the changes that are tried, and what all kinds of changes need, computed once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
+from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import World
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.goal import Goal, Kind
-from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.study.assessment import observed_again
+from sqrp_cli.search.bound import CameraBound
+from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
+from sqrp_cli.sight.scene_states import SceneStates
+from sqrp_cli.skill.settings import MotionValue
+from sqrp_cli.study.assessment import Analysis, observed_again
 from sqrp_cli.study.find import Plans
-from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
+from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.verdict import verdict, without_remedy
-from sqrp_cli.study.whole_study import WholeAnalysis, reasons_of_step, worst_seen
+from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.timeline import observe
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+TaskWays = tuple[str, tuple[Candidate, ...]]
+"""A task by its text, with the ways in which its candidates are done."""
 
-class TaskWays(NamedTuple):
-    """A task with the ways in which its candidates are done."""
 
-    text: str
-    ways: tuple[Candidate, ...]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProposedChange:
+    """One change of a cell or a motion, as data."""
+
+    kind: Kind
+    target: str
+    """The candidate, object or camera that it is about."""
+    values: tuple[float, ...] = ()
+    """What changes: metres along x, y, z; angles to the right and up in the image, or of the view [rad]."""
+    size: float = 0.0
+    """How large it is, in `unit`."""
+    unit: Unit = ""
+    turn: float = 0.0
+    """Angle between the optical axes before and after it [rad], of a camera that is moved or turned."""
+    like: str = ""
+    """Of a further camera: the one whose lens and sensing it has."""
+    camera: Camera | None = None
+    """As it then is."""
+    aim: Aim | None = None
+    """What it then looks at."""
+    X_WO: Array | None = None
+    """Where the object then is, shape (4, 4)."""
+    parameters: Mapping[str, MotionValue] | None = None
+    """Of the way."""
+    said: str = ""
+    """The way in a few words, such as `left, flipped`."""
+    unwritten: str = ""
+    """Why no workspace file says it; empty if one can."""
+
+    def in_cell(self, cell: Cell) -> Cell:
+        """The cell with it, as far as cameras are concerned; motions stay the same."""
+        if self.camera is None:
+            return cell
+        cameras = {**cell.workspace.cameras, self.camera.name: self.camera}
+        return cell.seen_by(replace(cell.workspace, cameras=cameras))
+
+    def in_world(self, world: World) -> World:
+        """The world with it."""
+        return world if self.X_WO is None else replace(world, X_WO={**world.X_WO, self.target: self.X_WO})
+
+    @property
+    def words(self) -> str:
+        """It as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
+        size, values, mostly = shown_size(self.size, self.unit), self.values, ""
+        if self.kind in ("aim", "position", "object"):
+            turns, moves = (("right", "left"), ("up", "down")), (("+x", "-x"), ("+y", "-y"), ("+z", "-z"))
+            names = turns if self.kind == "aim" else moves
+            axis = max(range(len(values)), key=lambda index: abs(values[index]))
+            alone = abs(values[axis]) > 0.98 * sum(value * value for value in values) ** 0.5
+            mostly = ("" if alone else "mostly ") + names[axis][values[axis] <= 0]
+        match self.kind:
+            case "way" | "path":
+                return f"do {self.target} {self.said}"
+            case "aim":
+                return f"turn {self.target} {size}, {mostly}"
+            case "lens":
+                return f"{'widen' if values[0] > 0 else 'narrow'} the view of {self.target} by {size}"
+            case "camera":
+                return f"add {self.target} at {', '.join(f'{value:z.2f}' for value in values)} m"
+            case _:
+                turn = f", and turn it {shown_size(self.turn, 'rad')}" if self.turn else ""
+                return f"move {self.target} {size}, {mostly}{turn}"
 
 
 class Tried(NamedTuple):
@@ -44,15 +111,9 @@ class Tried(NamedTuple):
     """Of a change that meets the goal; None where there is nothing to measure."""
 
 
-class Found(NamedTuple):
-    """What a search for one kind of change found."""
-
-    met: Sequence[Tried] = ()
-    """The changes that meet the goal, one of each target at most."""
-    why: str = ""
-    """Why there is none."""
-    near: Sequence[Tried] = ()
-    """What was tried in vain, if that is to be compared."""
+Found = tuple[Sequence[Tried], str]
+"""What a search for one kind of change found: changes that meet the goal, one of each target at most, and no word; else
+what was tried in vain, as far as that is to be compared, and why nothing meets it."""
 
 
 def is_fastest(found: CandidateResult) -> bool:
@@ -60,15 +121,19 @@ def is_fastest(found: CandidateResult) -> bool:
     return found.way.parameters == first_grip(found.candidate).parameters and not found.way.vias
 
 
-def seen_by(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
-    """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
-    steps = (observed_again(cell, one, sampling, full=full) for one in found.steps)
-    return replace(found, steps=tuple(steps))
+def figures_of(way: Candidate, found: WholeAnalysis | Infeasible) -> CandidateResult:
+    """The figures of a way, or why it cannot be done."""
+    return found.assessment if isinstance(found, WholeAnalysis) else CandidateResult.infeasible(way, found.reasons)
+
+
+def whole_observed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
+    """The same motion observed by the cameras of another cell. full: with the verdicts of every camera."""
+    return replace(found, steps=tuple(observed_again(cell, one, sampling, full=full) for one in found.steps))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """What is to be met, and what may be changed."""
+    """What is to be met, and what may be changed; all that several kinds of changes need is computed once."""
 
     task: str
     """As it was asked for."""
@@ -95,6 +160,68 @@ class Question:
     jobs: int = 1
     """Processes to use at most; the answers do not depend on it."""
 
+    @cached_property
+    def before(self) -> CandidateResult:
+        """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
+        fastest = self.of_candidate(figures_of(self.fastest, self.studied(self.fastest)))
+        return self.best if self.goal.met(fastest) and not self.goal.met(self.best) else fastest
+
+    @cached_property
+    def way(self) -> Candidate:
+        """The way that changes of objects and cameras start from: the best, unless that meets the goal by itself."""
+        return self.fastest if self.fixed or self.goal.met(self.best) else self.best.way
+
+    @cached_property
+    def study(self) -> WholeAnalysis | Infeasible:
+        """Of that way, with the verdicts of every camera."""
+        return self.studied(self.way, full=True)
+
+    @property
+    def motion(self) -> WholeAnalysis:
+        """The same for changes of cameras, which are searched for only where the way can be done."""
+        assert isinstance(self.study, WholeAnalysis)  # noqa: S101 - otherwise no camera can help
+        return self.study
+
+    @cached_property
+    def about(self) -> tuple[Analysis, ...]:
+        """The parts of its steps that the goal is about: the events of interest where that is all, else the whole.
+
+        Those take a fraction of the whole motion's time.
+        """
+        if not self.goal.only_events:
+            return self.motion.steps
+        found = []
+        for step in (step for step in self.motion.steps if step.timeline.T_eoi):
+            pieces = [piece for piece in step.stage.pieces if piece.of_interest]
+            only = replace(step, stage=Stage(step.stage.model, step.motion, pieces, step.world.X_WO), faults={})
+            found.append(replace(only, timeline=observe(only, self.cell.observer, self.sampling, full=False)))
+        return tuple(found)
+
+    @cached_property
+    def hopeful(self) -> list[Camera]:
+        """The cameras of the cell each of which may meet the goal if it alone is changed."""
+        about = self.cell, self.about, self.goal
+        cameras = enumerate(self.cell.workspace.cameras.values())
+        return [camera for index, camera in cameras if CameraBound(*about, camera, index).hopeful]
+
+    @cached_property
+    def swept(self) -> list[SceneStates]:
+        """Where everything is during each of its steps: cameras must not be in the way."""
+        return [step.stage.states(step.timeline.samples) for step in self.motion.steps]
+
+    @cached_property
+    def tasks(self) -> list[tuple[TaskWays, list[WholeAnalysis | Infeasible]]]:
+        """The tasks that a change of the cell may affect, with their ways as they are now."""
+        return [(task, [self.studied(way) for way in task[1]]) for task in self.listed()]
+
+    def studied(self, way: Candidate, world: World | None = None, *, full: bool = False) -> WholeAnalysis | Infeasible:
+        """A way as the cameras see it now. world: from which it starts, by default that of the question."""
+        return whole_study(self.cell, way, self.world if world is None else world, self.sampling, full=full)
+
+    def of_candidate(self, found: CandidateResult) -> CandidateResult:
+        """The figures of a way as those of the candidate."""
+        return replace(found, candidate=self.best.candidate, best_way=found.candidate)
+
     def shared(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results of some work, in order, by as many processes as may be used."""
         return list(in_processes(work, items, min(self.jobs, len(items))))
@@ -104,20 +231,7 @@ class Question:
 
         change: of the cell in which it is studied, if any.
         """
+        if not self.goal.met(found.assessment):
+            return False
         cell = self.cell if change is None else change.in_cell(self.cell)
-        met = self.goal.met(found.assessment)
-        return met and self.goal.met(seen_by(cell, found, self.sampling, full=True).assessment)
-
-    def limit(self, one: Tried) -> str:
-        """Which limit stands in the way of a change that does not meet the goal, in a sentence."""
-        steps, reached = one.study.steps, one.study.assessment
-        if replace(self.goal, time=None).met(reached):
-            primitives = [primitive for step in steps for primitive in step.motion.primitives]
-            longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
-            return f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
-        if replace(self.goal, delay=None).met(reached):
-            return reached.why_late
-        worst = worst_seen([step.assessment("") for step in steps])
-        sentence = verdict(one.change.in_cell(self.cell), steps[worst])
-        said = reasons_of_step(one.study.candidate, worst + 1, [sentence])[0]
-        return reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)
+        return self.goal.met(whole_observed_again(cell, found, self.sampling, full=True).assessment)

@@ -20,7 +20,7 @@ from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.geometry import look_at
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import plan_branches
-from sqrp_cli.search.advise import Adviser
+from sqrp_cli.search import advise
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.quality import qualities_over
@@ -535,16 +535,16 @@ def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, watch, tmp_path, monkeypatch):
     """With the same bytes as without; damaged files are searched again, and other wishes are others."""
-    searched, search = [], Adviser._outcome
+    searched, search = [], advise._outcome
     stop: list[str] = ["lens"]
 
-    def watched(adviser, kind):
+    def watched(question, kind):
         if kind in stop:
             signal.raise_signal(signal.SIGINT)
         searched.append(kind)
-        return search(adviser, kind)
+        return search(question, kind)
 
-    monkeypatch.setattr(Adviser, "_outcome", watched)
+    monkeypatch.setattr(advise, "_outcome", watched)
     command = ("advise", watch, "watch behind", "--kinds", "object,aim,lens", "--json", "--out", tmp_path / "kept")
     first = sqrp(*command)
     assert (first.code, searched) == (130, ["object", "aim"])
@@ -578,7 +578,7 @@ def test_ways_paths_and_what_comes_nearest_are_kept_to_the_last_digit(sqrp, tmp_
     assert [one["found"] for one in first.document["kinds"]] == [0, 1]
     assert first.document["kinds"][0]["nearest"]["missing"]
     assert carried(page, "detail-1")["q_avg"] >= 0.95
-    monkeypatch.setattr(Adviser, "_outcome", None)
+    monkeypatch.setattr(advise, "_outcome", lambda *_: pytest.fail("it is searched again"))
     assert sqrp(*command).out == first.out
     assert page.read_bytes() == written
     assert len(list((tmp_path / "kept").glob("*/*.json"))) == 2

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import look_at
 from sqrp_cli.search.aiming import Aim, looking_at, turned
-from sqrp_cli.search.camera_moves import CameraMove, SeenMotion
+from sqrp_cli.search.camera_moves import CameraMove
 from tests.sight.views import make_camera
 
 COORDINATE = st.floats(-2, 2).map(lambda value: round(value, 3))
@@ -50,7 +50,8 @@ def test_the_aim_of_a_stated_orientation_leaves_it_as_it_is():
 def test_a_camera_that_moves_beside_its_aim_says_how_far_it_turns():
     camera = make_camera(X_FC=look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     aim = Aim(np.zeros(3), np.array([1.0, 0.0, 0.0]))
-    move = CameraMove(SeenMotion(None, None), "position", camera, aim, 0)
+    move = CameraMove(None, "position", camera)
+    move.aim = aim
     sideways, towards = (move.change(np.array(vector)) for vector in ([0.0, 1.0, 0.0], [0.0, 0.0, -0.5]))
     assert np.isclose(sideways.turn, np.pi / 4)
     assert np.isclose(towards.turn, 0.0, atol=1e-9)

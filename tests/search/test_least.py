@@ -7,8 +7,9 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from sqrp_cli.search.least import Bounds, anywhere, margin, nearer, shells
-from sqrp_cli.search.moves import ProposedChange
+from sqrp_cli.search import least as search
+from sqrp_cli.search.least import Bounds, fine_grid, margin, shells
+from sqrp_cli.search.question import ProposedChange
 
 STEP = 0.01
 
@@ -37,10 +38,10 @@ class Fake:
 
 def least(does, dimension: int, reach: float = 0.5, bound=None):
     one = Fake(does, dimension, reach, bound)
-    found = anywhere(one, reach, seed=0)
+    found = search.least(one, one.outward(reach), seed=0)
     if found is None:
         return None
-    return np.array((nearer(one, 0.95 * found.size, seed=0) or found).values)
+    return np.array((search.least(one, [fine_grid(one.bounds, 0.95 * found.size)], seed=0, most=4) or found).values)
 
 
 def grid(dimension: int, length: float) -> np.ndarray:
@@ -94,7 +95,7 @@ def test_what_the_bound_lets_pass_is_decided():
 
 def test_a_margin_ends_where_the_change_no_longer_does():
     one = Fake(lambda vectors: (vectors[:, 0] > 0.1) & (vectors[:, 0] < 0.2), 2, 0.5)
-    one.lengths = lambda _: np.linspace(0.0, 0.4, 41)
+    one.bounds = one.bounds._replace(margins=tuple(np.linspace(-0.15, 0.25, 41)))  # lengths from 0 to 0.4
     found = margin(one, one.change(np.array([0.15, 0.0])))
     assert found.less == pytest.approx(0.04)
     assert found.more == pytest.approx(0.04)

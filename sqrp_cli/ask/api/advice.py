@@ -20,13 +20,12 @@ from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.kept import KeptSearches, Results
+from sqrp_cli.score.kept import Results, kept_searches
 from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, KindOutcome
-from sqrp_cli.search.advise import Adviser
+from sqrp_cli.search.advise import outcomes
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal
-from sqrp_cli.search.moves import ProposedChange
-from sqrp_cli.search.question import Question, TaskWays, is_fastest
+from sqrp_cli.search.question import ProposedChange, Question, TaskWays, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.pipeline import assess_all
@@ -89,11 +88,12 @@ class AdvisedCell:
                 message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
                 raise bad_option(message, mend="change the program that puts it there")
             return with_object(self.file, change.target, change.X_WO @ inverse(stated.X_FO))
-        assert change.aim is not None  # noqa: S101 - it goes with the camera
-        present = workspace.cameras.get(change.placed.name)
+        camera, aim = change.camera, change.aim
+        assert camera is not None and aim is not None  # noqa: S101, PT018 - nothing else is left to change
+        present = workspace.cameras.get(camera.name)
         if present is not None:
-            return with_camera(self.file, present, change.placed, change.aim.point)
-        return with_further_camera(self.file, change.placed, change.like, change.aim.point)
+            return with_camera(self.file, present, camera, aim.point)
+        return with_further_camera(self.file, camera, change.like, aim.point)
 
     def _task(self, parameters: Mapping[str, MotionValue]) -> str:
         """The text of a task that says a way, and has this candidate alone."""
@@ -122,44 +122,43 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     session = Session.begin(cell, ask)
     plans = Plans((session.cell, session.assignment.sampling))
     session = replace(session, assignment=replace(session.assignment, plans=plans))
-    workspace, outcomes, interrupted = session.workspace, list[KindOutcome](), None
+    workspace, came, interrupted = session.workspace, list[KindOutcome](), None
     with closing(Results(ask.out)) as results:
         question = _question(session, ask)
-        adviser, goal, best = Adviser(question), question.goal, question.best
+        goal, best = question.goal, question.best
         advised = AdvisedCell(session, content, goal, best.candidate)
         found = AdviceDocument(
             workspace=workspace.name,
             task=session.task.text,
             want=goal,
             candidate=best.candidate.name,
-            way=adviser.way.parameters,
-            met=goal.met(adviser.before),
-            before=AdvisedFigures.of(adviser.before),
+            way=question.way.parameters,
+            met=goal.met(question.before),
+            before=AdvisedFigures.of(question.before),
             best=AdvisedFigures.of(best) if goal.met(best) else None,
             ways="fastest" if question.fixed else "best",
-            starts_fastest=is_fastest(adviser.before),
+            starts_fastest=is_fastest(question.before),
             assumed=assumed_latency(workspace.cameras.values()),
             session=advised,
-            start=adviser.before,
+            start=question.before,
         )
         if found.met:
             return found
         if not best.feasible and not best.candidate.steps:
             suggester = Suggester(session.cell, question.world, jobs=ask.jobs)
             found = replace(found, first=suggester.suggest(best.candidate).words or None)
-        about = _all_it_depends_on(session, question)
-        kept = None if results.folder is None else KeptSearches(results, about, workspace.skills)
+        remembered = kept_searches(results, _all_it_depends_on(session, question), [*workspace.skills.values()])
         try:
             with ask.progress(f"Searching for {goal}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
-                for outcome in adviser.outcomes(kept):
-                    outcomes.append(outcome)
+                for outcome in outcomes(question, remembered):
+                    came.append(outcome)
                     advance(1)
         except KeyboardInterrupt:
             interrupted = True
-    advice = tuple(advised.with_patch(one) for outcome in outcomes for one in outcome.advice)
-    near = [outcome.nearest for outcome in outcomes if outcome.nearest is not None]
+    advice = tuple(advised.with_patch(one) for outcome in came for one in outcome.advice)
+    near = [outcome.nearest for outcome in came if outcome.nearest is not None]
     nearest = None if advice else min(near, key=lambda one: goal.shortfall(one.found), default=None)
-    return replace(found, advice=advice, kinds=tuple(outcomes), nearest=nearest, interrupted=interrupted)
+    return replace(found, advice=advice, kinds=tuple(came), nearest=nearest, interrupted=interrupted)
 
 
 def _question(session: Session, ask: AdviseRequest) -> Question:
@@ -220,7 +219,7 @@ def _listed(
     workspace, assignment = session.workspace, session.assignment
     facts = assignment.world.facts
     known = {_key(one.candidate): one.way for one in assessments}
-    found = []
+    found: list[TaskWays] = []
     for listed in workspace.tasks:
         task = read_task(listed.task, workspace, facts)
         if listed.feasible is not False:
@@ -232,9 +231,9 @@ def _listed(
             missing = [one for one in candidates if _key(one) not in known]
             known |= {_key(one.candidate): one.way for one in assess_all(assignment, missing, jobs)}
             ways = tuple(replace(known[_key(one)], name=one.name) for one in candidates)
-        found.append(TaskWays(listed.task, ways))
-    if all(task.text != session.task.text for task in found):
-        found.append(TaskWays(session.task.text, (chosen.way,)))
+        found.append((listed.task, ways))
+    if all(text != session.task.text for text, _ in found):
+        found.append((session.task.text, (chosen.way,)))
     return found
 
 
