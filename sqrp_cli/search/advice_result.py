@@ -16,10 +16,9 @@ from sqrp_cli.search.goal import MOTION, Goal, Kind
 from sqrp_cli.study.ranking import rank
 
 if TYPE_CHECKING:
-    from sqrp_cli.search.question import ProposedChange
     from sqrp_cli.study.result import CandidateResult
 else:  # no file has them
-    CandidateResult = ProposedChange = Any
+    CandidateResult = Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +135,8 @@ class ChangeFound(AdvisedFigures):
     words: str
     """The change as an instruction, such as `move cam1 10.9 cm, mostly -z, and turn it 5.2 deg`."""
 
-    proposed: ProposedChange = live()
+    proposed: Any = live()
+    """As `question.ProposedChange`."""
     found: CandidateResult = live()
     """The candidate with it."""
 
