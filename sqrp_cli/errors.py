@@ -52,13 +52,19 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """One finding in the input."""
+class Finding:
+    """Something that is wrong or doubtful in the input."""
 
     code: str
-    """Stable kebab-case name of the kind of finding, such as `unknown-key`."""
+    """Name of the kind of finding, such as `unknown-key`; `sqrp rules CODE` explains it."""
     message: str
     """What was found and what was expected, in one sentence."""
+
+
+@dataclass(frozen=True)
+class Problem(Finding):
+    """A finding with its place, and how to mend it."""
+
     place: Place | None = None
     """Where; None for the command line itself."""
     severity: Literal["error", "warning"] = "error"

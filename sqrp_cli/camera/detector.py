@@ -35,28 +35,26 @@ MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
 LEAST_FEATURE = 1e-3  # a size in pixels and a cosine below this count as this, so that they have logarithms
 
 
-class BoxSights(NamedTuple):
-    """How cameras see boxes: arrays of one shape, one entry per look."""
+COEFFICIENTS = ("pixels", "incidence", "distance", "visible", "blur")
+"""The terms that a curve may have, by what of `BoxSights` they are about."""
 
-    pixels: Array
-    """Square root of the area of the box in the image [pixels]."""
-    incidence: Array
-    """Angle between the box's normal and the direction to the camera, 0 for a box without one [rad]."""
-    distance: Array
-    """From the camera to the box's centre [m]."""
-    visible: Array
-    """Share of the box's silhouette that nothing hides, in 0..1."""
-    blur: Array
-    """How far the box's centre moves in the image while the shutter is open [pixels]."""
+BoxSights = Array
+"""How cameras see boxes, shape (5, ...), in the order of `COEFFICIENTS`.
 
-    def features(self) -> Array:
-        """What the coefficients of a curve are about, in the order of `COEFFICIENTS`, shape (5, ...).
+The square root of the area of the box in the image [pixels]; the angle between its normal and the direction to the
+camera, 0 for a box without one [rad]; the distance from the camera to its centre [m]; the share of its silhouette that
+nothing hides, in 0..1; and how far its centre moves in the image while the shutter is open [pixels].
+"""
 
-        Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, visible, -blur / pixels.
-        """
-        size = np.maximum(self.pixels, LEAST_FEATURE)
-        cosine = np.maximum(np.cos(self.incidence), LEAST_FEATURE)
-        return np.stack([np.log(size), np.log(cosine), -self.distance, self.visible, -self.blur / size])
+
+def features(sights: BoxSights) -> Array:
+    """What the coefficients of a curve are about, in the order of `COEFFICIENTS`, shape (5, ...).
+
+    Each grows the better the box is seen: ln pixels, ln cos incidence, -distance, visible, -blur / pixels.
+    """
+    pixels, incidence, distance, visible, blur = sights
+    size, cosine = np.maximum(pixels, LEAST_FEATURE), np.maximum(np.cos(incidence), LEAST_FEATURE)
+    return np.stack([np.log(size), np.log(cosine), -distance, visible, -blur / size])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,11 +87,8 @@ class Curve(FileRecord):
     def probability(self, sights: BoxSights) -> Array:
         """How likely the detector sees each box, in 0..1."""
         weights = np.array([getattr(self, name) or 0.0 for name in COEFFICIENTS])
-        z = self.bias + np.tensordot(weights, sights.features(), axes=1)
+        z = self.bias + np.tensordot(weights, features(sights), axes=1)
         return self.most / (1.0 + np.exp(-np.clip(z, -500.0, 500.0)))
-
-
-COEFFICIENTS = BoxSights._fields  # the terms that a curve may have
 
 
 MODULE_PIXELS, PER_BIT = 1.59, 0.19

@@ -288,7 +288,7 @@ class RobotReader(EntryReader):
                 )
         return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
-    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits]:
+    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits[float]]:
         """The limits of every joint: stated here, else by MoveIt, else by the URDF, else assumed, with a warning."""
         names = [joint.name for joint in joints]
         limits, assumptions = dict[str, dict[str, float]](), list[str]()
@@ -320,7 +320,7 @@ class RobotReader(EntryReader):
         }
 
     def _stop_limits(
-        self, limits: Mapping[str, robot.JointLimits], joints: Sequence[UrdfJoint]
+        self, limits: Mapping[str, robot.JointLimits[float]], joints: Sequence[UrdfJoint]
     ) -> dict[str, robot.StopLimits]:
         stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}
         for limit, values in stops.items():

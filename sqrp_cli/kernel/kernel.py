@@ -145,24 +145,23 @@ class Loss(NamedTuple):
     """Too much, in both respects of a row; shape (b, 2)."""
 
 
-class Verdicts(NamedTuple):
-    """What c cameras make of n boxes, arrays of shape (c, n)."""
+@dataclass(frozen=True, eq=False)
+class BoxVerdicts:
+    """What c cameras make of n boxes, or of one box in n states: arrays of shape (n, c)."""
 
     cause: NDArray[np.int8]
     """Of `Cause` in `camera.hpp`: the first limit that fails."""
     by: Indices
     """The image's side, the solid that hides or shades it or is behind it, or the light that is too bright; else -1."""
     figure: Array
-    """By how much a limit is missed [m, pixels or rad]."""
+    """By how much the first failing limit is missed [m, pixels or rad]."""
     visible: Array
-    """The visible share, NAN where an earlier limit failed or it was not measured."""
+    """The visible share of the silhouette, NAN where an earlier limit failed or it was not measured."""
 
 
 class Aspects(NamedTuple):
     """How c cameras face n boxes, arrays of shape (c, n)."""
 
-    cause: NDArray[np.int8]
-    """The first limit that fails, of those that do not depend on the scene."""
     distance: Array
     """From camera to box centre [m]."""
     incidence: Array
@@ -380,30 +379,26 @@ class Request:
         given = state, first, count, needed, len(tiers), ends, order
         self._call("cover", len(state), *given, len(bars), *map(_reals, (bars, steps)), sights)
 
-    def judge(self, box: Indices, state: Indices, *, shares: bool, culprits: bool) -> Verdicts:
+    def judge(self, box: Indices, state: Indices, *, shares: bool, culprits: bool) -> BoxVerdicts:
         """What all cameras make of boxes in states, shape (n,) each.
 
         shares, culprits: whether visible shares are measured, and what is in the way is named.
         """
         box, state = self._looks(box, state)
         shape = self._scene.cameras, len(box)
-        found = Verdicts(np.empty(shape, dtype=np.int8), np.full(shape, -1), np.empty(shape), np.full(shape, np.nan))
-        by, visible = found.by if culprits else None, found.visible if shares else None
-        self._call("judge", len(box), box, state, found.cause, by, found.figure, visible, None)
-        return found
+        cause, by = np.empty(shape, dtype=np.int8), np.full(shape, -1)
+        figure, visible = np.empty(shape), np.full(shape, np.nan)
+        asked = by if culprits else None, figure, visible if shares else None
+        self._call("judge", len(box), box, state, cause, *asked, None)
+        return BoxVerdicts(cause.T, by.T, figure.T, visible.T)
 
     def measure(self, box: Indices, state: Indices) -> Aspects:
         """How all cameras face boxes in states, shape (n,) each."""
         box, state = self._looks(box, state)
         shape = self._scene.cameras, len(box)
-        cause, by, figure, facing = (
-            np.empty(shape, np.int8),
-            np.empty(shape, np.int64),
-            np.empty(shape),
-            np.empty((3, *shape)),
-        )
+        cause, by, figure, facing = np.empty(shape, np.int8), None, np.empty(shape), np.empty((3, *shape))
         self._call("judge", len(box), box, state, cause, by, figure, None, facing)
-        return Aspects(cause, *facing)
+        return Aspects(*facing)
 
     def occluders(self, box: Indices, camera: Indices, state: Indices, parts: int) -> tuple[Array, Array]:
         """How much of boxes each of some parts hides from cameras: as the first, and as the only one, (n, parts) each.

@@ -39,16 +39,13 @@ class TimeInterval:
 
 
 @dataclass(frozen=True)
-class GroundOperator:
-    """A temporal operator of a ground formula with the time in which it applies."""
+class GroundOperator(TimeInterval):
+    """A temporal operator of a ground formula with the time in which it applies, from the start of the skill [s]."""
 
     text: str
     """The operator with its body, as written."""
     operator: Operator
     """As written; under a negation an `eventually` stays one."""
-    start: float
-    end: float
-    """The closed interval, from the start of the skill [s]."""
     literals: tuple[Literal, ...]
     """Those of its body outside any deeper temporal operator, once each, from left to right.
 

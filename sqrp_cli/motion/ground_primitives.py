@@ -29,7 +29,7 @@ from sqrp_cli.skill.skill import (
     JointMove,
     PrimitiveAction,
     Release,
-    Skill,
+    SkillChoice,
     StillAction,
     StraightMove,
     ToolMove,
@@ -38,13 +38,9 @@ from sqrp_cli.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class SkillUse:
-    """A skill with its binding and its setting."""
+class SkillUse(SkillChoice):
+    """A skill with its parameters, and what it is used on."""
 
-    skill: Skill
-    binding: Mapping[str, str]
-    """The object of each skill parameter."""
-    values: Mapping[str, MotionValue]  # value of every motion parameter
     objects: Mapping[str, SceneObject]  # of the workspace
     world: World  # world before it
     vias: Mapping[str, Array] = field(default_factory=dict)

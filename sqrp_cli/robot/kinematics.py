@@ -152,17 +152,12 @@ class Couplings:
 
 
 @dataclass(frozen=True, eq=False)
-class FingerModel:
-    """The fingers of a gripper; without any, f is 0. Positions and limits in rad or m, and s, of shape (f,) each."""
+class FingerModel(JointLimits[Array]):
+    """The fingers of a gripper with the limits of f joints; without any, f is 0. Positions in rad or m, (f,) each."""
 
     joints: tuple[str, ...]  # names of the f joints that drive them
     open: Array
     closed: Array
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
     links: frozenset[str]
     """All links that these joints move."""
     width: float | None = None  # clear width between them when open, if stated [m]; closed, it is 0
@@ -183,7 +178,7 @@ class JointLines(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RobotModel:
+class RobotModel(JointLimits[Array]):
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
 
     The arm's n joints are those that drive the ones from the robot's root to the tool frame. Joints of neither arm nor
@@ -193,11 +188,6 @@ class RobotModel:
 
     arm: tuple[str, ...]  # names of the arm's joints, from the root outwards
     turns: Mask  # which of them turn; the others slide
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
     home: Array
     """Their positions at the start of a program."""
     fingers: FingerModel  # those of its gripper

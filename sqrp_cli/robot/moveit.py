@@ -60,7 +60,7 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
     that contains itself, and a position that is not a finite number.
     """
     xml = read_robot_xml(path, source)
-    robot = xml.root
+    robot = xml.robot
     unknown: list[Problem] = []
 
     def known(element: Element, attribute: str, kind: str) -> str | None:

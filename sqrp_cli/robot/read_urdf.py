@@ -57,7 +57,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     links that do not form one tree.
     """
     xml = read_robot_xml(path, source)
-    robot = xml.root
+    robot = xml.robot
     moving = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
     if (count := len([*robot.all("link")])) > MAX_LINKS or moving > MAX_JOINTS:
         message = f"the robot has {count:,} links and {moving:,} joints that move"

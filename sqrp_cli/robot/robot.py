@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -23,16 +22,21 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.shapes import Geometry, Part
 
+Limit = TypeVar("Limit", float, Array)
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of one joint in rad (or m for a prismatic joint) and seconds; position limits may be infinite."""
 
-    lower: float
-    upper: float
-    velocity: float
-    acceleration: float
-    jerk: float
+@dataclass(frozen=True, eq=False)
+class JointLimits(Generic[Limit]):
+    """Limits of one joint, or of n joints, shape (n,) each, in rad (or m where they slide) and seconds.
+
+    Position limits may be infinite.
+    """
+
+    lower: Limit
+    upper: Limit
+    velocity: Limit
+    acceleration: Limit
+    jerk: Limit
 
 
 @dataclass(frozen=True)
@@ -73,32 +77,39 @@ class Fingers:
     """Clear width between them when open [m]; None where it is not stated."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """The robot of a cell."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotTraits:
+    """What of a robot is as the workspace states it."""
+
+    tool_frame: str
+    """The link of robot or tool that grasps; its z axis points out of the tool, into the object."""
+    home: Mapping[str, float]
+    """Position of each joint at the start of a program [rad or m]."""
+    fingers: Fingers | None
+    """Of the gripper; null if it has none that move."""
+    markers: Mapping[str, Marker]
+    """By link."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose, of an arm with fewer than six axes [rad]; else 0."""
+    geometry: Geometry
+    """The geometry of the links that is solid and opaque; a link without collision geometry uses its visual one."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Robot(RobotTraits):
+    """The robot of a cell; `home` is of the arm's joints, others rest at 0, or at the nearest limit."""
 
     urdf: UrdfModel  # its links and joints, without those of the tool
     srdf: Path | None  # resolved path
     package_roots: tuple[Path, ...]  # folders that `package://NAME/` is looked up in, first hit wins
     X_WB: Array  # pose of the robot's root link in the world, shape (4, 4)
     tool: Tool | None
-    tool_frame: str
-    """The link of robot or tool that grasps: its z axis points out of the tool, into the object."""
-    home: Mapping[str, float]
-    """Position of each arm joint at the start of a program [rad or m]; other joints rest at 0, or at the nearest
-    limit."""
-    limits: Mapping[str, JointLimits]
+    limits: Mapping[str, JointLimits[float]]
     """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
     stop_limits: Mapping[str, StopLimits]  # of the same joints while the robot stops to protect itself and others
-    angle_tolerance: float
-    """By how much the tool may be turned away from a pose, for an arm with fewer than six axes [rad]; else 0."""
-    geometry: Geometry
-    """Which geometry of the links is solid and opaque; a link without collision geometry uses its visual one."""
     parts: tuple[Part, ...]  # that geometry, of the robot's links and then of the tool's
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
-    fingers: Fingers | None = None  # of its gripper; None if it has none that move
-    markers: Mapping[str, Marker] = field(default_factory=dict)  # on links, by the link's name
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_WB` is not a pose."""

@@ -39,7 +39,7 @@ class RobotSource:
 class RobotXml:
     """A robot description as XML."""
 
-    root: Element  # its `<robot>`, without xacro
+    robot: Element  # its `<robot>`, without xacro
     expanded: str | None  # the same as text, if it was expanded from xacro
     content: bytes  # what its digest is of: the file, or what its xacro stands for
     packages: tuple[str, ...] = ()  # the packages that its xacro names

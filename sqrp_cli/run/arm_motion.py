@@ -49,7 +49,7 @@ class ArmMotion:
     """
 
     def __init__(
-        self, joints: Sequence[str], limits: Sequence[JointLimits], protective: Sequence[StopLimits], q: Array
+        self, joints: Sequence[str], limits: Sequence[JointLimits[float]], protective: Sequence[StopLimits], q: Array
     ) -> None:
         """joints: names of the n joints, with their limits in motion and in a protective stop.
 

@@ -31,8 +31,8 @@ class BoxLikelihood(NamedTuple):
     probability: Array
     """Shape (m, c)."""
     sights: BoxSights | None
-    """What it follows from, arrays of shape (m, c), where the detector has a curve and the box passes what limits it
-    keeps (NaN elsewhere)."""
+    """What it follows from, shape (5, m, c), where the detector has a curve and the box passes what limits it keeps;
+    NaN elsewhere."""
 
 
 def likelihoods(
@@ -48,7 +48,7 @@ def likelihoods(
     ]
     every = [box for target in targets for box in target.boxes]
     facing = (np.split(values.T, len(every)) for values in (observer.aspects(every, states) if every else ()))
-    aspects = (Aspects(*of_box) for of_box in zip(*facing, strict=True))
+    aspects = map(Aspects, *facing) if every else iter(())
     found: list[list[BoxLikelihood]] = []
     for target, boxes in zip(targets, observer.verdicts(gated, states, culprits=False), strict=True):
         found.append([])
@@ -68,8 +68,8 @@ def likelihoods(
                     before = (np.where([True, True, False], p, np.where(p[:, 2:] > 0, p, 1.0)) for p in centers)
                     first, last = (Projection(camera).pixels(points)[0] for points in before)
                     blur[:, column] = np.hypot(*(last - first).T)
-            sights = BoxSights(faced.size, faced.incidence, faced.distance, verdicts.visible, blur)
-            sights = BoxSights(*(np.where(passed, values, np.nan) for values in sights))
+            seen = np.stack([faced.size, faced.incidence, faced.distance, verdicts.visible, blur])
+            sights = np.where(passed, seen, np.nan)
             found[-1].append(BoxLikelihood(np.where(passed, curve.probability(sights), 0.0), sights))
     return found
 

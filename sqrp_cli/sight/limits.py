@@ -78,9 +78,14 @@ class Reason(Record):
     """Of a target with several boxes: the first that fails, in their order."""
 
     @property
+    def limit(self) -> Cause:
+        """The limit; NONE where it is covered."""
+        return Cause.NONE if self.cause is None else Cause[self.cause.upper()]
+
+    @property
     def words(self) -> str:
         """It in a few words."""
-        return "covered" if self.cause is None else Cause[self.cause.upper()].by(self.by)
+        return "covered" if self.cause is None else self.limit.by(self.by)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import Light
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.kernel.kernel import Aspects, Items, Loss
+from sqrp_cli.kernel.kernel import Aspects, BoxVerdicts, Items, Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
@@ -25,24 +25,6 @@ from sqrp_cli.sight.sight_memory import SEEN, UNKNOWN, UNSEEN, SightMemory, Sigh
 from sqrp_cli.sight.sight_scene import SightScene
 from sqrp_cli.sight.solids import Solid, Solids
 from sqrp_cli.sight.targets import SoughtBox, Target
-
-
-@dataclass(frozen=True, eq=False)
-class BoxVerdicts:
-    """Verdicts of one box over m states and c cameras."""
-
-    cause: NDArray[np.int8]
-    """Codes of `Cause`, shape (m, c)."""
-    by: Indices
-    """Index of the solid that hides it, has its colour behind it or shades it, of the light in which it is too bright,
-    of the image side where it is out of the image, else -1.
-
-    Shape (m, c).
-    """
-    figure: Array
-    """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
-    visible: Array
-    """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
 
 
 def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
@@ -106,7 +88,7 @@ class Observer:
         found = request.judge(
             np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares, culprits=culprits
         )
-        of_boxes = map(BoxVerdicts, *(np.split(values.T, np.cumsum(counts)[:-1]) for values in found))
+        of_boxes = map(BoxVerdicts, *(np.split(values, np.cumsum(counts)[:-1]) for values in vars(found).values()))
         return tuple(tuple(next(of_boxes) for _ in target.boxes) for target in targets)
 
     def coverage(
@@ -167,7 +149,7 @@ class Observer:
         return found
 
     def aspects(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Aspects:
-        """How every camera faces boxes, and which limit they miss first that does not depend on the scene.
+        """How every camera faces boxes.
 
         Arrays of shape (c, boxes * m): all m states of the first box, then of the next.
         """

@@ -396,6 +396,17 @@ class Skill:
         return frozenset(name for name in retried if name is not None)
 
 
+@dataclass(frozen=True, eq=False)
+class SkillChoice:
+    """A skill with all its parameters."""
+
+    skill: Skill
+    binding: Mapping[str, str]
+    """The object of each skill parameter."""
+    values: Mapping[str, MotionValue]
+    """Of each motion parameter."""
+
+
 FORMER_ENDING = "_two_finger"  # ending of the names that skills for fingers had when they were skills of their own
 
 

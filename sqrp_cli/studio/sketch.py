@@ -12,11 +12,12 @@ import numpy as np
 from sqrp_cli.document import Record
 from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Mask
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.blind_spans import by_name
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over

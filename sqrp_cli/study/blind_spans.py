@@ -7,44 +7,24 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import groupby, pairwise
-from typing import Annotated, NamedTuple, cast
+from typing import Annotated, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PlainSerializer
 
 from sqrp_cli.figures import Seconds
 from sqrp_cli.files.entries import FileRecord, SerializedAs
 from sqrp_cli.geometry import Array, Indices
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel
-from sqrp_cli.sight.observer import BoxVerdicts
+from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel, Reason
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.result import UnseenTime
 from sqrp_cli.study.stage import Samples
-
-
-@dataclass(frozen=True)
-class Failure:
-    """The first limit that fails for a target in one sample and camera."""
-
-    cause: Cause
-    """NONE where the camera sees the target."""
-    by: int
-    """As in `BoxVerdicts`."""
-    figure: float
-    """Amount by which the limit is missed, in the limit's unit."""
-    box: int = 0
-    """Index of the box that fails it."""
-
-
-SEEN = Failure(Cause.NONE, -1, 0.0)
-
-_CAUSES = {int(cause): cause for cause in Cause}
 
 
 def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
@@ -54,51 +34,42 @@ def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
     totals = []
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
-        sums: dict[tuple[int, Cause, int, int], float] = defaultdict(float)
-        for camera in range(len(cell.observer.cameras)):
-            for row, failure in zip(rows.tolist(), first_failures(boxes, rows, camera), strict=True):
-                if failure.cause is not Cause.NONE:
-                    sums[camera, failure.cause, failure.by, failure.box] += float(weights[row])
+        first = first_failing(boxes, rows)
+        sums: dict[tuple[int, ...], float] = defaultdict(float)
+        camera, at = np.nonzero(first.cause.T != Cause.NONE)
+        kinds = np.stack([camera, *(values[at, camera] for values in (first.cause, first.by, first.box))], axis=1)
+        for kind, weight in zip(kinds.tolist(), weights[rows[at]].tolist(), strict=True):
+            sums[tuple(kind)] += weight
         found = [
             UnseenTime(
                 literal=str(target.atom),
-                camera=cell.observer.cameras[camera].name,
-                cause=cast("CauseLabel", cause.label),
-                by=by_name(cell, cause, by),
+                camera=cell.observer.cameras[index].name,
+                cause=cast("CauseLabel", Cause(cause).label),
+                by=by_name(cell, Cause(cause), by),
                 seconds=seconds,
                 box=target.boxes[box].name if len(target.boxes) > 1 else None,
             )
-            for (camera, cause, by, box), seconds in sums.items()
+            for (index, cause, by, box), seconds in sums.items()
             if seconds > 0
         ]
         totals += sorted(found, key=lambda total: -total.seconds)
     return tuple(totals)
 
 
-def first_failures(boxes: Sequence[BoxVerdicts], rows: Indices, camera: int) -> list[Failure]:
-    """The failure of the first box that a camera does not see, for each of the given samples."""
-    columns = (values[:, 0].tolist() for values in first_failing(boxes, rows, slice(camera, camera + 1)))
-    return [SEEN if code == Cause.NONE else Failure(_CAUSES[code], *rest) for code, *rest in zip(*columns, strict=True)]
+@dataclass(frozen=True, eq=False)
+class FirstFailing(BoxVerdicts):
+    """The verdict on the first box of a target that each camera does not see, for each of m samples."""
 
-
-class FirstFailing(NamedTuple):
-    """What `Failure` says, for m samples and c cameras: shape (m, c) each."""
-
-    cause: NDArray[np.int8]
-    by: Indices
-    figure: Array
     box: Indices
-    """Index of that box; 0 where all are seen."""
+    """Index of that box; 0 where all are seen, shape (m, c)."""
 
 
-def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices, cameras: slice = slice(None)) -> FirstFailing:
-    """The failure of the first box that each of the cameras does not see, for each of the given samples."""
-    causes = np.stack([box.cause[rows, cameras] for box in boxes])
-    first = (causes != Cause.NONE).argmax(axis=0)[None]
-    by = np.stack([box.by[rows, cameras] for box in boxes])
-    figure = np.stack([box.figure[rows, cameras] for box in boxes])
-    cause, which, missed = (np.take_along_axis(values, first, axis=0)[0] for values in (causes, by, figure))
-    return FirstFailing(cause=cause, by=which, figure=missed, box=first[0])
+def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices | list[int]) -> FirstFailing:
+    """The verdict on the first box that each camera does not see, for each of the samples `rows`."""
+    of_boxes = [np.stack([getattr(box, part.name)[rows] for box in boxes]) for part in fields(BoxVerdicts)]
+    first = (of_boxes[0] != Cause.NONE).argmax(axis=0)[None]
+    cause, by, figure, visible = (np.take_along_axis(values, first, axis=0)[0] for values in of_boxes)
+    return FirstFailing(cause=cause, by=by, figure=figure, visible=visible, box=first[0])
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
@@ -125,19 +96,11 @@ def sample_weights(study: Analysis) -> Array:
     return weights
 
 
-@dataclass(frozen=True)
-class BlindSpan:
+@dataclass(frozen=True, kw_only=True)
+class BlindSpan(Reason):
     """A stretch of time in which a camera does not see a target for one cause."""
 
     stretch: TimeInterval
-    cause: Cause
-    by: str | None
-    """The occluder, what has its colour behind it, or the side of the image; None otherwise."""
-
-    @property
-    def words(self) -> str:
-        """The cause in a few words."""
-        return self.cause.by(self.by)
 
 
 def _ends(stretch: TimeInterval) -> tuple[float, float]:
@@ -151,8 +114,8 @@ _Span = Annotated[
     BlindSpan,
     SerializedAs(
         tuple[Seconds, Seconds, CauseLabel, str | None],
-        lambda said: BlindSpan(TimeInterval(*said[:2]), Cause[said[2].upper()], said[3]),
-        lambda span: (*_ends(span.stretch), span.cause.label, span.by),
+        lambda said: BlindSpan(stretch=TimeInterval(*said[:2]), cause=said[2], by=said[3]),
+        lambda span: (*_ends(span.stretch), span.cause, span.by),
     ),
 ]
 """A file has start and end, the cause and what is in the way."""
@@ -225,8 +188,9 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
+        first = first_failing(boxes, rows)
         blind = {
-            camera.name: tuple(_blind_spans(cell, samples.some(rows), first_failures(boxes, rows, index)))
+            camera.name: tuple(_blind_spans(cell, samples.some(rows), first, index))
             for index, camera in enumerate(cell.observer.cameras)
         }
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
@@ -268,16 +232,18 @@ def intersection(stretches: Sequence[TimeInterval], others: Sequence[TimeInterva
     return difference(stretches, difference(stretches, others))
 
 
-def _blind_spans(cell: Cell, samples: Samples, failures: Sequence[Failure]) -> Iterator[BlindSpan]:
+def _blind_spans(cell: Cell, samples: Samples, failing: FirstFailing, camera: int) -> Iterator[BlindSpan]:
     """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
     t, piece = samples.t.tolist(), samples.piece.tolist()
-    for (cause, by), group in groupby(range(len(t)), key=lambda index: (failures[index].cause, failures[index].by)):
+    failures = list(zip(failing.cause[:, camera].tolist(), failing.by[:, camera].tolist(), strict=True))
+    for (code, by), group in groupby(range(len(t)), key=failures.__getitem__):
         indices = list(group)
         first, last = indices[0], indices[-1]
         start, end = t[first], t[last]
-        if first > 0 and failures[first - 1].cause is Cause.NONE and piece[first - 1] == piece[first]:
+        if first > 0 and failures[first - 1][0] == Cause.NONE and piece[first - 1] == piece[first]:
             start = t[first - 1]
         if last + 1 < len(t) and piece[last + 1] == piece[last]:
             end = t[last + 1]
+        cause = Cause(code)
         if cause is not Cause.NONE and end > start:
-            yield BlindSpan(TimeInterval(start, end), cause, by_name(cell, cause, by))
+            yield BlindSpan(stretch=TimeInterval(start, end), cause=cause.label, by=by_name(cell, cause, by))

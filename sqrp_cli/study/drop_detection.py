@@ -24,13 +24,14 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
 from sqrp_cli.geometry import Array, Mask, transform
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.fingers import move_fingers
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import object_of

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.kernel.kernel import Loss
+from sqrp_cli.kernel.kernel import BoxVerdicts, Loss
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.observer import BoxVerdicts, Observer, sees_all
+from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.stage import Samples, Stage
 

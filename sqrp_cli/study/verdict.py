@@ -17,12 +17,13 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask, axis_rotation, box_corners, inverse, pose, transform
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, sees_all
+from sqrp_cli.sight.limits import Cause, Reason
+from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failing
@@ -109,16 +110,12 @@ class Shift:
         return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
 
 
-@dataclass(frozen=True)
-class CameraCause:
+@dataclass(frozen=True, kw_only=True)
+class CameraCause(Reason):
     """Why a camera does not see a target over a stretch: its commonest first failing limit."""
 
     camera: str
     """Its name."""
-    cause: Cause
-    """The limit."""
-    by: str | None
-    """The occluder, what has the same colour behind it, what shades it or the light on it, or the side of the image."""
     figure: float
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
@@ -128,7 +125,7 @@ class CameraCause:
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
-        match self.cause:
+        match self.limit:
             case Cause.OBLIQUE:
                 figure = f"{np.degrees(self.figure):.0f} deg"
             case Cause.TOO_SMALL:
@@ -137,14 +134,14 @@ class CameraCause:
                 figure = f"{self.figure:.2f} m"
         shadow = f", in the shadow of {self.by}" if self.by else ""
         words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow}
-        return templates[self.cause].format_map(words)
+        return templates[self.limit].format_map(words)
 
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
-        if self.cause in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
-            words = self.cause.by(self.by)
+        words = f"behind {self.by}" if self.limit is Cause.HIDDEN else self.limit.words
+        if self.limit in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
+            words = self.limit.by(self.by)
         return f"{words} for a part of that time" if self.partly else words
 
 
@@ -271,7 +268,7 @@ def explain_stretch(cell: Cell, study: Analysis, rows: Indices) -> BlindStretch:
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
         (replace(cause, change=changed.get(cause.camera)) for cause in causes),
-        key=lambda one: (one.change is None, one.partly, one.camera not in (*before, *after), -one.cause),
+        key=lambda one: (one.change is None, one.partly, one.camera not in (*before, *after), -one.limit),
     )
     blind = {cause.camera for cause in causes}
     return BlindStretch(
@@ -327,13 +324,15 @@ def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
     causes = []
     for index, camera in enumerate(cell.observer.cameras):
         missed: dict[tuple[int, int], list[float]] = defaultdict(list)
-        for code, by, figure in zip(*(values[:, index].tolist() for values in first[:3]), strict=True):
+        columns = (values[:, index].tolist() for values in (first.cause, first.by, first.figure))
+        for code, by, figure in zip(*columns, strict=True):
             if code != Cause.NONE:
                 missed[code, by].append(figure)
         if missed:
             (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
             cause, partly = Cause(code), sum(map(len, missed.values())) < len(rows)
-            causes.append(CameraCause(camera.name, cause, by_name(cell, cause, by), float(np.mean(figures)), partly))
+            label, who, missing = cause.label, by_name(cell, cause, by), float(np.mean(figures))
+            causes.append(CameraCause(camera=camera.name, cause=label, by=who, figure=missing, partly=partly))
     return causes
 
 
@@ -355,7 +354,7 @@ def _least_change(
     A turn brings the corners of all boxes within the image, a move brings them within the range. Whether enough cameras
     then see the target is asked of the observer, in all samples of the run `rows` in which too few do.
     """
-    target, of_cause = loss.target, {cause.camera: cause.cause for cause in causes}
+    target, of_cause = loss.target, {cause.camera: cause.limit for cause in causes}
 
     def with_cause(*some: Cause) -> list[Camera]:
         return [camera for camera in cell.observer.cameras if of_cause.get(camera.name) in some]

@@ -15,7 +15,7 @@ from sqrp_cli.logic.conditions import UnmetPart, apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
-from sqrp_cli.skill.skill import JointMove, Skill
+from sqrp_cli.skill.skill import JointMove, Skill, SkillChoice
 
 Value = TypeVar("Value")
 
@@ -24,14 +24,9 @@ THEN = " then "
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(SkillChoice):
     """One binding of all parameters of a skill."""
 
-    skill: Skill
-    binding: Mapping[str, str]
-    """The object of each skill parameter."""
-    values: Mapping[str, MotionValue]
-    """Of each motion parameter."""
     name: str
     """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
     vias: Mapping[str, Array] = field(default_factory=dict, compare=False)

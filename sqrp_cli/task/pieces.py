@@ -28,23 +28,18 @@ class GroundFormula:
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A piece of the motion within one primitive in which the same formulas apply throughout."""
+class Piece(TimeInterval):
+    """A piece of the motion within one primitive in which the same formulas apply throughout.
+
+    It ends where it starts where a formula applies at one instant only.
+    """
 
     primitive: int
     """Index of the primitive."""
-    start: float
-    end: float
-    """[s]; equal where a formula applies at one instant only."""
     literals: tuple[Literal, ...]
     """The literals that must be observable, in the order of the formulas."""
     of_interest: bool
     """Inside an event of interest."""
-
-    @property
-    def length(self) -> float:
-        """Its duration [s]."""
-        return self.end - self.start
 
 
 def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundFormula]) -> tuple[Piece, ...]:

@@ -48,7 +48,7 @@ HOLD, ON_TABLE, EMPTY = (
 def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
     text = "eventually[a4.start, a4.end] (not hold and obj_on_table)"
     bound = "eventually[a4.start, a4.end] (not hold(g1) and obj_on_table(g1))"
-    assert ground(text) == (GroundOperator(bound, "eventually", 4.0, 5.5, (HOLD.negated(), ON_TABLE)),)
+    assert ground(text) == (GroundOperator(4.0, 5.5, bound, "eventually", (HOLD.negated(), ON_TABLE)),)
     assert [str(literal) for literal in ground(text)[0].literals] == ["not hold(g1)", "obj_on_table(g1)"]
 
 

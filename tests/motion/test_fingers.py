@@ -77,10 +77,8 @@ def test_what_is_too_wide_or_out_of_the_way_cannot_be_grasped(cell: Cell) -> Non
 
 def test_fingers_take_the_stated_time_or_what_their_limits_ask_for() -> None:
     def fingers(velocity: float) -> FingerModel:
-        limits = [np.array([value]) for value in (velocity, 5.0, 50.0)]
-        return FingerModel(
-            ("finger",), np.array([0.04]), np.zeros(1), np.zeros(1), np.array([0.04]), *limits, frozenset()
-        )
+        limits = [np.array([value]) for value in (0.0, 0.04, velocity, 5.0, 50.0)]
+        return FingerModel(*limits, joints=("finger",), open=limits[1], closed=limits[0], links=frozenset())
 
     start, end = np.array([0.04]), np.array([0.01])
     assert move_fingers(fingers(0.1), start, end, 1.0).duration == pytest.approx(1.0)

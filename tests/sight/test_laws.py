@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.kernel.kernel import Loss
+from sqrp_cli.kernel.kernel import BoxVerdicts, Loss
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
 from sqrp_cli.sight.limits import SIDES, Cause
-from sqrp_cli.sight.observer import BoxVerdicts, CoveredStates, Observer
+from sqrp_cli.sight.observer import CoveredStates, Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import Target

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.geometry import Array, pose
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.sight.limits import SIDES, Cause
-from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from tests.sight.views import make_box, make_camera, make_detector, random_rotation

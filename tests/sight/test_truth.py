@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, BoxViews, HidingPart, Observer
+from sqrp_cli.sight.observer import BoxViews, HidingPart, Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import SoughtBox, Target

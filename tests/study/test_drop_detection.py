@@ -13,13 +13,13 @@ from sqrp_cli.camera.detector import SHIFT_PIXELS, SHIFT_SHARE, Detector
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.files.frames import WORLD, FrameName
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.perception.detectors import Background, ColorDetector
 from sqrp_cli.run.perception.projected import ExpectedView, PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.run.perception.vision import filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox
 from sqrp_cli.skill.target_box import TargetBox

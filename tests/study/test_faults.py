@@ -18,12 +18,12 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.stop_and_return import Recovery, stop
 from sqrp_cli.motion.timing import MotionLimits
-from sqrp_cli.sight.observer import BoxVerdicts
 from sqrp_cli.study.assessment import Analysis, fault_metrics, why_late
 from sqrp_cli.study.fault_sights import FaultWatch, fault_windows
 from sqrp_cli.study.find import WantedWay, find_way

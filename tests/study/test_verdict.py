@@ -100,7 +100,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
     row, index = hidden[0]
     alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
     stretch = explain_stretch(alone, found, np.array([row]))
-    assert stretch.causes[0].cause is Cause.HIDDEN
+    assert stretch.causes[0].limit is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind {stretch.causes[0].by}" in str(stretch)
 
@@ -152,7 +152,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
 
 
 def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
-    cause = CameraCause("eye", Cause.OUT_OF_IMAGE, "left", 0.0, partly=False)
+    cause = CameraCause(camera="eye", cause="out_of_image", by="left", figure=0.0, partly=False)
     for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down")):
         blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, change=turn),), (), 1)
         assert "eye has seen outside its image (left)" in str(blind)

@@ -65,6 +65,8 @@ def robot(
         geometry="collision",
         parts=tuple(parts),
         disabled_pairs=frozenset(),
+        fingers=None,
+        markers={},
     )
 
 

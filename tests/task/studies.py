@@ -56,11 +56,11 @@ class WatchedMotion:
 
 
 def always(start: float, end: float, *literals: Literal) -> GroundFormula:
-    return GroundFormula(GroundOperator("always", "always", start, end, literals), None)
+    return GroundFormula(GroundOperator(start, end, "always", "always", literals), None)
 
 
 def eventually(start: float, end: float, *literals: Literal, fault: str | None = None) -> GroundFormula:
-    return GroundFormula(GroundOperator("eventually", "eventually", start, end, literals), fault)
+    return GroundFormula(GroundOperator(start, end, "eventually", "eventually", literals), fault)
 
 
 def make_motion(model: RobotModel, waypoints: Array, hold: float, X_TO: Array) -> Motion:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sqrp_cli.ask.api.calibration import calibrate
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.detector import BoxSights, Detector, MarkerRange
+from sqrp_cli.camera.detector import Detector, MarkerRange
 from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
@@ -290,7 +290,7 @@ class Case(NamedTuple):
 def _nine_of_ten(distance: np.ndarray, seen: np.ndarray) -> float:
     """The distance at which nine of ten images show it, by a curve through all of them."""
     one = np.ones(len(distance))
-    sights = BoxSights(pixels=1.0 / distance, incidence=0.0 * one, distance=one, visible=one, blur=0.0 * one)
+    sights = np.stack([1.0 / distance, 0.0 * one, one, one, 0.0 * one])
     looks = DetectorLooks(sights=sights, seen=seen, covered=seen, pose=np.arange(len(seen)))
     curve = fit(looks, Detector(kind="aruco", distance=(0.0, 2.0), max_incidence=1.5, min_pixels=0.0))
     assert curve.pixels

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve, Detector
+from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve, Detector, features
 from sqrp_cli.document import Record, WorkspaceDocument, how_many, live
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.records import dataclass
@@ -38,7 +38,7 @@ class DetectorLooks:
     """Looks of one detector at boxes in images, n in all; only those in range, in the image and not all hidden."""
 
     sights: BoxSights
-    """How each box was seen."""
+    """How each box was seen, shape (5, n)."""
     seen: Mask
     """Whether the detector said what was true, shape (n,)."""
     covered: Mask
@@ -51,18 +51,13 @@ class DetectorLooks:
 
     def some(self, which: Mask) -> DetectorLooks:
         """Some of the looks."""
-        rest = {part.name: getattr(self, part.name)[which] for part in fields(self) if part.name != "sights"}
-        return DetectorLooks(sights=BoxSights(*(values[which] for values in self.sights)), **rest)
+        return DetectorLooks(**{part.name: getattr(self, part.name)[..., which] for part in fields(self)})
 
     @classmethod
     def joined(cls, parts: Sequence[DetectorLooks]) -> DetectorLooks:
         """The looks at several boxes; their poses have the same numbers."""
-        sights = zip(*(part.sights for part in parts), strict=True)
-        rest = [part.name for part in fields(cls) if part.name != "sights"]
-        return cls(
-            sights=BoxSights(*map(np.concatenate, sights)),
-            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in rest},
-        )
+        names = [part.name for part in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
 
 @dataclass(frozen=True)
@@ -129,12 +124,12 @@ def fit(looks: DetectorLooks, detector: Detector) -> Curve:
     frames outside it show that it need not. Without terms it is the share that was seen within the limits, by the rule
     of succession, which is never 0 or 1.
     """
-    features = looks.sights.features()
-    spread, middle = features.std(axis=1), features.mean(axis=1)
-    used = [index for index in range(len(features)) if spread[index] > _VARIES]
+    found = features(looks.sights)
+    spread, middle = found.std(axis=1), found.mean(axis=1)
+    used = [index for index in range(len(found)) if spread[index] > _VARIES]
     most_terms = min(int(looks.seen.sum()), int((~looks.seen).sum())) // PER_TERM
     while used and most_terms:
-        weights, most = _fitted(((features[used].T - middle[used]) / spread[used]).T, looks.seen.astype(float))
+        weights, most = _fitted(((found[used].T - middle[used]) / spread[used]).T, looks.seen.astype(float))
         if weights[1:].min() >= 0.0 and len(used) <= most_terms:
             break
         del used[int(weights[1:].argmin())]
@@ -151,12 +146,12 @@ def fit(looks: DetectorLooks, detector: Detector) -> Curve:
 
 def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:
     """Which looks fail which limit, shape (n,) each."""
-    near, far = detector.distance
+    (pixels, incidence, distance, visible, _), (near, far) = sights, detector.distance
     return {
-        "pixels": sights.pixels < detector.min_pixels,
-        "incidence": sights.incidence > detector.max_incidence,
-        "distance": (sights.distance < near) | (sights.distance > far),
-        "visible": sights.visible < detector.min_visible,
+        "pixels": pixels < detector.min_pixels,
+        "incidence": incidence > detector.max_incidence,
+        "distance": (distance < near) | (distance > far),
+        "visible": visible < detector.min_visible,
     }
 
 

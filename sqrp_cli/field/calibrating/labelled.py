@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sqrp_cli.camera.detector import COEFFICIENTS, BoxSights, Curve
+from sqrp_cli.camera.detector import COEFFICIENTS, Curve
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
@@ -266,7 +266,7 @@ def _of_camera(
             assert of_box.sights is not None  # noqa: S101 - every box has a curve here
             found = (next(one for one in detection.boxes[atom] if one.name == box.name) for _, detection in shown)
             looks = DetectorLooks(
-                sights=BoxSights(*(values[:, 0] for values in of_box.sights)),
+                sights=of_box.sights[:, :, 0],
                 seen=np.array([one.evidence for one in found]) == true,
                 covered=verdict.cause[:, 0] == Cause.NONE,
                 pose=pose,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
+from sqrp_cli.errors import Finding
 from sqrp_cli.figures import Qualities
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
@@ -20,11 +21,9 @@ else:  # no file has them
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportedProblem(Record):
+class ReportedProblem(Finding, Record):
     """Something that is wrong or doubtful in the input."""
 
-    code: str
-    """Name of the kind of finding, such as `unknown-key`; `sqrp rules CODE` explains it."""
     severity: Literal["error", "warning"]
     """Errors make the input unusable, warnings do not."""
     file: str | None
@@ -33,8 +32,6 @@ class ReportedProblem(Record):
     """From 1; null if it is about the whole file."""
     column: int | None
     """From 1; null if it is about the whole line or file."""
-    message: str
-    """What was found and what was expected, in one sentence."""
 
     @classmethod
     def of(cls, problem: Problem) -> ReportedProblem:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sqrp_cli.camera.camera import assumed_latency
+from sqrp_cli.camera.detector import COEFFICIENTS
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.motion.cell import Cell
@@ -135,7 +136,7 @@ def _coverage(
         found = None if expected is None else expected.boxes[column][number]
         sight = None
         if found is not None and found.sights is not None:
-            values = {name: _known(values[row, camera]) for name, values in found.sights._asdict().items()}
+            values = dict(zip(COEFFICIENTS, map(_known, found.sights[:, row, camera]), strict=True))
             sight = BoxSight(probability=float(found.probability[row, camera]), **values)
         parts = None if views is None else views.get(view)
         return BoxVerdict(

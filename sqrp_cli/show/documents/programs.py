@@ -19,22 +19,15 @@ from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_com
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.report import Outcome
+from sqrp_cli.show.documents.explanation import Span
 
 
 @dataclass(frozen=True, kw_only=True)
-class ListedPrimitive(Record):
+class ListedPrimitive(Span):
     """A primitive action, on the clock of the whole program [s]."""
 
-    name: str
-    """As in the skill."""
-    does: str
-    """What it does, in a word or two."""
     action: str
     """What kind of action it is, such as `joint_move` or `grasp`."""
-    start: float
-    """When it begins [s]."""
-    end: float
-    """When it ends [s]."""
     held: str | None
     """The object in the tool throughout; null if there is none."""
 

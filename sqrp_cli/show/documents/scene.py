@@ -16,7 +16,7 @@ from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_man
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.robot import Fingers, Marker
+from sqrp_cli.robot.robot import RobotTraits
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from sqrp_cli.task.grounding import on_robot
 
@@ -50,8 +50,8 @@ class ToolScene(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotScene(Record):
-    """The robot."""
+class RobotScene(RobotTraits, Record):
+    """The robot; `home` is of every movable joint."""
 
     urdf: str
     """Resolved path; of the xacro file if it is one."""
@@ -65,22 +65,10 @@ class RobotScene(Record):
     """Of the root link in the world."""
     tool: ToolScene | None
     """Null if the tool is part of the robot's URDF, or there is none."""
-    tool_frame: str
-    """The link of robot or tool that grasps; its z axis points out of the tool."""
     joints: Mapping[str, JointScene]
     """Limits of every movable joint, by its name."""
-    home: Mapping[str, float]
-    """Position of every movable joint [rad or m]."""
-    fingers: Fingers | None
-    """Of the gripper; null if it has none that move."""
     held: str | None
     """The object that the tool holds at the start."""
-    markers: Mapping[str, Marker]
-    """By link."""
-    angle_tolerance: float
-    """By how much the tool may be turned away from a pose, of an arm with fewer than six axes [rad]; else 0."""
-    geometry: Literal["collision", "visual"]
-    """The geometry of the links that is opaque."""
     unchecked_pairs: list[list[str]]
     """Pairs of links that are not checked for contact, besides neighbours."""
 

@@ -25,7 +25,7 @@ from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.assessment import Analysis
-from sqrp_cli.study.blind_spans import by_name, first_failures
+from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
 
@@ -121,21 +121,22 @@ def _picture(
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         if not observation.required[interval.row, column]:
             continue
-        (failure,) = first_failures(boxes, np.array([interval.row]), index)
+        first = first_failing(boxes, [interval.row])
+        cause, by, number = (int(one[0, index]) for one in (first.cause, first.by, first.box))
         why = "covered"
-        if failure.cause is not Cause.NONE:
-            which = f"box {target.boxes[failure.box].name} is " if len(target.boxes) > 1 else ""
-            why = which + failure.cause.by(by_name(cell, failure.cause, failure.by))
+        if cause != Cause.NONE:
+            which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
+            why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
         captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
-        if parts := views.get(HiddenView(column, failure.box, interval.row, index)):
+        if parts := views.get(HiddenView(column, number, interval.row, index)):
             hidden = sum(part.share for part in parts)
             captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             covered = verdicts.cause[interval.row, index] == Cause.NONE
             outlines.append(drawing.BoxOutline(corners, COVERED if covered else HIDDEN))
-        if failure.cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
-            culprit = cell.solid_name(failure.by)
+        if cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
+            culprit = cell.solid_name(by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
     return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
 

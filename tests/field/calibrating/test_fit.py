@@ -17,13 +17,10 @@ DETECTOR = Detector(kind="aruco", distance=(0.1, 3.0), max_incidence=1.0, min_pi
 
 def drawn(count: int, seed: int) -> BoxSights:
     random = np.random.default_rng(seed)
-    return BoxSights(
-        pixels=np.exp(random.uniform(np.log(5.0), np.log(60.0), count)),
-        incidence=random.uniform(0.0, 1.4, count),
-        distance=random.uniform(0.3, 2.0, count),
-        visible=np.where(random.random(count) < 0.3, random.uniform(0.1, 1.0, count), 1.0),
-        blur=np.abs(random.normal(0.0, 3.0, count)),
-    )
+    pixels = np.exp(random.uniform(np.log(5.0), np.log(60.0), count))
+    incidence, distance = random.uniform(0.0, 1.4, count), random.uniform(0.3, 2.0, count)
+    visible = np.where(random.random(count) < 0.3, random.uniform(0.1, 1.0, count), 1.0)
+    return np.stack([pixels, incidence, distance, visible, np.abs(random.normal(0.0, 3.0, count))])
 
 
 def looks(count: int, seed: int, told: Array | None = None, poses: int | None = None) -> DetectorLooks:
@@ -31,7 +28,7 @@ def looks(count: int, seed: int, told: Array | None = None, poses: int | None = 
     sights = drawn(count, seed)
     random = np.random.default_rng([seed, 1])
     probabilities = TRUE.probability(sights) if told is None else told
-    covered = (sights.pixels >= 16.0) & (sights.incidence <= 1.0) & (sights.visible >= 1.0)
+    covered = (sights[0] >= 16.0) & (sights[1] <= 1.0) & (sights[3] >= 1.0)
     pose = np.arange(count) if poses is None else np.arange(count) * poses // count
     return DetectorLooks(sights=sights, seen=random.random(count) < probabilities, covered=covered, pose=pose)
 
@@ -73,7 +70,7 @@ def test_where_hardly_anything_is_missed_the_limits_stay() -> None:
     within = known.seen[known.covered]
     assert found.terms == {}
     assert found.probability(known.sights) == pytest.approx((within.sum() + 1) / (len(within) + 2), abs=1e-3)
-    assert (tell(found, known, DETECTOR)[known.sights.pixels < DETECTOR.min_pixels] == 0.0).all()
+    assert (tell(found, known, DETECTOR)[known.sights[0] < DETECTOR.min_pixels] == 0.0).all()
 
 
 def test_few_boxes_that_were_missed_give_few_terms() -> None:
@@ -83,7 +80,8 @@ def test_few_boxes_that_were_missed_give_few_terms() -> None:
 
 
 def test_a_limit_that_frames_exceed_is_replaced_and_one_that_they_do_not_tell_about_stays() -> None:
-    sights = drawn(500, 6)._replace(distance=np.full(500, 5.0), incidence=np.full(500, 0.3))
+    sights = drawn(500, 6)
+    sights[1:3] = [[0.3], [5.0]]
     seen = np.random.default_rng(7).random(500) < TRUE.probability(sights)
     found = fit(DetectorLooks(sights=sights, seen=seen, covered=seen, pose=np.arange(500)), DETECTOR)
     assert found.distance == 0.0
@@ -104,11 +102,6 @@ def test_figures_are_those_of_the_definition() -> None:
 def test_seeing_a_box_better_never_makes_it_less_likely(seed: int) -> None:
     random = np.random.default_rng(seed)
     found, sights = fit(looks(200, seed, random.random(200)), DETECTOR), drawn(50, seed + 1)
-    better = BoxSights(
-        pixels=sights.pixels * 1.3,
-        incidence=sights.incidence * 0.7,
-        distance=sights.distance * 0.8,
-        visible=np.minimum(1.0, sights.visible * 1.2),
-        blur=sights.blur * 0.5,
-    )
+    better = sights * np.array([1.3, 0.7, 0.8, 1.2, 0.5])[:, None]
+    better[3] = np.minimum(1.0, better[3])
     assert (found.probability(better) >= found.probability(sights) - 1e-12).all()

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, Mask, look_at, pose
+from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box, Cylinder, Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxVerdicts, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.solids import Solid, load_solid
 from sqrp_cli.sight.targets import SoughtBox, Target
