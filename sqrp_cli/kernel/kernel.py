@@ -204,7 +204,7 @@ class Collisions:
         """whole, real: arrays of these numbers by name.
 
         Of N joints, parents first: `parents` (N,), -1 for the world; `turns` (N,), else they slide; `axes` (N, 3);
-        `terms` (N, 3, 4, 4) as of `JointTree`; `ratios` (N, d) and `offsets` (N,) as of `Couplings`. Of the n joints of
+        `terms` (N, 3, 4, 4), `ratios` (N, d) and `offsets` (N,) as of `JointTree`. Of the n joints of
         the arm, the first ones of the d driven: `radii` (n,), a size of each one's motions. Of the solids: `frame`, the
         joint that carries each, -1 for the world; `depth`, how many of the joints of the `spine` (s,) move it; `rods`
         from `rods_from[k]` to `rods_from[k + 1]`, the joints beside the spine that move it, too; `X_FP`, the poses of

@@ -107,7 +107,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
             f"joint `{joint.name}` is {{}} m from the one that carries it",
             joint.place,
         )
-        for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True)
+        for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.terms[:, 0], strict=True)
         if parent >= 0
     ]
     places = {link.name: link.place for urdf in robot.urdfs for link in urdf.links.values()}

@@ -73,7 +73,7 @@ class MotionBound:
     def __init__(self, model: RobotModel) -> None:
         """Find the axes of the joints."""
         tree, n = model.tree, len(model.arm)
-        ratios = np.abs(model.couplings.ratios[:, :n])  # how far each joint moves with each of the arm's
+        ratios = np.abs(tree.ratios[:, :n])  # how far each joint moves with each of the arm's
         driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
         self.spine = [joint for joint in tree.chain(model.tool_frame) if joint in driven]
         moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}
@@ -81,7 +81,7 @@ class MotionBound:
         beside = {link: tuple(joint for joint in by if joint not in self.spine) for link, by in moved_by.items()}
         self.rods = {link: joints for link, joints in beside.items() if joints}
         q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
-        frames = model.frame_poses(model.with_fingers(q[None]))[0, self.spine]
+        frames = tree.poses(tree.positions(model.with_fingers(q[None])))[0, self.spine]
         origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
         axes = (frames[:, :3, :3] @ tree.axes[self.spine][:, :, None])[..., 0]
         distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
@@ -178,7 +178,7 @@ class PlacedScene:
     @cached_property
     def _kernel(self) -> kernel.Collisions:
         """The scene as the kernel reads it."""
-        tree, couplings = self.model.tree, self.model.couplings
+        tree = self.model.tree
         rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
         whole = {
             "parents": tree.parents, "turns": tree.turns, "spine": self.bound.spine, "depth": self.depth,
@@ -186,7 +186,7 @@ class PlacedScene:
             "rods": [joint for joints in rods for joint in joints], "inner": self.inner, "outer": self.outer,
         }  # fmt: skip
         real = {
-            "axes": tree.axes, "terms": tree.terms, "ratios": couplings.ratios, "offsets": couplings.offsets,
+            "axes": tree.axes, "terms": tree.terms, "ratios": tree.ratios, "offsets": tree.offsets,
             "radii": self.bound.radii, "X_FP": [mount.X_JL for mount in self.mounts], "clearance": self.clearance,
         }  # fmt: skip
         return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)

@@ -17,9 +17,8 @@ from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.motion.tool_path import ToolCurve, arc_through, helix_about, tool_line
 from sqrp_cli.motion.waypoints import WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.branches import BranchChoice
 from sqrp_cli.sight.solids import distance
-from sqrp_cli.skill.settings import ANY, MotionValue, Reference
+from sqrp_cli.skill.settings import ANY, FASTEST, MotionValue, Reference
 from sqrp_cli.skill.skill import (
     HOME,
     ArcMove,
@@ -75,7 +74,8 @@ class GroundPrimitive:
     via_home: bool = False  # a joint move that stops at home on the way
     vias: Array | None = None
     """Joint positions that a joint move bends around on its way, shape (k, n) [rad or m]; not one by home."""
-    branches: BranchChoice = field(default_factory=BranchChoice)
+    branches: Mapping[str, str] = field(default_factory=dict)
+    """Of a joint move: the wanted words of `robot.branches`, by `elbow`, `shoulder`, `wrist`."""
     free: Mapping[str, str] = field(default_factory=dict)
     """Of a joint move: the motion parameters that leave its branch free, by `elbow`, `shoulder`, `wrist`."""
     speed: float = 0.0
@@ -187,12 +187,13 @@ def _with_settings(
             home, via_home = to == HOME, to != HOME and setting_value(primitive.via, values) == HOME
             settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
             named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
+            words = {name: str(setting_value(setting, values)) for name, setting in settings.items()}
             return replace(
                 ground,
                 home=home,
                 via_home=via_home,
                 vias=None if via_home else vias,
-                branches=BranchChoice(*(str(setting_value(setting, values)) for setting in settings.values())),
+                branches={name: word for name, word in words.items() if word not in (ANY, FASTEST)},
                 free={name: one for name, one in named.items() if not home and values[one] == ANY},
                 speed=number(primitive.speed),
             )

@@ -8,7 +8,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import PastLimit
+from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.trajectory import JointPath, JointSpan
 
 LIMIT_SLACK = 1e-9  # tolerated excess of joint positions over a limit [rad or m], for rounding
@@ -46,14 +46,14 @@ def past_limits(path: JointPath, lower: Array, upper: Array, may_turn: Mask | No
     return excess
 
 
-def worst_past_limit(model: RobotModel, path: JointPath) -> PastLimit | None:
+def worst_past_limit(model: RobotModel, path: JointPath) -> Unreachable | None:
     """The joint that leaves its limits most on a path of the driven joints, n + f of them; None if none does."""
     excess = past_limits(path, *model.position_limits)
     if not excess.any():
         return None
     joint = int(excess.argmax())
     turns = bool(model.tree.turns[model.tree.index(model.joints[joint])])
-    return PastLimit(model.joints[joint], float(excess[joint]), turns)
+    return Unreachable("past limit", float(excess[joint]), model.joints[joint], turns)
 
 
 def near_limits(model: RobotModel, near: Array) -> JointSpan:

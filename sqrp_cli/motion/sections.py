@@ -162,7 +162,8 @@ class BranchFinder:
             ends = found.solutions[chosen_branches(self._model, found.solutions, move.branches)]
             problem.out_of_reach |= not len(found.solutions)
             if not len(ends):
-                reason = found.reason or f"cannot be reached with {move.branches}"
+                wanted = ", ".join(f"{name} {word}" for name, word in move.branches.items())
+                reason = found.reason or f"cannot be reached with {wanted}"
                 problem.note(index, f"{move.name} to `{move.to}`: {reason}")
         if move is not None and len(ends):
             contacts = problem.scenes[index].check_all(ends)

@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, Mask, displacement, pose
 from sqrp_cli.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import PastLimit, least_steps, misses, newton, pose_errors
+from sqrp_cli.robot.reach import least_steps, misses, newton, past_limit, pose_errors
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.trajectory import JointPath
 
@@ -240,10 +240,10 @@ def limit_reason(model: RobotModel, path: JointPath, line: ToolCurve) -> str | N
     q = path.positions(s)
     outside = ((q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)) & (excess > 0.0)
     if not outside.any():
-        return str(PastLimit.worst(model, excess))
+        return str(past_limit(model, excess))
     first = int(outside.any(axis=1).argmax())
-    joint = int(outside[first].argmax())
-    past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
+    joint = outside[first].argmax()
+    past = past_limit(model, np.where(np.arange(len(excess)) == joint, excess, 0.0))
     return f"{past}, which it reaches after {progress(line, float(s[first]))} of the {line.word}"
 
 

@@ -1,16 +1,23 @@
-"""Branches of inverse kinematics by name, for arms with six revolute joints: elbow, shoulder and wrist."""
+"""Branches of inverse kinematics by name, for arms with six revolute joints.
+
+The elbow is up or down: the third joint is above or below the line from the second joint to the wrist. The shoulder is
+left or right: seen from the first joint's axis towards the wrist, where the second joint is. The wrist is not flipped
+or flipped: the fifth joint is bent to the same side as at home, or to the other one.
+
+A joint's position is that of its frame in the URDF. The wrist is the fourth joint if its axis is parallel to the
+third's, else the fifth.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from sqrp_cli.errors import bad_input
 from sqrp_cli.geometry import Array, Mask, cross
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.skill.settings import ANY, FASTEST
 
 WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
 """The names, each with the word for a positive figure and that for a negative one; see `branch_words`."""
@@ -22,36 +29,12 @@ LEAST_OFFSET = 5e-3
 """Least distance of the shoulder from the first joint's axis, along that of the second, to have a side [m]."""
 
 
-@dataclass(frozen=True)
-class BranchChoice:
-    """The wanted branches; `any` accepts all."""
-
-    elbow: str = ANY  # `up` or `down`: the third joint is above or below the line from the second joint to the wrist
-    shoulder: str = ANY
-    """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
-    wrist: str = ANY
-    """`no_flip` or `flip`: the fifth joint is bent to the same side as at home, or to the other one.
-
-    A joint's position is that of its frame in the URDF. The wrist is the fourth joint if its axis is parallel to the
-    third's, else the fifth.
-    """
-
-    def __str__(self) -> str:
-        return ", ".join(f"{name} {word}" for name, word in self.chosen.items())
-
-    @property
-    def chosen(self) -> dict[str, str]:
-        """The wanted word for each name, of those that do not accept all."""
-        return {name: word for name, word in vars(self).items() if word not in (ANY, FASTEST)}
-
-
-def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
+def chosen_branches(model: RobotModel, q: Array, chosen: Mapping[str, str]) -> Mask:
     """Whether each of m arm positions, shape (m, n), belongs to the wanted branches, shape (m,).
 
-    Positions between two branches (a stretched arm) belong to neither. Raises InputError for a name without meaning for
-    the arm.
+    chosen: the wanted word for some names of `WORDS`. Positions between two branches (a stretched arm) belong to
+    neither. Raises InputError for a name without meaning for the arm.
     """
-    chosen = choice.chosen
     for name, why in _senseless(model).items() if chosen else ():
         if name in chosen:
             message = f"`{name}={chosen[name]}` has no meaning for this arm: {why}"
@@ -70,11 +53,7 @@ def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
     if not names:
         return [{} for _ in q]
 
-    def dot(a: Array, b: Array) -> Array:
-        found: Array = np.einsum("mi,mi->m", a, b)
-        return found
-
-    axes, origins = model.joint_lines(q)
+    dot, (axes, origins) = partial(np.einsum, "mi,mi->m"), model.joint_lines(q)
     is_third = np.abs(dot(axes[:, 2], axes[:, 3])) > ALONG
     wrist = np.where(is_third[:, None], origins[:, 3], origins[:, 4])
     first, second = axes[:, 0], axes[:, 1]
@@ -87,7 +66,7 @@ def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
     figures = {
         "elbow": dot(to_elbow, across) * across[:, 2],
         "shoulder": side * np.where(first[:, 2] < 0, -1.0, 1.0),
-        "wrist": _bend(axes) * _bend(model.joint_lines(model.home[None]).axes),
+        "wrist": _bend(axes) * _bend(model.joint_lines(model.home[None])[0]),
     }
     return [
         {name: WORDS[name][0 if figures[name][row] > 0 else 1] for name in names if abs(figures[name][row]) > BETWEEN}
@@ -105,7 +84,7 @@ def _senseless(model: RobotModel) -> Mapping[str, str]:
     """Why names have no meaning for the arm; those that have one are not in it."""
     if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
         return dict.fromkeys(WORDS, "it takes an arm with six joints that turn one by one")
-    (axes,), (origins,) = model.joint_lines(model.home[None])
+    axes, origins = model.joint_lines(model.home[None])[:, 0]
     why = {}
     if abs(axes[1] @ axes[2]) < ALONG:
         why["elbow"] = "the axes of its second and third joint are not parallel"

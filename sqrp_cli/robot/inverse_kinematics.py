@@ -7,9 +7,11 @@ does not need them to be complete.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -337,24 +339,22 @@ def approximate_solutions(model: RobotModel, X_WT: Array, positions: Array | Non
     solver = _solver(model, held, values)
     if solver is None:
         return np.empty((0, len(model.arm)))
-    found = np.array(solver.decomposition.IK(solver.X_BW @ X_WT @ solver.X_TE).Q).reshape(-1, int(model.turns.sum()))
+    closed_form, X_BW, X_TE = solver
+    found = np.array(closed_form(X_BW @ X_WT @ X_TE).Q).reshape(-1, int(model.turns.sum()))
     q = np.empty((len(found), len(model.arm)))
     q[:, model.turns] = found
     q[:, held] = values
     return q
 
 
-class _Solver(NamedTuple):
-    """EAIK's decomposition of an arm. X_BW: world in the arm's root frame. X_TE: turns the tool frame into EAIK's."""
-
-    decomposition: Any
-    X_BW: Array
-    X_TE: Array
-
-
 @lru_cache(maxsize=64)
-def _solver(model: RobotModel, held: tuple[int, ...], values: tuple[float, ...]) -> _Solver | None:
-    """The decomposition of the arm with some joints held, or else of the nominal arm that it was calibrated from."""
+def _solver(
+    model: RobotModel, held: tuple[int, ...], values: tuple[float, ...]
+) -> tuple[Callable[[Array], Any], Array, Array] | None:
+    """The closed form of the arm with some joints held, or else of the nominal arm that it was calibrated from.
+
+    With the pose of the world in the arm's root frame, and what turns the tool frame into EAIK's, (4, 4) each.
+    """
     from eaik.IK_HP import HPRobot
 
     free = np.delete(np.arange(len(model.arm)), held)
@@ -375,7 +375,8 @@ def _solver(model: RobotModel, held: tuple[int, ...], values: tuple[float, ...])
     turning = np.cumsum(model.turns) - 1
     fixed = [(int(turning[joint]), value) for joint, value in zip(held, values, strict=True) if model.turns[joint]]
     for axes in ((directions, offsets), (nominal_directions, nominal_offsets)):
-        decomposition = HPRobot(*axes, fixed)
-        if decomposition.hasKnownDecomposition():
-            return _Solver(decomposition, X_BW, X_TE)
+        with suppress(RuntimeError):  # it takes some axes that are nearly parallel for ones that meet
+            decomposition = HPRobot(*axes, fixed)
+            if decomposition.hasKnownDecomposition():
+                return decomposition.IK, X_BW, X_TE
     return None

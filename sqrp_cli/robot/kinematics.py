@@ -9,6 +9,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import Array, Mask, cross, read_only
@@ -57,12 +58,16 @@ class JointTree:
     parents: tuple[int, ...]  # index of each joint's parent, -1 for the world
     turns: Mask  # whether each joint turns, shape (N,); the others slide
     axes: Array  # unit vectors in the joints' frames, shape (N, 3)
-    terms: Array  # the matrices A, B and C of each joint, shape (N, 3, 4, 4)
+    terms: Array  # the matrices A (the pose at position 0), B and C of each joint, shape (N, 3, 4, 4)
     mounts: dict[str, Mount]  # what carries each link of robot and tool
+    ratios: Array
+    offsets: Array
+    """Positions of all joints are `q @ ratios.T + offsets` [rad or m]: from those of the n driven ones, with shapes
+    (N, n) and (N,); see `driven_by`."""
 
     @staticmethod
     def of(robot: Robot) -> JointTree:
-        """All movable joints and all links of a robot and its tool, placed in the world."""
+        """All movable joints, all driven, and all links of a robot and its tool, placed in the world."""
         joints: list[UrdfJoint] = []
         seats: list[Mount] = []  # of the joints at position 0
         mounts: dict[str, Mount] = {}
@@ -84,8 +89,34 @@ class JointTree:
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
-        terms = np.stack([still, still @ motion, still @ motion @ motion], axis=1)
-        return JointTree(tuple(joints), tuple(seat.joint for seat in seats), turns, axes, terms, mounts)
+        return JointTree(
+            joints=tuple(joints),
+            parents=tuple(seat.joint for seat in seats),
+            turns=turns,
+            axes=axes,
+            terms=np.stack([still, still @ motion, still @ motion @ motion], axis=1),
+            mounts=mounts,
+            ratios=np.eye(len(joints)),
+            offsets=np.zeros(len(joints)),
+        )
+
+    def driven_by(self, driven: Sequence[int], rest: Mapping[str, float]) -> JointTree:
+        """The same tree, driven by these joints, given by index.
+
+        Joints that mimic another one follow it unless they are driven themselves. The others rest at their position in
+        `rest`, else at their `UrdfJoint.rest`.
+        """
+        ratios, offsets = np.zeros((len(self.joints), len(driven))), np.zeros(len(self.joints))
+        ratios[driven, range(len(driven))] = 1.0
+        for row, joint in enumerate(self.joints):
+            if joint.mimic is None and row not in driven:
+                offsets[row] = rest.get(joint.name, joint.rest)
+        for row, joint in enumerate(self.joints):
+            if joint.mimic is not None and row not in driven:
+                leader = self.index(joint.mimic.joint)
+                ratios[row] = joint.mimic.multiplier * ratios[leader]
+                offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset
+        return replace(self, ratios=ratios, offsets=offsets)
 
     def index(self, joint: str) -> int:
         """The index of a joint by its name."""
@@ -99,56 +130,37 @@ class JointTree:
             joint = self.parents[joint]
         return chain[::-1]
 
-    def along(self, chain: Sequence[int]) -> JointTree:
-        """A tree of the joints of a chain that begins at the world, without links."""
-        rows = list(chain)
-        joints, parents = tuple(self.joints[row] for row in rows), tuple(range(-1, len(rows) - 1))
-        return JointTree(joints, parents, self.turns[rows], self.axes[rows], self.terms[rows], {})
-
-    @property
-    def still(self) -> Array:
-        """Poses of the joints in their parents at position 0, shape (N, 4, 4)."""
-        return self.terms[:, 0]
-
     def poses(self, positions: Array) -> Array:
         """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
         return joint_poses(np.array(self.parents), self.turns, self.terms, positions).swapaxes(0, 1)
 
-
-@dataclass(frozen=True, eq=False)
-class Couplings:
-    """Positions of all N joints from those of the n driven ones: `q @ ratios.T + offsets`."""
-
-    ratios: Array  # shape (N, n)
-    offsets: Array  # shape (N,) [rad or m]
-
-    @staticmethod
-    def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:
-        """Couplings of all joints of a robot to the driven ones, given by index.
-
-        Joints that mimic another one follow it unless they are driven themselves. The others rest at their position in
-        `rest`, else at their `UrdfJoint.rest`.
-        """
-        ratios = np.zeros((len(joints), len(driven)))
-        offsets = np.zeros(len(joints))
-        ratios[driven, range(len(driven))] = 1.0
-        rows = {joint.name: row for row, joint in enumerate(joints)}
-        for row, joint in sorted(enumerate(joints), key=lambda one: one[1].mimic is not None):  # leaders first
-            if joint.mimic is None and row not in driven:
-                offsets[row] = rest.get(joint.name, joint.rest)
-            elif joint.mimic is not None and row not in driven:
-                leader = rows[joint.mimic.joint]
-                ratios[row] = joint.mimic.multiplier * ratios[leader]
-                offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset
-        return Couplings(ratios, offsets)
-
-    def along(self, chain: Sequence[int]) -> Couplings:
-        """Those of some of the joints."""
-        return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
-
     def positions(self, q: Array) -> Array:
         """Positions of all joints, shape (..., N), from those of the driven ones, shape (..., n)."""
         return q @ self.ratios.T + self.offsets
+
+    def link_poses(self, positions: Array) -> dict[str, Array]:
+        """World pose X_WL of every link, shape (m, 4, 4) each, at positions of all joints, shape (m, N)."""
+        parents, turns, terms, rows = self._with_links
+        rest, still = np.zeros((len(positions), len(parents) - len(self.joints))), (len(positions), 4, 4)
+        X_WL = joint_poses(parents, turns, terms, np.concatenate([positions, rest], axis=1))
+        return {
+            link: np.broadcast_to(on.X_JL, still) if on.joint < 0 else X_WL[rows[link]]
+            for link, on in self.mounts.items()
+        }
+
+    @cached_property
+    def _with_links(self) -> tuple[NDArray[np.int64], Mask, Array, Mapping[str, int]]:
+        """Parents, turns and terms with a joint at rest for each link beside the one that carries it; rows of links."""
+        beside = {k: on for k, on in self.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, np.eye(4))}
+        terms = np.zeros((len(beside), 3, 4, 4))
+        terms[:, 0] = [on.X_JL for on in beside.values()] or terms[:, 0]
+        rows = {link: on.joint for link, on in self.mounts.items()}
+        return (
+            np.array([*self.parents, *(on.joint for on in beside.values())]),
+            np.concatenate([self.turns, np.zeros(len(beside), dtype=bool)]),
+            np.concatenate([self.terms, terms]),
+            rows | {link: len(self.parents) + k for k, link in enumerate(beside)},
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +180,6 @@ class ToolMotion(NamedTuple):
 
     X_WT: Array  # shape (m, 4, 4)
     J: Array  # jacobians, shape (m, 6, n): velocity over angular velocity, in world axes
-
-
-class JointLines(NamedTuple):
-    """The axes of joints at m positions, shape (m, n, 3) each."""
-
-    axes: Array  # unit vectors
-    origins: Array  # a point on each [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +204,8 @@ class RobotModel(JointLimits[Array]):
     """Links with parts, each pair in alphabetical order, that are rigidly connected or meet at a joint."""
     angle_tolerance: float
     """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
-    tree: JointTree  # every joint and link of robot and tool
-    couplings: Couplings  # positions of all joints from those of the driven ones, which are those of arm and fingers
-    _chain_tree: JointTree  # of the joints that carry the tool frame
-    _chain_couplings: Couplings  # of the joints of that chain to those of the arm
+    tree: JointTree  # every joint and link of robot and tool, driven by the joints of arm and fingers
+    _chain: JointTree  # of the joints that carry the tool frame, driven by those of the arm
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
@@ -233,6 +236,7 @@ class RobotModel(JointLimits[Array]):
             for (one, a), (other, b) in combinations(carried, 2)
             if a == b or (a >= 0 and tree.parents[a] == b) or (b >= 0 and tree.parents[b] == a)
         )
+        of_arm = tree.driven_by(arm, robot.rest)
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
             turns=tree.turns[arm],
@@ -244,10 +248,17 @@ class RobotModel(JointLimits[Array]):
             parts=robot.parts,
             adjacent_pairs=adjacent,
             angle_tolerance=robot.angle_tolerance,
-            tree=tree,
-            couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
-            _chain_tree=tree.along(chain),
-            _chain_couplings=Couplings.of(tree.joints, arm, robot.rest).along(chain),
+            tree=tree.driven_by([*arm, *map(tree.index, fingers.joints)], robot.rest),
+            _chain=JointTree(
+                joints=tuple(tree.joints[row] for row in chain),
+                parents=tuple(range(-1, len(chain) - 1)),
+                turns=tree.turns[chain],
+                axes=tree.axes[chain],
+                terms=tree.terms[chain],
+                mounts={},
+                ratios=of_arm.ratios[chain],
+                offsets=of_arm.offsets[chain],
+            ),
         )
 
     @cached_property
@@ -274,7 +285,7 @@ class RobotModel(JointLimits[Array]):
     @cached_property
     def still_links(self) -> frozenset[str]:
         """The links that no driven joint moves."""
-        moves = (self.couplings.ratios != 0.0).any(axis=1)
+        moves = (self.tree.ratios != 0.0).any(axis=1)
         return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
@@ -297,40 +308,7 @@ class RobotModel(JointLimits[Array]):
 
         With those of the arm alone, shape (m, n), the fingers are open.
         """
-        tree, rows = self._link_tree
-        positions = self.couplings.positions(self.with_fingers(q))
-        rests = np.zeros((len(q), len(tree.parents) - len(self.tree.parents)))
-        X_WL = tree.poses(np.concatenate([positions, rests], axis=1))
-        return {
-            link: np.broadcast_to(on.X_JL, (len(q), 4, 4)) if on.joint < 0 else X_WL[:, rows[link]]
-            for link, on in self.tree.mounts.items()
-        }
-
-    @cached_property
-    def _link_tree(self) -> tuple[JointTree, Mapping[str, int]]:
-        """The tree with a joint at rest for each link beside the one that carries it, and which joint each link has."""
-        tree, eye = self.tree, np.eye(4)
-        beside = {k: on for k, on in tree.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, eye)}
-        terms = np.zeros((len(beside), 3, 4, 4))
-        terms[:, 0] = [on.X_JL for on in beside.values()] or terms[:, 0]
-        extended = replace(
-            tree,
-            parents=(*tree.parents, *(on.joint for on in beside.values())),
-            turns=np.concatenate([tree.turns, np.zeros(len(beside), dtype=bool)]),
-            terms=np.concatenate([tree.terms, terms]),
-        )
-        rows = {link: on.joint for link, on in tree.mounts.items()}
-        return extended, rows | {link: len(tree.parents) + k for k, link in enumerate(beside)}
-
-    def frame_poses(self, q: Array) -> Array:
-        """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
-
-        Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
-        """
-        X_WJ = self.tree.poses(self.couplings.positions(q))
-        X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
-        X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
-        return X_WF
+        return self.tree.link_poses(self.tree.positions(self.with_fingers(q)))
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
@@ -344,35 +322,34 @@ class RobotModel(JointLimits[Array]):
 
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
-        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
-        return X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+        return self._chain.poses(self._chain.positions(q))[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
 
     def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n)."""
-        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        X_WJ = self._chain.poses(self._chain.positions(q))
         X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
-        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
+        axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
-        if not (turns := self._chain_tree.turns).all():
+        if not (turns := self._chain.turns).all():
             columns[:, ~turns, :3], columns[:, ~turns, 3:] = axes[:, ~turns], 0.0
-        return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios)
+        return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain.ratios)
 
     @property
     def joints_move_alone(self) -> bool:
         """Whether no joint on the way to the tool frame follows another one."""
-        return all(joint.mimic is None for joint in self._chain_tree.joints)
+        return all(joint.mimic is None for joint in self._chain.joints)
 
-    def joint_lines(self, q: Array) -> JointLines:
-        """The axes of the arm's joints, in the world, at m arm positions, shape (m, n)."""
-        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
-        own = (self._chain_couplings.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
-        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
-        return JointLines(axes[:, own], X_WJ[:, :, :3, 3][:, own])
+    def joint_lines(self, q: Array) -> Array:
+        """The axes of the arm's joints, in the world, and a point on each [m], at m positions (m, n); (2, m, n, 3)."""
+        X_WJ = self._chain.poses(self._chain.positions(q))
+        own = (self._chain.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
+        axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
+        return np.stack([axes[:, own], X_WJ[:, :, :3, 3][:, own]])
 
     def joint_origins(self, q: Array) -> Array:
         """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
-        origins: Array = self.joint_lines(q[None]).origins[0]
+        origins: Array = self.joint_lines(q[None])[1, 0]
         return origins
 
     def arm_positions(self, values: Mapping[str, float]) -> Array:
@@ -385,7 +362,7 @@ class RobotModel(JointLimits[Array]):
 
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
-        positions = self.couplings.positions(self.with_fingers(q)).tolist()
+        positions = self.tree.positions(self.with_fingers(q)).tolist()
         return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
 
 

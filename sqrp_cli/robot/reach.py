@@ -9,7 +9,7 @@ search that places are too far.
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -227,53 +227,32 @@ def halton(count: int, dimensions: int) -> Array:
 
 
 @dataclass(frozen=True)
-class OutOfReach:
-    """The tool frame, turned as required, comes no closer to its place than `distance` [m]."""
+class Unreachable:
+    """Why no joint position within the limits brings the tool frame to a pose."""
 
-    distance: float
-    too_close: bool
-    """Whether the arm can reach places behind it: it lies in a hole of the arm's reach; else it lies outside.
-
-    Most arms have such a hole around the base: they cannot fold tightly enough.
-    """
-
-    def __str__(self) -> str:
-        distance = f"{self.distance:.2f} m" if self.distance >= 0.01 else f"{1e3 * self.distance:.2g} mm"
-        return f"{distance} too {'close' if self.too_close else 'far'}"
-
-
-@dataclass(frozen=True)
-class WrongWayRound:
-    """The tool frame cannot be turned as required anywhere; at best it is off by `angle` [rad]."""
-
-    angle: float
+    why: Literal["too far", "too close", "wrong way round", "past limit"]
+    """Turned as required, the tool frame comes no closer to its place, outside the arm's reach, or in a hole of it
+    behind which it can reach: most arms cannot fold tightly around their base; the tool frame cannot be turned as
+    required anywhere; or only the limit of `joint` is in the way."""
+    missing: float  # what is missing: a distance [m] or an angle [rad]
+    joint: str = ""
+    turns: bool = True  # whether the joint turns; else it slides
 
     def __str__(self) -> str:
-        angle = np.degrees(self.angle)
-        return f"cannot be approached from that side: the tool is off by {angle:.{0 if angle >= 2 else 2}f} deg at best"
+        if self.why in ("too far", "too close"):
+            return f"{f'{self.missing:.2f} m' if self.missing >= 0.01 else f'{1e3 * self.missing:.2g} mm'} {self.why}"
+        angle = np.degrees(self.missing)
+        if self.why == "wrong way round":
+            at_best = f"{angle:.{0 if angle >= 2 else 2}f} deg at best"
+            return f"cannot be approached from that side: the tool is off by {at_best}"
+        amount = f"{round(self.missing, 3):g} m" if self.missing >= 0.01 else f"{1e3 * self.missing:.2g} mm"
+        return f"joint `{self.joint}` {f'{angle:.3g} deg' if self.turns else amount} past its limit"
 
 
-@dataclass(frozen=True)
-class PastLimit:
-    """The pose exceeds only the limit of `joint`, by `excess` [rad, or m if it slides]."""
-
-    joint: str
-    excess: float
-    turns: bool
-
-    def __str__(self) -> str:
-        amount = f"{round(self.excess, 3):g} m" if self.excess >= 0.01 else f"{1e3 * self.excess:.2g} mm"
-        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else amount
-        return f"joint `{self.joint}` {amount} past its limit"
-
-    @classmethod
-    def worst(cls, model: RobotModel, excess: Array) -> PastLimit:
-        """Of the joint that exceeds its limit most; excess: of each, shape (n,)."""
-        joint = int(excess.argmax())
-        return cls(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
-
-
-Unreachable = OutOfReach | WrongWayRound | PastLimit
+def past_limit(model: RobotModel, excess: Array) -> Unreachable:
+    """That the joint which exceeds its limit most is in the way; excess: of each of the arm, shape (n,)."""
+    joint = int(excess.argmax())
+    return Unreachable("past limit", float(excess[joint]), model.arm[joint], bool(model.turns[joint]))
 
 
 def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = None) -> Unreachable:
@@ -285,7 +264,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     if branches is not None and len(branches):
         excess = limit_excess(model, closest_turns(model, branches))
         least = excess[excess.sum(axis=1).argmin()]
-        return PastLimit.worst(model, least)
+        return past_limit(model, least)
     # The closest pose within the joint limits.
     q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
     for weight, steps, kept in STAGES:
@@ -294,10 +273,10 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
     held = angles < max(HELD_ORIENTATION, model.angle_tolerance)
     if not held.any():
-        return WrongWayRound(float(angles.min()))
+        return Unreachable("wrong way round", float(angles.min()))
     closest = int(np.where(held, distances, np.inf).argmin())
     if beyond_reach(model, X_WT) > 0.0:
-        return OutOfReach(float(distances[closest]), too_close=False)
+        return Unreachable("too far", float(distances[closest]))
     # It is in a hole if the arm can reach places beyond it, in the direction in which it lies from the closest one.
     q, missing = q[closest], errors[closest, :3]
     legs = np.diff(np.concatenate([model.joint_origins(q), model.tool_pose(q)[None, :3, 3]]), axis=0)
@@ -308,7 +287,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     targets, starts = np.repeat(beyond, STARTS_BEYOND, axis=0), np.tile(starts, (PLACES_BEYOND, 1))
     _, errors = descend(model, targets, starts, STEPS)
     reached = np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)
-    return OutOfReach(float(distances[closest]), bool(reached.any()))
+    return Unreachable("too close" if reached.any() else "too far", float(distances[closest]))
 
 
 def closest_turns(model: RobotModel, q: Array) -> Array:
@@ -347,7 +326,7 @@ def _wrist_sphere(model: RobotModel) -> tuple[Array, float, Array] | None:
     """
     if not model.turns.all() or not model.joints_move_alone:
         return None
-    axes, points = (lines[0].copy() for lines in model.joint_lines(model.home[None]))
+    axes, points = model.joint_lines(model.home[None])[:, 0].copy()
     n = len(points)
     for _ in range(ROUNDS):
         for k in range(n):

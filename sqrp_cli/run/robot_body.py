@@ -12,7 +12,7 @@ from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.files.packages import resolve_mesh
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import Couplings, JointTree
+from sqrp_cli.robot.kinematics import JointTree
 from sqrp_cli.robot.robot import Fingers, Robot
 from sqrp_cli.shapes import Mesh, Part
 
@@ -115,8 +115,4 @@ class RobotBody:
         count = max((len(values) for values in joints.values()), default=1)
         known = [index for index, joint in enumerate(self.tree.joints) if joint.name in joints]
         q = np.array([joints[self.tree.joints[index].name] for index in known]).reshape(len(known), count).T
-        X_WJ = self.tree.poses(Couplings.of(self.tree.joints, known, self.rest).positions(q))
-        return {
-            link: X_WJ[:, mount.joint] @ mount.X_JL if mount.joint >= 0 else np.tile(mount.X_JL, (count, 1, 1))
-            for link, mount in self.tree.mounts.items()
-        }
+        return self.tree.link_poses(self.tree.driven_by(known, self.rest).positions(q))

@@ -12,7 +12,6 @@ from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import OutOfReach
 from tests.task.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
 
@@ -209,7 +208,7 @@ def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, join
     for solution in found:
         np.testing.assert_allclose(model.tool_pose(solution), X_WT, atol=1e-9)
     too_far = all_solutions(model, pose(position=[9.0, 0, 0]), seed)
-    assert isinstance(too_far.reason, OutOfReach)
+    assert too_far.reason.why == "too far"
     assert not len(too_far.solutions)
 
 
@@ -225,3 +224,11 @@ def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_sam
     for X_WT, solutions in zip(poses, closed, strict=True):
         for q in inverse_kinematics._held_branches(model, X_WT, 0, 4):
             assert angles_between(solutions, q).min() < 1e-6
+
+
+def test_an_arm_of_which_the_closed_form_takes_parallel_axes_for_crossing_ones_is_searched() -> None:
+    model = RobotModel.load(robot(ROBOTS / "tiago_description/robots/tiago.urdf", "arm_tool_link"))
+    ((_, X_WT),) = reachable_poses(model, 1, seed=0)
+    solutions = all_solutions(model, X_WT).solutions
+    assert len(solutions)
+    assert_true(model, X_WT, solutions)

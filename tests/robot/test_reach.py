@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import OutOfReach, PastLimit, WrongWayRound, beyond_reach
+from sqrp_cli.robot.reach import Unreachable, beyond_reach
 from tests.task.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
 UPPER, FORE, SHOULDER = 0.5, 0.3, np.array([0.0, 0.0, 0.5])
@@ -34,9 +34,8 @@ def with_wrist_at(distance: float, seed: int) -> Array:
 @pytest.mark.parametrize("excess", [0.005, 0.21, 1.7])
 def test_too_far_by_what_the_wrist_lacks_beyond_the_stretched_arm(spherical, seed, excess):
     reason = all_solutions(spherical, with_wrist_at(UPPER + FORE + excess, seed)).reason
-    assert isinstance(reason, OutOfReach)
-    assert reason.distance == pytest.approx(excess, abs=1e-4)
-    assert not reason.too_close
+    assert reason.why == "too far"
+    assert reason.missing == pytest.approx(excess, abs=1e-4)
     assert str(reason) == {0.005: "5 mm too far", 0.21: "0.21 m too far", 1.7: "1.70 m too far"}[excess]
 
 
@@ -44,9 +43,8 @@ def test_too_far_by_what_the_wrist_lacks_beyond_the_stretched_arm(spherical, see
 @pytest.mark.parametrize("lack", [0.02, 0.15])
 def test_too_close_by_what_the_folded_arm_cannot_fold_further(spherical, seed, lack):
     reason = all_solutions(spherical, with_wrist_at(UPPER - FORE - lack, seed)).reason
-    assert isinstance(reason, OutOfReach)
-    assert reason.distance == pytest.approx(lack, abs=1e-4)
-    assert reason.too_close
+    assert reason.why == "too close"
+    assert reason.missing == pytest.approx(lack, abs=1e-4)
     assert str(reason) == f"{lack:.2f} m too close"
 
 
@@ -55,9 +53,8 @@ def test_a_ur5_cannot_bring_its_wrist_closer_to_its_axis_than_its_offset(away):
     """Joints 2 to 4 are parallel and 0.10915 m from the first axis where the wrist is, whatever they do."""
     X_WT = pose(rpy_to_matrix([np.pi, 0, 0]), [away, 0.0, 0.3])
     reason = all_solutions(real_arm("ur5"), X_WT).reason
-    assert isinstance(reason, OutOfReach)
-    assert reason.distance == pytest.approx(0.10915 - away, abs=1e-4)
-    assert reason.too_close
+    assert reason.why == "too close"
+    assert reason.missing == pytest.approx(0.10915 - away, abs=1e-4)
 
 
 @pytest.mark.parametrize("place", [(0.9, 0.1, 0.3), (-0.5, 0.9, 0.6), (0.2, -0.3, 1.6)])
@@ -65,9 +62,8 @@ def test_the_distance_of_a_ur5_is_the_least_that_makes_it_reachable(place):
     model = real_arm("ur5")
     X_WT = pose(rpy_to_matrix([np.pi, 0.2, 0.3]), place)
     reason = all_solutions(model, X_WT).reason
-    assert isinstance(reason, OutOfReach)
-    assert not reason.too_close
-    assert reason.distance == pytest.approx(least_distance_of_a_ur5(X_WT), abs=2e-3)
+    assert reason.why == "too far"
+    assert reason.missing == pytest.approx(least_distance_of_a_ur5(X_WT), abs=2e-3)
 
 
 def least_distance_of_a_ur5(X_WT: Array) -> float:
@@ -105,7 +101,7 @@ def test_the_limit_in_the_way_is_named_with_its_excess():
     limit = float(elbows.min() - np.radians(12.0))
     limits = {"elbow_joint": (-limit, limit)}
     reason = all_solutions(RobotModel.load(robot(ROBOTS / urdf, frame, limits=limits)), X_WT).reason
-    assert reason == PastLimit("elbow_joint", pytest.approx(np.radians(12.0), abs=1e-9), True)
+    assert reason == Unreachable("past limit", pytest.approx(np.radians(12.0), abs=1e-9), "elbow_joint")
     assert str(reason) == "joint `elbow_joint` 12 deg past its limit"
 
 
@@ -127,8 +123,8 @@ def test_an_orientation_that_the_arm_cannot_take_is_reported_as_such(tmp_path):
     )
     tilted = pose(rpy_to_matrix([0.5, 0.0, 0.0]), [1.0, 0.0, 0.0])
     reason = all_solutions(RobotModel.load(robot(urdf, "tip")), tilted).reason
-    assert isinstance(reason, WrongWayRound)
-    assert reason.angle == pytest.approx(0.5, abs=1e-3)
+    assert reason.why == "wrong way round"
+    assert reason.missing == pytest.approx(0.5, abs=1e-3)
     assert "29 deg at best" in str(reason)
 
 
@@ -156,8 +152,8 @@ def test_what_is_proven_is_no_more_than_what_is_missing(seed: int) -> None:
     place = np.array([0, 0, 0.2]) + rng.uniform(1.0, 1.6) * direction / np.linalg.norm(direction)
     X_WT = pose(rpy_to_matrix(rng.uniform(-3, 3, 3)), place)
     reason = all_solutions(model, X_WT).reason
-    assert isinstance(reason, OutOfReach)
-    assert beyond_reach(model, X_WT) <= reason.distance + 1e-9
+    assert reason.why == "too far"
+    assert beyond_reach(model, X_WT) <= reason.missing + 1e-9
 
 
 def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,8 +162,7 @@ def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch: pytest.M
 
     monkeypatch.setattr(inverse_kinematics, "_branches", searched)
     reason = all_solutions(real_arm("ur5"), pose(rpy_to_matrix([np.pi, 0, 0]), [1.2, 0.0, 0.1])).reason
-    assert isinstance(reason, OutOfReach)
-    assert not reason.too_close
+    assert reason.why == "too far"
 
 
 def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path) -> None:

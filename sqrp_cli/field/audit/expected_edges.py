@@ -18,7 +18,6 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, matrix_to_quaternion, transform
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import Couplings
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
@@ -139,9 +138,7 @@ class EdgeRenderer:
         known = [index for index, joint in enumerate(tree.joints) if joint.name in moment.joints]
         q = np.array([moment.joints[tree.joints[index].name] for index in known])
         found = np.array(model.qpos0, dtype=float)
-        for joint, position in zip(
-            tree.joints, Couplings.of(tree.joints, known, self._body.rest).positions(q), strict=True
-        ):
+        for joint, position in zip(tree.joints, tree.driven_by(known, self._body.rest).positions(q), strict=True):
             found[model.joint(joint.name).qposadr[0]] = position
         for name, X_WO in moment.X_WO.items():
             if name in self._names and model.body(name).jntnum[0]:

@@ -177,7 +177,9 @@ def scene_model(cell: Cell) -> Mapping[str, object]:
     tree = cell.model.tree
     joints = [
         {"name": joint.name, "parent": parent, "slides": not turns, "axis": list(joint.axis), "pose": X.tolist()}
-        for joint, parent, turns, X in zip(tree.joints, tree.parents, tree.turns.tolist(), tree.still, strict=True)
+        for joint, parent, turns, X in zip(
+            tree.joints, tree.parents, tree.turns.tolist(), tree.terms[:, 0], strict=True
+        )
     ]
     links = {name: {"joint": mount.joint, "pose": mount.X_JL.tolist()} for name, mount in tree.mounts.items()}
     solids = []
