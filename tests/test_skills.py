@@ -9,7 +9,7 @@ import pytest
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Place
 from sqrp_cli.files.input_file import ContentDigest
-from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
+from sqrp_cli.logic.domain import Compound, Domain, Holds, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, find_plan
 from sqrp_cli.logic.planning_task import PlanStep
@@ -58,8 +58,8 @@ class Cubes:
             self.under[cube], self.held = onto, None
 
 
-def goal(*atoms: Atom) -> Conjunction:
-    return Conjunction(tuple(Holds(atom.predicate, tuple(map(Constant, atom.arguments))) for atom in atoms))
+def goal(*atoms: Atom) -> Compound:
+    return Compound("and", tuple(Holds(atom.predicate, atom.arguments) for atom in atoms))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import cast
 
@@ -25,8 +26,8 @@ from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.files.validation import validate
-from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
-from sqrp_cli.logic.domain import Variable, merge_domains
+from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, literal_count
+from sqrp_cli.logic.domain import Compound, merge_domains, nested
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.read_skill import read_skill, skill_folder, skill_name
 from sqrp_cli.skill.settings import Reference, number_of, side_of
@@ -100,9 +101,11 @@ def check_skill(
     condition, domain = skill.action.precondition, skill.domain
     types = {name: frozenset(obj.types) for name, obj in objects.items()}
     count = literal_count(condition, types, domain)
-    if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
-        sizes = domain_sizes(quantifier.variables, types, domain)
-        variables = " x ".join(f"{size} (?{v.name})" for v, size in zip(quantifier.variables, sizes, strict=True))
+    quantifiers = [part.variables for part in nested(condition) if isinstance(part, Compound) and part.variables]
+    if count > MAX_LITERALS and quantifiers:
+        largest = max(quantifiers, key=lambda variables: prod(domain_sizes(variables, types, domain)))
+        sizes = domain_sizes(largest, types, domain)
+        variables = " x ".join(f"{size} (?{one.name})" for one, size in zip(largest, sizes, strict=True))
         message = (
             f"the precondition of `{skill.action.name}` stands for {counted(count)} literals about the objects of this"
             f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"
@@ -214,7 +217,7 @@ def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[st
     for skill in sorted(skills, key=lambda skill: skill.name):
         if (held := _held_at_the_end(skill)) is None:
             continue
-        added = [change.predicate for change in skill.action.effect.adds if change.terms == (Variable(held),)]
+        added = [change.predicate for change in skill.action.adds if change.terms == (f"?{held}",)]
         elsewhere = {WORLD, *objects, *(parameter.name for parameter in skill.action.parameters)}
         seen = [
             predicate
@@ -293,7 +296,7 @@ def _contradictions(
 ) -> Iterator[Problem]:
     """Facts that no sequence of skills can make true together with the fact that an object is held."""
     changes = [
-        [{use.predicate for use in changed} for changed in (skill.action.effect.adds, skill.action.effect.deletes)]
+        [{use.predicate for use in changed} for changed in (skill.action.adds, skill.action.deletes)]
         for skill in skills
     ]
 
@@ -304,16 +307,16 @@ def _contradictions(
 
     for fact in facts:
         for skill in holding.get(fact.predicate, ())[:1]:
-            held = Variable(_held_at_the_end(skill) or "")
-            for lost in skill.action.effect.deletes:
+            held = f"?{_held_at_the_end(skill) or ''}"
+            for lost in skill.action.deletes:
                 if not excludes(fact.predicate, lost.predicate):
                     continue
                 for other in facts:
                     # What the skill deletes, with the held object for its parameter, and any for the other ones.
                     if other.predicate == lost.predicate and all(
-                        argument == (fact.arguments[0] if term == held else term.name)
+                        argument == (fact.arguments[0] if term == held else term)
                         for term, argument in zip(lost.terms, other.arguments, strict=True)
-                        if term == held or not isinstance(term, Variable)
+                        if term == held or not term.startswith("?")
                     ):
                         message = (
                             f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"

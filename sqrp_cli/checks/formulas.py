@@ -5,45 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.logic.domain import Condition, Conjunction, Holds, Negation
+from sqrp_cli.logic.domain import EQUAL, Compound, Condition, Holds
 from sqrp_cli.logic.formula import (
-    Always,
-    And,
-    ArgumentLists,
-    Eventually,
     Formula,
-    Implies,
     Instant,
     Interval,
-    Not,
-    Or,
+    Operation,
     Predicate,
     argument_lists,
-    children,
+    bind,
+    nested,
     problem_at,
 )
-from sqrp_cli.logic.formula_time import operators
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.truth import Truth, joined
 from sqrp_cli.skill.skill import Requirement, Skill
 
 if TYPE_CHECKING:
     from sqrp_cli.task.task import Candidate
 
+_Demand: TypeAlias = tuple[Requirement, Interval, set[Atom], set[Atom]]
+"""A requirement with the interval of an `always` operator that must hold, and the atoms that it makes true and false.
 
-Claim = tuple[str, tuple[str, ...] | None]
-"""A predicate with the arguments that it has in the skill."""
-
-
-class _Demand(NamedTuple):
-    """An `always` operator that must hold."""
-
-    interval: Interval
-    true: set[Claim]
-    """The formula that it makes true."""
-    false: set[Claim]
+The atoms are about the parameters of the skill.
+"""
 
 
 def contradictions(skill: Skill) -> Iterator[Problem]:
@@ -51,18 +39,18 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
 
     Only what the order of the primitive actions decides is reported: intervals that merely touch do not contradict.
     """
-    claims = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
+    demands = _demands(skill)
     names = [primitive.name for primitive in skill.primitives]
-    found: list[tuple[Requirement, Requirement, set[Claim]]] = []
-    for requirement, (interval, true, false) in claims:
+    found: list[tuple[Requirement, Requirement, set[Atom]]] = []
+    for requirement, interval, true, false in demands:
         if _before(interval.start, interval.end, names):
             found.append((requirement, requirement, true & false))
-    for (first, (one, yes, no)), (second, (two, also_yes, also_no)) in combinations(claims, 2):
+    for (first, one, yes, no), (second, two, also_yes, also_no) in combinations(demands, 2):
         if all(_before(start, end, names) for start in (one.start, two.start) for end in (one.end, two.end)):
             found.append((second, first, (yes & also_no) | (no & also_yes)))
     for requirement, other, both in found:
         if both:
-            literal = min(both)[0]
+            literal = min(both).predicate
             formulas, when = f"`{requirement.formula}` demands", "at the same time"
             if other is not requirement:
                 formulas = f"`{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand"
@@ -78,20 +66,20 @@ def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
     These hold throughout the fault's interval or, for an `eventually`, during some primitive action; only what the
     order of the primitive actions decides is reported.
     """
-    lists, names = argument_lists(skill.action), [primitive.name for primitive in skill.primitives]
-    plain = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
+    demands, names = _demands(skill), [primitive.name for primitive in skill.primitives]
     for fault in skill.requirements:
-        if fault.name is None or not isinstance(fault.formula, Always | Eventually):
+        formula = bind(fault.formula, {}, argument_lists(skill.action))
+        if fault.name is None or not isinstance(formula, Operation) or formula.interval is None:
             continue
-        whole, stretches = fault.formula.interval, [fault.formula.interval]
-        if isinstance(fault.formula, Eventually):
+        whole, stretches = formula.interval, [formula.interval]
+        if formula.operator == "eventually":
             actions = [Interval(Instant(name, "start"), Instant(name, "end")) for name in names]
             stretches += [action for action in actions if _is_within(action, whole, names)]
         for stretch in stretches:
-            required = [(other, yes, no) for other, (span, yes, no) in plain if _is_within(stretch, span, names)]
-            yes = set[Claim]().union(*(yes for _, yes, _ in required))
-            no = set[Claim]().union(*(no for _, _, no in required))
-            if not yes & no and _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
+            required = [(other, yes, no) for other, span, yes, no in demands if _is_within(stretch, span, names)]
+            yes = set[Atom]().union(*(yes for _, yes, _ in required))
+            no = set[Atom]().union(*(no for _, _, no in required))
+            if not yes & no and _truth(formula.parts[0], yes, no) == Truth.TRUE:
                 message = (
                     f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: over {stretch}, "
                     f"{' and '.join(f'`{other.formula}`' for other, _, _ in required)} "
@@ -102,34 +90,43 @@ def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
                 break
 
 
-def impossible_preconditions(skill: Skill) -> Iterator[Problem]:
-    """Preconditions that demand a literal and its negation."""
-    true, false = _literals(skill.action.precondition)
-    place = Place(skill.domain.path, skill.action.place.line)
-    for claim in sorted(true & false, key=str):
-        message = f"skill `{skill.name}`: the precondition demands `{_text(claim)}` and `not {_text(claim)}`"
-        yield Problem("contradictory-precondition", message, place, mend="remove one of them; it can never be done")
-
-
 def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
-    """`always` formulas that contradict the precondition at the skill's start, or its effect at the end."""
+    """Preconditions that demand a literal and its negation.
+
+    And `always` formulas that contradict the precondition at the skill's start, or its effect at the end.
+    """
     names = [primitive.name for primitive in skill.primitives]
-    needed = _literals(skill.action.precondition)
-    made = set(map(_claimed, skill.action.effect.adds)), set(map(_claimed, skill.action.effect.deletes))
-    for requirement in skill.requirements:
-        for interval, true, false in _demands(skill, requirement):
-            at_start = _boundary(interval.start, names) == 0 and interval.start.offset <= 0
-            at_end = _boundary(interval.end, names) == len(names) and interval.end.offset >= 0
-            for applies, (yes, no), what, code in (
-                (at_start, needed, "the precondition", "against-the-precondition"),
-                (at_end, made, "the effect", "against-the-effect"),
-            ):
-                both = ((true & no) | (false & yes)) - (true & false) if applies else set()
-                for claim in sorted(both, key=str):
-                    demanded = _text(claim) if claim in true else f"not {_text(claim)}"
-                    message = f"skill `{skill.name}`: `{requirement.formula}` demands `{demanded}` against {what}"
-                    mend = f"correct the formula or {what} in {skill.domain.path.name}"
-                    yield Problem(code, message, requirement.place, mend=mend)
+    needed = set[Atom](), set[Atom]()
+    conditions: list[Condition] = [skill.action.precondition]
+    for condition in conditions:
+        match condition:
+            case Holds() if condition.predicate != EQUAL:
+                needed[0].add(_claimed(condition))
+            case Compound("not", (Holds() as use,)) if use.predicate != EQUAL:
+                needed[1].add(_claimed(use))
+            case Compound("and", parts):
+                conditions += parts
+    for atom in sorted(needed[0] & needed[1], key=str):
+        message = f"skill `{skill.name}`: the precondition demands `{atom}` and `not {atom}`"
+        place, mend = Place(skill.domain.path, skill.action.place.line), "remove one of them; it can never be done"
+        yield Problem("contradictory-precondition", message, place, mend=mend)
+    made = set(map(_claimed, skill.action.adds)), set(map(_claimed, skill.action.deletes))
+    for requirement, interval, true, false in _demands(skill):
+        at_start = interval.start.boundary(names) == 0 and interval.start.offset <= 0
+        at_end = interval.end.boundary(names) == len(names) and interval.end.offset >= 0
+        for applies, (yes, no), what, code in (
+            (at_start, needed, "the precondition", "against-the-precondition"),
+            (at_end, made, "the effect", "against-the-effect"),
+        ):
+            for atom in sorted(((true & no) | (false & yes)) - (true & false), key=str) if applies else ():
+                demanded = str(atom) if atom in true else f"not {atom}"
+                message = f"skill `{skill.name}`: `{requirement.formula}` demands `{demanded}` against {what}"
+                mend = f"correct the formula or {what} in {skill.domain.path.name}"
+                yield Problem(code, message, requirement.place, mend=mend)
+
+
+def _claimed(use: Holds) -> Atom:
+    return Atom(use.predicate, tuple(term.removeprefix("?") for term in use.terms))
 
 
 class Timed(Protocol):
@@ -159,21 +156,21 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
         skill = members[0][0].candidate.skill
         for index, requirement in enumerate(skill.requirements):
             fault = f"fault `{requirement.name}`, " if requirement.name is not None else ""
-            for number, operator in enumerate(operators(requirement.formula)):
+            for number, interval in enumerate(one.interval for one in nested(requirement.formula) if one.interval):
                 times = [time for one, time in members if (index, number) in one.outside]
                 if not times:
                     continue
                 of = f" of {len(times)} of {len(members)} candidates" if len(times) < len(members) else ""
                 lasts = " to ".join(dict.fromkeys((f"{min(times):.2f}", f"{max(times):.2f}")))
                 message = (
-                    f"skill `{skill.name}`: nothing of the interval {operator.interval} of {fault}"
+                    f"skill `{skill.name}`: nothing of the interval {interval} of {fault}"
                     f"`{requirement.formula}` lies in the motion, so it is never looked at: the motion{of} lasts "
                     f"{lasts} s"
                 )
                 first, last = skill.primitives[0].name, skill.primitives[-1].name
                 mend = "give times in seconds, or from the start or end of a primitive, "
                 mend += f"such as `[{first}.start, {last}.end]`"
-                code, origin = "interval-outside-the-motion", operator.interval.start.origin
+                code, origin = "interval-outside-the-motion", interval.start.origin
                 problem = problem_at(origin, code, message, requirement.place)
                 warnings.append(replace(problem, severity="warning", mend=mend))
     return tuple(warnings)
@@ -181,106 +178,51 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
 
 def predicates_of(formula: Formula) -> tuple[str, ...]:
     """Names of the predicates in a formula, once each, from left to right."""
-    if isinstance(formula, Predicate):
-        return (formula.name,)
-    return tuple(dict.fromkeys(name for part in children(formula) for name in predicates_of(part)))
+    return tuple(dict.fromkeys(part.name for part in nested(formula) if isinstance(part, Predicate)))
 
 
 def _is_within(inner: Interval, outer: Interval, primitives: list[str]) -> bool:
     """Whether an interval surely lies within another, however long the primitive actions take."""
-
-    def is_not_after(first: Instant, second: Instant) -> bool:
-        return _boundary(first, primitives) <= _boundary(second, primitives) and first.offset <= second.offset
-
-    return is_not_after(outer.start, inner.start) and is_not_after(inner.end, outer.end)
-
-
-def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLists) -> Truth:
-    """The value of a formula without temporal operators where some claims are true and others false."""
-    parts = [_truth(part, yes, no, lists) for part in children(formula)]
-    match formula:
-        case Predicate():
-            claim = _claim(formula, lists)
-            return Truth.TRUE if claim in yes else Truth.FALSE if claim in no else Truth.UNKNOWN
-        case Not():
-            return ~parts[0]
-        case And():
-            return min(parts)
-        case Or():
-            return max(parts)
-        case Implies():
-            return max(~parts[0], parts[1])
-    return Truth.UNKNOWN
-
-
-def _demands(skill: Skill, requirement: Requirement) -> Iterator[_Demand]:
-    """The required `always` operators, each with the claims that it makes true and false."""
-    if requirement.name is not None:
-        return
-    lists = argument_lists(skill.action)
-    required = [requirement.formula]
-    for operator in required:
-        required += operator.operands if isinstance(operator, And) else ()
-        if not isinstance(operator, Always):
-            continue
-        literals = [(_claim(atom, lists), truth) for atom, truth in _demanded(operator.operand, truth=True)]
-        true, false = ({claim for claim, truth in literals if truth == value} for value in (True, False))
-        yield _Demand(operator.interval, true, false)
-
-
-def _demanded(formula: Formula, *, truth: bool) -> Iterator[tuple[Predicate, bool]]:
-    """The predicates that must have one value, each with it, for a formula to have a value."""
-    match formula:
-        case Predicate():
-            yield formula, truth
-        case Not(operand):
-            yield from _demanded(operand, truth=not truth)
-        case And(operands) if truth:
-            for operand in operands:
-                yield from _demanded(operand, truth=True)
-        case Or(operands) if not truth:
-            for operand in operands:
-                yield from _demanded(operand, truth=False)
-        case Implies(premise, conclusion) if not truth:
-            yield from _demanded(premise, truth=True)
-            yield from _demanded(conclusion, truth=False)
-
-
-def _claim(predicate: Predicate, lists: ArgumentLists) -> Claim:
-    known = lists.get(predicate.name, ())
-    return predicate.name, known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
+    return all(
+        first.boundary(primitives) <= second.boundary(primitives) and first.offset <= second.offset
+        for first, second in ((outer.start, inner.start), (inner.end, outer.end))
+    )
 
 
 def _before(first: Instant, second: Instant, primitives: list[str]) -> bool:
     """Whether `first` surely comes before `second`, however long the primitive actions take."""
-    start, end = _boundary(first, primitives), _boundary(second, primitives)
+    start, end = first.boundary(primitives), second.boundary(primitives)
     return (start < end and first.offset <= second.offset) or (start == end and first.offset < second.offset)
 
 
-def _boundary(instant: Instant, primitives: list[str]) -> int:
-    """Number of primitive actions that are over at an instant without its offset."""
-    if instant.primitive is None:
-        return 0
-    return primitives.index(instant.primitive) + (instant.edge == "end")
+def _truth(formula: Formula, yes: set[Atom], no: set[Atom]) -> Truth:
+    """The value of a formula where some atoms are true and others false; unknown of a temporal operator."""
+    if isinstance(formula, Predicate):
+        return Truth.TRUE if formula.atom in yes else Truth.FALSE if formula.atom in no else Truth.UNKNOWN
+    if formula.interval is not None:
+        return Truth.UNKNOWN
+    return joined(formula.operator, [_truth(part, yes, no) for part in formula.parts])
 
 
-def _literals(condition: Condition) -> tuple[set[Claim], set[Claim]]:
-    """The claims that a condition surely demands to be true, and those to be false."""
-    match condition:
-        case Holds():
-            return {_claimed(condition)}, set()
-        case Negation(Holds() as use):
-            return set(), {_claimed(use)}
-        case Conjunction(parts):
-            found = [_literals(part) for part in parts]
-            return set().union(*(true for true, _ in found)), set().union(*(false for _, false in found))
-    return set(), set()
+def _demands(skill: Skill) -> list[_Demand]:
+    lists, found = argument_lists(skill.action), list[_Demand]()
+    for requirement in skill.requirements:
+        required = [bind(requirement.formula, {}, lists)] if requirement.name is None else []
+        for formula in required:
+            if isinstance(formula, Operation) and formula.operator == "and":
+                required += formula.parts
+            elif isinstance(formula, Operation) and formula.operator == "always" and formula.interval is not None:
+                literals = list(_demanded(formula.parts[0], truth=True))
+                true, false = ({atom for atom, truth in literals if truth == value} for value in (True, False))
+                found.append((requirement, formula.interval, true, false))
+    return found
 
 
-def _claimed(use: Holds) -> Claim:
-    return use.predicate, tuple(term.name for term in use.terms)
-
-
-def _text(claim: Claim) -> str:
-    predicate, arguments = claim
-    return f"{predicate}({', '.join(arguments)})" if arguments else predicate
+def _demanded(formula: Formula, *, truth: bool) -> Iterator[tuple[Atom, bool]]:
+    """The atoms that must have one value, each with it, for a formula to have a value."""
+    if isinstance(formula, Predicate):
+        yield formula.atom, truth
+    elif formula.operator == "not" or (formula.operator, truth) in (("and", True), ("or", False), ("implies", False)):
+        for number, part in enumerate(formula.parts):
+            opposite = formula.operator == "not" or (formula.operator == "implies" and number == 0)
+            yield from _demanded(part, truth=truth != opposite)

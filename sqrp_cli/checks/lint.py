@@ -37,7 +37,6 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     of_skills = (
         formulas.contradictions,
         formulas.faults_of_the_plan,
-        formulas.impossible_preconditions,
         formulas.formulas_against_the_action,
     )
     for skill in workspace.skills.values():

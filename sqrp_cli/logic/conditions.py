@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from math import prod
@@ -25,6 +26,20 @@ UnmetPart: TypeAlias = Literal | str
 """A failing part of a condition: a literal, or the text of another part, an equality or a disjunction."""
 
 
+@dataclass(frozen=True)
+class Joined:
+    """Ground conditions taken together: true if every part is, or if some part is."""
+
+    every: bool
+    parts: tuple[GroundCondition, ...]
+    text: str = ""
+    """The condition in words, for messages, if some part is enough."""
+
+
+GroundCondition: TypeAlias = Literal | Joined
+"""A condition about objects in negation normal form, quantifiers expanded and equalities decided."""
+
+
 def failing_literals(
     action: pddl.Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: pddl.Domain
 ) -> tuple[UnmetPart, ...]:
@@ -34,55 +49,32 @@ def failing_literals(
     """
 
     def failing(part: GroundCondition) -> Iterator[UnmetPart]:
-        match part:
-            case Literal(atom, positive):
-                if (atom in facts) != positive:
-                    yield part
-            case All(parts):
-                for inner in parts:
-                    yield from failing(inner)
-            case Some(alternatives, text):
-                if all(next(failing(alternative), None) for alternative in alternatives):
-                    yield text
+        if isinstance(part, Literal):
+            if (part.atom in facts) != part.positive:
+                yield part
+        elif part.every:
+            for inner in part.parts:
+                yield from failing(inner)
+        elif all(next(failing(alternative), None) for alternative in part.parts):
+            yield part.text
 
     return tuple(dict.fromkeys(failing(ground_condition(action.precondition, binding, objects, domain))))
 
 
 def apply_effect(action: pddl.Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
     """The facts after the action: first without what it deletes, then with what it adds."""
-    deletes = {ground_atom(change, binding) for change in action.effect.deletes}
-    adds = {ground_atom(change, binding) for change in action.effect.adds}
+    deletes, adds = ({ground_atom(use, binding) for use in uses} for uses in (action.deletes, action.adds))
     return (facts - deletes) | adds
 
 
 def ground_atom(use: pddl.Holds, binding: Binding) -> Atom:
     """The ground atom of a use of a predicate."""
-    return Atom(use.predicate, tuple(_object(term, binding) for term in use.terms))
+    return Atom(use.predicate, tuple(binding[term[1:]] if term[0] == "?" else term for term in use.terms))
 
 
 def fitting_objects(parameter: pddl.Parameter, objects: Objects, domain: pddl.Domain) -> tuple[str, ...]:
     """The objects that fit a variable's type, in the order of `objects`."""
     return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
-
-
-@dataclass(frozen=True)
-class All:
-    """A ground conjunction; without parts, always true."""
-
-    parts: tuple[GroundCondition, ...]
-
-
-@dataclass(frozen=True)
-class Some:
-    """A ground disjunction; without alternatives, never true."""
-
-    alternatives: tuple[GroundCondition, ...]
-    text: str
-    """The condition in words, for messages."""
-
-
-GroundCondition: TypeAlias = Literal | All | Some
-"""A condition about objects in negation normal form, quantifiers expanded and equalities decided."""
 
 
 def ground_condition(
@@ -91,40 +83,39 @@ def ground_condition(
     """The condition for the objects of the binding, with negations pushed down to the literals."""
 
     def ground(part: pddl.Condition, bound: Binding, positive: bool) -> GroundCondition:
-        def combine(parts: Iterator[GroundCondition], every: bool) -> GroundCondition:
-            return All(tuple(parts)) if every else Some(tuple(parts), _text(part, bound, positive))
-
-        match part:
-            case pddl.Holds():
-                return Literal(ground_atom(part, bound), positive)
-            case pddl.Equal(left, right):
-                holds = (_object(left, bound) == _object(right, bound)) == positive
-                return All(()) if holds else Some((), _text(part, bound, positive))
-            case pddl.Negation(inner):
-                return ground(inner, bound, not positive)
-            case pddl.Combination(parts):
-                every = isinstance(part, pddl.Conjunction) == positive
-                return combine((ground(inner, bound, positive) for inner in parts), every)
-            case pddl.Quantified(variables, body):
-                every = isinstance(part, pddl.ForAll) == positive
-                names = [variable.name for variable in variables]
-                choices = product(*(fitting_objects(variable, objects, domain) for variable in variables))
-                bindings = ({**bound, **dict(zip(names, chosen, strict=True))} for chosen in choices)
-                return combine((ground(body, inner, positive) for inner in bindings), every)
+        parts: tuple[GroundCondition, ...] = ()
+        if isinstance(part, pddl.Holds):
+            atom = ground_atom(part, bound)
+            if part.predicate != pddl.EQUAL:
+                return Literal(atom, positive)
+            every = (atom.arguments[0] == atom.arguments[1]) == positive
+        elif part.kind == "not":
+            return ground(part.parts[0], bound, not positive)
+        else:
+            every = (part.kind in ("and", "forall")) == positive
+            choices = product(*(fitting_objects(variable, objects, domain) for variable in part.variables))
+            names = [variable.name for variable in part.variables]
+            inner = ({**bound, **dict(zip(names, chosen, strict=True))} for chosen in choices)
+            parts = tuple(ground(one, own, positive) for own in inner for one in part.parts)
+        if every:
+            return Joined(every, parts)
+        text = re.sub(r"\?([\w-]+)", lambda found: bound.get(found[1], found[0]), str(part))
+        return Joined(every, parts, text if positive else f"not ({text})")
 
     return ground(condition, binding, True)
 
 
 def rules_out(condition: pddl.Condition, binding: Binding) -> bool:
     """Whether equalities alone make the condition false whatever the facts, such as `not (= ?object ?onto)`."""
-    match condition:
-        case pddl.Conjunction(parts):
-            return any(rules_out(part, binding) for part in parts)
-        case pddl.Equal(left, right):
-            return _object(left, binding) != _object(right, binding)
-        case pddl.Negation(pddl.Equal(left, right)):
-            return _object(left, binding) == _object(right, binding)
-    return False
+    if isinstance(condition, pddl.Compound) and condition.kind == "and":
+        return any(rules_out(part, binding) for part in condition.parts)
+    use, positive = condition, True
+    if isinstance(use, pddl.Compound) and use.kind == "not":
+        use, positive = use.parts[0], False
+    if not isinstance(use, pddl.Holds) or use.predicate != pddl.EQUAL:
+        return False
+    left, right = ground_atom(use, binding).arguments
+    return (left == right) != positive
 
 
 def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Domain) -> int:
@@ -132,50 +123,12 @@ def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Doma
 
     A quantifier multiplies its body by the product of its variables' domain sizes.
     """
-    match condition:
-        case pddl.Negation(part):
-            return literal_count(part, objects, domain)
-        case pddl.Combination(parts):
-            return sum(literal_count(part, objects, domain) for part in parts)
-        case pddl.Quantified(variables, body):
-            return prod(domain_sizes(variables, objects, domain)) * literal_count(body, objects, domain)
-    return 1
+    if isinstance(condition, pddl.Holds):
+        return 1
+    choices = prod(domain_sizes(condition.variables, objects, domain))
+    return choices * sum(literal_count(part, objects, domain) for part in condition.parts)
 
 
 def domain_sizes(variables: Sequence[pddl.Parameter], objects: Objects, domain: pddl.Domain) -> list[int]:
     """Number of objects that fit each variable."""
     return [len(fitting_objects(variable, objects, domain)) for variable in variables]
-
-
-def largest_quantifier(
-    condition: pddl.Condition, objects: Objects, domain: pddl.Domain
-) -> pddl.ForAll | pddl.Exists | None:
-    """The quantifier whose variables have the largest product of domain sizes; None if there is no quantifier."""
-    quantifiers = (part for part in pddl.nested(condition) if isinstance(part, pddl.ForAll | pddl.Exists))
-    return max(quantifiers, key=lambda q: prod(domain_sizes(q.variables, objects, domain)), default=None)
-
-
-def _object(term: pddl.Term, binding: Binding) -> str:
-    return term.name if isinstance(term, pddl.Constant) else binding[term.name]
-
-
-def _text(condition: pddl.Condition, binding: Binding, positive: bool) -> str:
-    """The condition in words, with objects in place of the variables that are bound."""
-
-    def bound(part: pddl.Condition) -> pddl.Condition:
-        match part:
-            case pddl.Holds(predicate, terms):
-                return pddl.Holds(predicate, tuple(map(named, terms)))
-            case pddl.Equal(left, right):
-                return pddl.Equal(named(left), named(right))
-            case pddl.Negation(inner):
-                return pddl.Negation(bound(inner))
-            case pddl.Combination(parts):
-                return type(part)(tuple(map(bound, parts)))
-            case pddl.Quantified(variables, body):
-                return type(part)(variables, bound(body))
-
-    def named(term: pddl.Term) -> pddl.Term:
-        return pddl.Constant(binding[term.name]) if isinstance(term, pddl.Variable) and term.name in binding else term
-
-    return str(bound(condition) if positive else pddl.Negation(bound(condition)))

@@ -5,10 +5,11 @@ PDDL ignores case; every name here is in lower case.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
+from itertools import product
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias
 
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.records import dataclass
@@ -35,11 +36,6 @@ class Signature:
     name: str
     parameters: tuple[Parameter, ...]
 
-    @property
-    def types(self) -> tuple[str, ...]:
-        """Types of the parameters."""
-        return tuple(parameter.type for parameter in self.parameters)
-
     def mismatch(self, arguments: Sequence[object]) -> str | None:
         """The message for a use with a wrong number of arguments; None if the number is right."""
         found, expected = len(arguments), len(self.parameters)
@@ -51,27 +47,8 @@ class Signature:
         return f"({' '.join([self.name, *map(str, self.parameters)])})"
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A variable as an argument; `name` is without the question mark."""
-
-    name: str
-
-    def __str__(self) -> str:
-        return f"?{self.name}"
-
-
-@dataclass(frozen=True)
-class Constant:
-    """The name of an object as an argument."""
-
-    name: str
-
-    def __str__(self) -> str:
-        return self.name
-
-
-Term: TypeAlias = Variable | Constant
+EQUAL = "="
+"""The predicate that is true if its two terms are the same object."""
 
 
 @dataclass(frozen=True)
@@ -79,106 +56,58 @@ class Holds:
     """True if the predicate holds for its arguments."""
 
     predicate: str
-    terms: tuple[Term, ...]
+    terms: tuple[str, ...]
+    """Variables with their question mark, such as `?object`, and names of constants."""
 
     def __str__(self) -> str:
-        return f"{self.predicate}({', '.join(map(str, self.terms))})" if self.terms else self.predicate
+        if self.predicate == EQUAL:
+            return " = ".join(self.terms)
+        return f"{self.predicate}({', '.join(self.terms)})" if self.terms else self.predicate
 
 
 @dataclass(frozen=True)
-class Equal:
-    """True if both terms are the same object."""
+class Compound:
+    """A condition made of others, its parts."""
 
-    left: Term
-    right: Term
-
-    def __str__(self) -> str:
-        return f"{self.left} = {self.right}"
-
-
-@dataclass(frozen=True)
-class Negation:
-    """True if the part is false."""
-
-    part: Condition
-
-    def __str__(self) -> str:
-        return f"not {self.part}" if isinstance(self.part, Holds) else f"not ({self.part})"
-
-
-@dataclass(frozen=True)
-class Combination:
-    """Conditions taken together."""
-
+    kind: Literal["not", "and", "or", "forall", "exists"]
+    """`and` without parts is true, `or` without parts is false."""
     parts: tuple[Condition, ...] = ()
-
-
-class Conjunction(Combination):
-    """True if all parts are; without parts, always."""
-
-    def __str__(self) -> str:
-        return " and ".join(f"({part})" if isinstance(part, Disjunction) else str(part) for part in self.parts)
-
-
-class Disjunction(Combination):
-    """True if one part is; without parts, never."""
+    """One of `not`; of a quantifier, which is about all or some objects of its variables' types, its body."""
+    variables: tuple[Parameter, ...] = ()
+    """Of a quantifier."""
 
     def __str__(self) -> str:
-        return " or ".join(f"({part})" if isinstance(part, Conjunction) else str(part) for part in self.parts)
+        if self.variables:
+            whose = "all" if self.kind == "forall" else "some"
+            return f"for {whose} {', '.join(map(str, self.variables))}: {self.parts[0]}"
+        if self.kind == "not":
+            plain = isinstance(self.parts[0], Holds) and self.parts[0].predicate != EQUAL
+            return f"not {self.parts[0]}" if plain else f"not ({self.parts[0]})"
+        other = "or" if self.kind == "and" else "and"
+        mixed = (isinstance(part, Compound) and part.kind == other for part in self.parts)
+        texts = [f"({part})" if loose else str(part) for part, loose in zip(self.parts, mixed, strict=True)]
+        return f" {self.kind} ".join(texts)
 
 
-@dataclass(frozen=True)
-class Quantified:
-    """A condition of the objects of some variables' types."""
-
-    variables: tuple[Parameter, ...]
-    body: Condition
-
-
-class ForAll(Quantified):
-    """True if the body is true for all objects of the variables' types."""
-
-    def __str__(self) -> str:
-        return f"for all {', '.join(map(str, self.variables))}: {self.body}"
-
-
-class Exists(Quantified):
-    """True if the body is true for some objects of the variables' types."""
-
-    def __str__(self) -> str:
-        return f"for some {', '.join(map(str, self.variables))}: {self.body}"
-
-
-Condition: TypeAlias = Holds | Equal | Negation | Conjunction | Disjunction | ForAll | Exists
+Condition: TypeAlias = Holds | Compound
 
 
 def nested(condition: Condition) -> Iterator[Condition]:
     """A condition, and all in it, from left to right."""
     yield condition
-    match condition:
-        case Negation(part) | Quantified(body=part):
-            yield from nested(part)
-        case Combination(parts):
-            for part in parts:
-                yield from nested(part)
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What an action does: `deletes` become false, then `adds` become true."""
-
-    adds: tuple[Holds, ...]
-    deletes: tuple[Holds, ...]
+    for part in condition.parts if isinstance(condition, Compound) else ():
+        yield from nested(part)
 
 
 @dataclass(frozen=True)
 class Action:
-    """An action with its precondition and its unconditional effect."""
+    """An action with its precondition and its unconditional effect: `deletes` become false, then `adds` true."""
 
     name: str
     parameters: tuple[Parameter, ...]
     precondition: Condition
-    effect: Effect
+    adds: tuple[Holds, ...]
+    deletes: tuple[Holds, ...]
     place: Place = field(compare=False)
     """Place of its name."""
 
@@ -223,36 +152,19 @@ def merge_domains(domains: Sequence[Domain]) -> Domain:
     Raises InputError if two of them use a name differently: predicates may differ only in the names of their
     parameters, types and constants not at all, and every action needs its own name.
     """
-    return Domain(
-        name="-".join(domain.name for domain in domains),
-        path=domains[0].path,
-        requirements=frozenset(requirement for domain in domains for requirement in domain.requirements),
-        types=_merge("type", domains, lambda domain: domain.types, lambda parent: parent),
-        constants=_merge("constant", domains, lambda domain: domain.constants, lambda type_name: type_name),
-        predicates=_merge("predicate", domains, lambda domain: domain.predicates, lambda signature: signature.types),
-        actions=_merge("action", domains, lambda domain: domain.actions, lambda _: None),
-    )
-
-
-_Entry = TypeVar("_Entry")
-
-
-def _merge(
-    kind: str,
-    domains: Sequence[Domain],
-    part: Callable[[Domain], Mapping[str, _Entry]],
-    meaning: Callable[[_Entry], object],
-) -> Mapping[str, _Entry]:
-    """Joins the entries; entries of the same name must have the same meaning, and None differs from everything."""
-    merged: dict[str, _Entry] = {}
-    owners: dict[str, Domain] = {}
-    for domain in domains:
-        for name, entry in part(domain).items():
-            if name in merged and (meaning(entry) is None or meaning(entry) != meaning(merged[name])):
-                message = f"{kind} `{name}` is also defined in {owners[name].path}"
-                if meaning(entry) is not None:
-                    message += f", as `{merged[name]}` there and `{entry}` here"
-                raise bad_input("pddl-conflict", message, Place(domain.path))
-            merged.setdefault(name, entry)
-            owners.setdefault(name, domain)
-    return merged
+    merged: dict[str, dict[str, Any]] = {part: {} for part in ("types", "constants", "predicates", "actions")}
+    owners: dict[tuple[str, str], Domain] = {}
+    for (part, entries), domain in product(merged.items(), domains):
+        for name, entry in getattr(domain, part).items():
+            if name in entries:
+                same = entry == entries[name]
+                if part == "predicates":
+                    same = [one.type for one in entry.parameters] == [one.type for one in entries[name].parameters]
+                if not same or part == "actions":
+                    message = f"{part.removesuffix('s')} `{name}` is also defined in {owners[part, name].path}"
+                    message += "" if part == "actions" else f", as `{entries[name]}` there and `{entry}` here"
+                    raise bad_input("pddl-conflict", message, Place(domain.path))
+            entries.setdefault(name, entry)
+            owners.setdefault((part, name), domain)
+    requirements = frozenset(requirement for domain in domains for requirement in domain.requirements)
+    return Domain("-".join(domain.name for domain in domains), domains[0].path, requirements, **merged)

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import replace
+from typing import NamedTuple, cast
 
 from sqrp_cli.errors import InputError, Place, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
@@ -54,8 +54,6 @@ _TERMINALS = {
 
 _BEGINNINGS: tuple[str, ...] = ("always", "eventually", "not", "name", "(")
 _JOINTS = ("and", "or", "implies")
-_BINDING = {"implies": 0, "or": 1, "and": 2, "prefix": 3}
-"""How tightly operators bind."""
 
 
 def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
@@ -70,7 +68,7 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
     formula = _Reader(source).formula()
     level: tuple[mtl.Formula, ...] = (formula,)
     depth = 1
-    while level := tuple(part for one in level for part in mtl.children(one)):
+    while level := tuple(part for one in level for part in one.parts):
         if (depth := depth + 1) > MAX_DEPTH:
             raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
     return formula
@@ -92,36 +90,35 @@ class _Reader:
     def formula(self) -> mtl.Formula:
         """The whole text. What waits for its right side lies on stacks, so that parentheses may be nested at will."""
         formulas: list[mtl.Formula] = []
-        waiting: list[tuple[str, Callable[[mtl.Formula], mtl.Formula]]] = []
+        waiting: list[mtl.Operation | None] = []  # operators without their parts; None is an open parenthesis
         opened, kinds = 0, _BEGINNINGS
         while True:
             token = self._next(*kinds)
-            if token.kind in ("not", "always", "eventually"):
-                waiting.append(("prefix", mtl.Not if token.kind == "not" else self._temporal(token)))
-            elif token.kind == "(":
-                waiting.append(("(", mtl.Not))
+            if token.kind == "(":
+                waiting.append(None)
                 opened += 1
             elif token.kind == "name":
                 names = [self._next("name").text] if self._found("(") is not None else []
                 while names and self._next(",", ")").kind == ",":
                     names.append(self._next("name").text)
-                arguments = tuple(names) or None
-                formulas.append(mtl.Predicate(token.text, arguments, TextOrigin(self._source, token.start)))
-                kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if arguments is None else ()))
+                formulas.append(mtl.Predicate(token.text, tuple(names) or None, TextOrigin(self._source, token.start)))
+                kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if not names else ()))
+            elif token.kind in ("always", "eventually"):
+                self._next("[")
+                interval = mtl.Interval(self._instant(","), self._instant("]"))
+                origin = TextOrigin(self._source, token.start)
+                waiting.append(mtl.Operation(cast(mtl.Operator, token.kind), (), interval, origin))
+            elif token.kind == "not":
+                waiting.append(mtl.Operation("not", ()))
             else:  # what binds more tightly is put together, up to the last open parenthesis
-                binding = _BINDING.get(token.kind, -1)
-                while waiting and _BINDING.get(waiting[-1][0], -2) > binding:
-                    kind, prefixed = waiting.pop()
-                    if kind == "prefix":
-                        formulas[-1] = prefixed(formulas[-1])
-                    elif kind == "implies":
-                        formulas[-2:] = [mtl.Implies(*formulas[-2:])]
-                    else:
-                        count = 2
-                        while waiting and waiting[-1][0] == kind:
-                            waiting.pop()
-                            count += 1
-                        formulas[-count:] = [(mtl.And if kind == "and" else mtl.Or)(tuple(formulas[-count:]))]
+                binding = mtl.BINDING.get(token.kind, -1)
+                while waiting and (last := waiting[-1]) is not None and mtl.BINDING[last.operator] > binding:
+                    count = 2 if last.operator in _JOINTS else 1
+                    waiting.pop()
+                    while last.operator in ("and", "or") and waiting and waiting[-1] == last:
+                        waiting.pop()
+                        count += 1
+                    formulas[-count:] = [replace(last, parts=tuple(formulas[-count:]))]
                 if token.kind == "end":
                     return formulas[0]
                 if token.kind == ")":
@@ -129,35 +126,25 @@ class _Reader:
                     opened -= 1
                     kinds = (*_JOINTS, ")" if opened else "end")
                 else:
-                    waiting.append((token.kind, mtl.Not))
+                    waiting.append(mtl.Operation(cast(mtl.Operator, token.kind), ()))
                     kinds = _BEGINNINGS
-
-    def _temporal(self, operator: _Token) -> Callable[[mtl.Formula], mtl.Formula]:
-        self._next("[")
-        start = self._instant(",")
-        interval = mtl.Interval(start, self._instant("]"))
-        kind = mtl.Always if operator.kind == "always" else mtl.Eventually
-        return lambda operand: kind(interval, operand, TextOrigin(self._source, operator.start))
 
     def _instant(self, until: str) -> mtl.Instant:
         """An instant and the sign after it."""
         first = self._next("number", "name")
-        origin = TextOrigin(self._source, first.start)
-        if first.kind == "number":
-            self._next(until)
-            return mtl.Instant(offset=self._seconds(first), origin=origin)
-        self._next(".")
-        edge, seconds = self._next("edge"), 0.0
-        if (sign := self._next("sign", until)).kind == "sign":
-            seconds = self._seconds(self._next("number")) * (1 if sign.text == "+" else -1)
-            self._next(until)
-        return mtl.Instant(first.text, edge.text, seconds, origin)
-
-    def _seconds(self, number: _Token) -> float:
-        if not math.isfinite(seconds := float(number.text)):
+        number, sign, primitive, edge = first, 1, None, None
+        if first.kind == "name":
+            self._next(".")
+            primitive, edge = first.text, self._next("edge").text
+            found = self._next("sign", until)
+            if found.kind == until:
+                return mtl.Instant(primitive, edge, 0.0, TextOrigin(self._source, first.start))
+            number, sign = self._next("number"), 1 if found.text == "+" else -1
+        if not math.isfinite(seconds := sign * float(number.text)):
             message = f"`{number.text}` is too large for a time in seconds"
             raise InputError(self._source.problem("mtl-number", message, number.start))
-        return seconds
+        self._next(until)
+        return mtl.Instant(primitive, edge, seconds, TextOrigin(self._source, first.start))
 
     def _found(self, *kinds: str) -> _Token | None:
         """The next token, if it is of one of these kinds."""
@@ -178,20 +165,16 @@ class _Reader:
         token, text = self._found(*_TERMINALS), self._source.text
         if token is None:
             offset = _SPACE.match(text, self._at).end()  # type: ignore[union-attr]
-            raise self._wrong(f"unexpected character {character_name(text[offset])}", offset)
-        if token.kind == "end":
-            end = len(text.rstrip())
-            raise self._wrong(
-                f"{'the formula ends too early' if end else 'the formula is empty'}; expected {listed}", end
-            )
-        if token.kind == "[" and before is not None and before.kind == "name":
-            hint = nearest(before.text, ["always", "eventually", "G", "F"])
+            message = f"unexpected character {character_name(text[offset])}"
+        elif token.kind == "end":
+            offset = len(text.rstrip())
+            message = f"{'the formula ends too early' if offset else 'the formula is empty'}; expected {listed}"
+        elif token.kind == "[" and before is not None and before.kind == "name":
+            hint, offset = nearest(before.text, ["always", "eventually", "G", "F"]), before.start
             advice = f"did you mean `{hint}`?" if hint else "expected `always` or `eventually`"
-            raise self._wrong(f"`{before.text}` is no temporal operator but has an interval; {advice}", before.start)
-        keywords = [kind for kind in kinds if kind in ("always", "eventually", "not", *_JOINTS)]
-        hint = nearest(token.text, keywords) if token.kind == "name" else None
-        advice = f"did you mean `{hint}`?" if hint else f"expected {listed}"
-        raise self._wrong(f"unexpected `{token.text}`; {advice}", token.start)
-
-    def _wrong(self, message: str, offset: int) -> InputError:
-        return InputError(self._source.problem("mtl-syntax", message, offset))
+            message = f"`{before.text}` is no temporal operator but has an interval; {advice}"
+        else:
+            keywords = [kind for kind in kinds if kind in mtl.BINDING]
+            hint, offset = nearest(token.text, keywords) if token.kind == "name" else None, token.start
+            message = f"unexpected `{token.text}`; {f'did you mean `{hint}`?' if hint else f'expected {listed}'}"
+        raise InputError(self._source.problem("mtl-syntax", message, offset))

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.logic import domain as pddl
@@ -49,29 +48,19 @@ _NOT_PLAIN = re.compile(r";[^\n]*|[^\t\n\f\r -~]")
 
 
 @dataclass(frozen=True)
-class Word:
-    """A word in lower case (PDDL ignores case), with the offset of its first character."""
+class Node:
+    """A word or a list, with the offset of its first character."""
 
-    text: str
     offset: int
-
-
-@dataclass(frozen=True)
-class WordList:
-    """A list."""
-
-    items: tuple[Node, ...]
-    offset: int
-    """Offset of its opening parenthesis."""
+    text: str = ""
+    """The word in lower case (PDDL ignores case); empty of a list."""
+    items: tuple[Node, ...] = ()
+    """Of the list."""
 
     @property
     def head(self) -> str:
-        """The first item if it is a word, else an empty text."""
-        first = self.items[0] if self.items else None
-        return first.text if isinstance(first, Word) else ""
-
-
-Node: TypeAlias = Word | WordList
+        """The first item of a list if it is a word, else an empty text."""
+        return self.items[0].text if self.items else ""
 
 
 def parse_domain(text: str, path: Path) -> pddl.Domain:
@@ -84,25 +73,15 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
     # Any other file may be secret and named to see its content: do not quote it.
     if _WORD.search(text) and not _DEFINE.search(text):
         raise bad_input("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1))
-    reader = _Reader(SourceText(text, Place(path, 1, 1)))
-    domain = reader.read(read_list(reader.source))
-    reader.stop_at_problems()
-    return domain
+    source = SourceText(text, Place(path, 1, 1))
+    return _Reader(source).read(read_list(source))
 
 
 Scope = dict[str, str]
-"""Type of each variable in scope."""
+"""Type of each variable in scope, by its name without question mark."""
 
 MAX_PROBLEMS = 100
 """Most problems of a file that are reported at once."""
-
-
-class TypedTerm(NamedTuple):
-    """A term with its type."""
-
-    term: pddl.Term
-    type: str | None
-    """None of an unknown name."""
 
 
 @dataclass
@@ -126,50 +105,24 @@ class _Reader:
         """The error for a problem that makes the list around `node` unreadable."""
         return InputError(self.source.problem(code, message, node.offset))
 
-    def stop_at_problems(self) -> None:
-        """Raises the problems found so far, if any."""
-        if self.problems:
-            raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
+    def unknown(self, code: str, word: Node, valid: Iterable[str]) -> None:
+        """Records that a name of a kind, the last word of the code, is not declared."""
+        kind = code.removeprefix("pddl-unknown-")
+        self.report(code, f"{kind} `{word.text}` is not declared; {expected_names(word.text, valid)}", word)
 
-    def read(self, top: WordList) -> pddl.Domain:
-        name_list = top.items[1] if len(top.items) > 1 else None
-        if top.head != "define" or not isinstance(name_list, WordList) or name_list.head not in ("domain", "problem"):
+    def read(self, top: Node) -> pddl.Domain:
+        named = top.items[1] if len(top.items) > 1 else None
+        if top.head != "define" or named is None or named.head not in ("domain", "problem"):
             raise self.failure("expected `(define (domain NAME) ...)`", top)
-        if name_list.head == "problem":
-            raise self.failure("this is a PDDL problem; expected `(define (domain NAME) ...)`", name_list)
-        if len(name_list.items) != 2:
-            raise self.failure("expected `(domain NAME)`", name_list)
-        name = self.name(name_list.items[1], "a domain name")
-        sections = self.sections(top.items[2:])
-        readers = (self.read_requirements, self.read_types, self.read_constants, self.read_predicates, self.read_action)
-        for head, read in zip(_SECTIONS, readers, strict=True):
-            if head == ":action":
-                self.stop_at_problems()
-            for number, section in enumerate(sections[head]):
-                if number and head != ":action":
-                    self.report("pddl-duplicate", f"a second `{head}` section; expected at most one", section)
-                    continue
-                try:
-                    read(section)
-                except InputError as error:
-                    self.problems += error.problems
-        if not sections[":action"] and not self.problems:
-            raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
-        return pddl.Domain(
-            name=name.text,
-            path=self.source.place.file,
-            requirements=frozenset(self.requirements),
-            types=self.types,
-            constants=self.constants,
-            predicates=self.predicates,
-            actions=self.actions,
-        )
-
-    def sections(self, nodes: Sequence[Node]) -> dict[str, list[WordList]]:
-        sections: dict[str, list[WordList]] = {head: [] for head in _SECTIONS}
-        for node in nodes:
-            if not isinstance(node, WordList) or not node.head:
-                found = f"`{node.text}`" if isinstance(node, Word) else "a list without a name"
+        if named.head == "problem":
+            raise self.failure("this is a PDDL problem; expected `(define (domain NAME) ...)`", named)
+        if len(named.items) != 2:
+            raise self.failure("expected `(domain NAME)`", named)
+        name = self.name(named.items[1], "a domain name").text
+        sections: dict[str, list[Node]] = {head: [] for head in _SECTIONS}
+        for node in top.items[2:]:
+            if not node.head:
+                found = f"`{node.text}`" if node.text else "a list without a name"
                 raise self.failure(f"expected a section such as `(:action ...)`, found {found}", node)
             if node.head in sections:
                 sections[node.head].append(node)
@@ -178,53 +131,75 @@ class _Reader:
             else:
                 message = f"unknown section `{node.head}`; {expected_names(node.head, _SECTIONS)}"
                 self.report("pddl-syntax", message, node)
-        return sections
+        for head, found_sections in sections.items():
+            if head == ":action" and not found_sections and not self.problems:
+                raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
+            for number, section in enumerate(found_sections if head != ":action" or not self.problems else ()):
+                if number and head != ":action":
+                    self.report("pddl-duplicate", f"a second `{head}` section; expected at most one", section)
+                    continue
+                try:
+                    self.read_action(section) if head == ":action" else self.read_declarations(section)
+                except InputError as error:
+                    self.problems += error.problems
+        if self.problems:
+            raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
+        return pddl.Domain(
+            name=name,
+            path=self.source.place.file,
+            requirements=frozenset(self.requirements),
+            types=self.types,
+            constants=self.constants,
+            predicates=self.predicates,
+            actions=self.actions,
+        )
 
-    def read_requirements(self, section: WordList) -> None:
-        for node in section.items[1:]:
-            word = self.word(node, "a requirement such as `:typing`")
-            if word.text not in REQUIREMENTS:
-                message = f"requirement `{word.text}` is not supported; {expected_names(word.text, REQUIREMENTS)}"
-                self.report("pddl-unsupported", message, word)
-            self.requirements.add(word.text)
+    def read_declarations(self, section: Node) -> None:
+        """The requirements, the types, the constants or the predicates."""
+        match section.head:
+            case ":requirements":
+                for node in section.items[1:]:
+                    word = self.word(node, "a requirement such as `:typing`")
+                    if word.text not in REQUIREMENTS:
+                        known = expected_names(word.text, REQUIREMENTS)
+                        self.report("pddl-unsupported", f"requirement `{word.text}` is not supported; {known}", word)
+                    self.requirements.add(word.text)
+            case ":types":
+                self.need(section, "`:types`", ":typing")
+                declared = self.typed_list(section.items[1:], "a type")
+                where = {word.text: word for word, _ in declared}
+                for word, parent in declared:
+                    if word.text in self.types or word.text == pddl.OBJECT:
+                        self.report("pddl-duplicate", f"type `{word.text}` is declared twice", word)
+                    elif parent and parent.text not in where and parent.text != pddl.OBJECT:
+                        self.unknown("pddl-unknown-type", parent, [*where, pddl.OBJECT])
+                    else:
+                        self.types[word.text] = parent.text if parent else pddl.OBJECT
+                for name in self.types:
+                    chain = [name]
+                    while chain[-1] in self.types and len(chain) <= len(self.types):
+                        chain.append(self.types[chain[-1]])
+                        if chain[-1] == name:
+                            cycle = " - ".join(f"`{link}`" for link in chain)
+                            message = f"type `{name}` is above itself: {cycle}"
+                            raise self.failure(message, where[name], "pddl-cyclic-types")
+            case ":constants":
+                for word, type_word in self.typed_list(section.items[1:], "a constant"):
+                    if word.text in self.constants:
+                        self.report("pddl-duplicate", f"constant `{word.text}` is declared twice", word)
+                    self.constants[word.text] = self.type_of(type_word)
+            case ":predicates":
+                for node in section.items[1:]:
+                    if not node.items:
+                        raise self.failure("expected a predicate such as `(hold ?object - movable)`", node)
+                    word = self.name(node.items[0], "a predicate's name")
+                    if word.text in _CONNECTIVES:
+                        self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
+                    if word.text in self.predicates:
+                        self.report("pddl-duplicate", f"predicate `{word.text}` is declared twice", word)
+                    self.predicates[word.text] = pddl.Signature(word.text, self.parameters(node.items[1:], {}))
 
-    def read_types(self, section: WordList) -> None:
-        self.need(section, "`:types`", ":typing")
-        declared = self.typed_list(section.items[1:], "a type")
-        where = {word.text: word for word, _ in declared}
-        for word, parent in declared:
-            if word.text in self.types or word.text == pddl.OBJECT:
-                self.report("pddl-duplicate", f"type `{word.text}` is declared twice", word)
-            elif parent and parent.text not in where and parent.text != pddl.OBJECT:
-                self.report("pddl-unknown-type", self.unknown("type", parent.text, [*where, pddl.OBJECT]), parent)
-            else:
-                self.types[word.text] = parent.text if parent else pddl.OBJECT
-        for name in self.types:
-            chain = [name]
-            while chain[-1] in self.types and len(chain) <= len(self.types):
-                chain.append(self.types[chain[-1]])
-                if chain[-1] == name:
-                    cycle = " - ".join(f"`{link}`" for link in chain)
-                    raise self.failure(f"type `{name}` is above itself: {cycle}", where[name], "pddl-cyclic-types")
-
-    def read_constants(self, section: WordList) -> None:
-        for word, type_word in self.typed_list(section.items[1:], "a constant"):
-            if word.text in self.constants:
-                self.report("pddl-duplicate", f"constant `{word.text}` is declared twice", word)
-            self.constants[word.text] = self.type_of(type_word)
-
-    def read_predicates(self, section: WordList) -> None:
-        for node in section.items[1:]:
-            if not isinstance(node, WordList) or not node.items:
-                raise self.failure("expected a predicate such as `(hold ?object - movable)`", node)
-            word = self.name(node.items[0], "a predicate's name")
-            if word.text in _CONNECTIVES:
-                self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
-            if word.text in self.predicates:
-                self.report("pddl-duplicate", f"predicate `{word.text}` is declared twice", word)
-            self.predicates[word.text] = pddl.Signature(word.text, self.parameters(node.items[1:], {}))
-
-    def read_action(self, section: WordList) -> None:
+    def read_action(self, section: Node) -> None:
         if len(section.items) < 2:
             raise self.failure("expected `(:action NAME :parameters (...) :precondition (...) :effect (...))`", section)
         name = self.name(section.items[1], "an action's name")
@@ -232,13 +207,13 @@ class _Reader:
             self.report("pddl-duplicate", f"action `{name.text}` is defined twice", name)
         # The lists of an action by their keys, those that it must have among them.
         nodes = section.items[2:]
-        parts: dict[str, WordList] = {}
+        parts: dict[str, Node] = {}
         for key_node, value in zip(nodes[::2], [*nodes[1::2], None], strict=False):
             key = self.word(key_node, expected_names("", _ACTION_KEYS))
             if key.text not in _ACTION_KEYS:
                 message = f"unknown key `{key.text}` of an action; {expected_names(key.text, _ACTION_KEYS)}"
                 raise self.failure(message, key)
-            if not isinstance(value, WordList):
+            if value is None or value.text:
                 raise self.failure(f"expected a list in parentheses after `{key.text}`", value or key)
             if key.text in parts:
                 self.report("pddl-duplicate", f"a second `{key.text}` of action `{name.text}`", key)
@@ -248,13 +223,34 @@ class _Reader:
                 raise self.failure(f"action `{name.text}` has no `{required}`", name)
         scope: Scope = {}
         parameters = self.parameters(parts[":parameters"].items, scope)
-        precondition: pddl.Condition = pddl.Conjunction()
+        precondition: pddl.Condition = pddl.Compound("and")
         if ":precondition" in parts and parts[":precondition"].items:
             precondition = self.condition(parts[":precondition"], scope)
-        effect = self.effect(parts[":effect"], scope)
-        place = self.source.place_at(name.offset)
+        effect, adds, deletes = parts[":effect"], dict[pddl.Holds, None](), dict[pddl.Holds, None]()
+        for part in effect.items[1:] if effect.head == "and" else (effect,) if effect.items else ():
+            if not part.items:
+                raise self.failure("expected an effect such as `(hold ?object)`", part)
+            if part.head in ("when", "forall"):
+                expected = "expected predicates or their negation"
+                message = f"conditional effects (`{part.head}`) are not supported; {expected}"
+                raise self.failure(message, part, "pddl-unsupported")
+            if part.head in ("and", "or", "imply", "exists", "="):
+                raise self.failure(f"`{part.head}` cannot be an effect; expected predicates or `not`", part)
+            changed, opposite = (deletes, adds) if part.head == "not" else (adds, deletes)
+            (use,) = self.exactly(1, part) if part.head == "not" else (part,)
+            if not use.items or use.head in _CONNECTIVES:
+                raise self.failure("expected a predicate after `not` in an effect", use)
+            change = self.holds(use, scope)
+            if change in opposite:
+                self.report("pddl-contradictory-effect", f"the effect makes `{change}` both true and false", part)
+            changed[change] = None
         self.actions[name.text] = pddl.Action(
-            name=name.text, parameters=parameters, precondition=precondition, effect=effect, place=place
+            name=name.text,
+            parameters=parameters,
+            precondition=precondition,
+            adds=tuple(adds),
+            deletes=tuple(deletes),
+            place=self.source.place_at(name.offset),
         )
 
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[pddl.Parameter, ...]:
@@ -268,17 +264,17 @@ class _Reader:
             found.append(pddl.Parameter(name, scope[name]))
         return tuple(found)
 
-    def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Word, Word | None]]:
+    def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Node, Node | None]]:
         """Words with their types in a list such as `a b - t c`; what: their kind, which decides their syntax."""
-        found: list[tuple[Word, Word | None]] = []
-        untyped: list[Word] = []
+        found: list[tuple[Node, Node | None]] = []
+        untyped: list[Node] = []
         remaining = iter(nodes)
         for node in remaining:
-            if not (isinstance(node, Word) and node.text == "-"):
+            if node.text != "-":
                 untyped.append(self.name(node, what))
                 continue
             type_node = next(remaining, node)
-            if isinstance(type_node, WordList) and type_node.head == "either":
+            if type_node.head == "either":
                 raise self.failure("`either` is not supported; expected one type", type_node, "pddl-unsupported")
             if not untyped or type_node is node:
                 raise self.failure(f"expected {what} before `-` and a type after it", node)
@@ -287,70 +283,49 @@ class _Reader:
             untyped = []
         return found + [(word, None) for word in untyped]
 
+    def type_of(self, word: Node | None) -> str:
+        if word is None:
+            return pddl.OBJECT
+        if word.text not in (known := [*self.types, pddl.OBJECT]):
+            self.unknown("pddl-unknown-type", word, known)
+        return word.text
+
     def condition(self, node: Node, scope: Scope) -> pddl.Condition:
-        if not isinstance(node, WordList) or not node.items:
+        if not node.items:
             raise self.failure("expected a condition such as `(hold ?object)`", node)
         arguments = node.items[1:]
         match node.head:
-            case "and":
-                return pddl.Conjunction(tuple(self.condition(part, scope) for part in arguments))
-            case "or":
-                self.need(node, "`or`", ":disjunctive-preconditions")
-                return pddl.Disjunction(tuple(self.condition(part, scope) for part in arguments))
+            case "and" | "or" as kind:
+                if kind == "or":
+                    self.need(node, "`or`", ":disjunctive-preconditions")
+                return pddl.Compound(kind, tuple(self.condition(part, scope) for part in arguments))
             case "imply":
                 self.need(node, "`imply`", ":disjunctive-preconditions")
-                premise, conclusion = self.exactly(2, node)
-                return pddl.Disjunction(
-                    (pddl.Negation(self.condition(premise, scope)), self.condition(conclusion, scope))
-                )
+                premise, conclusion = (self.condition(part, scope) for part in self.exactly(2, node))
+                return pddl.Compound("or", (pddl.Compound("not", (premise,)), conclusion))
             case "not":
                 (part,) = self.exactly(1, node)
                 negated = self.condition(part, scope)
-                if isinstance(negated, pddl.Holds | pddl.Equal):
+                if isinstance(negated, pddl.Holds):
                     self.need(node, "`not` in a precondition", ":negative-preconditions", ":disjunctive-preconditions")
                 else:
                     self.need(node, "`not` of more than a predicate", ":disjunctive-preconditions")
-                return pddl.Negation(negated)
-            case "forall" | "exists" as quantifier:
-                own = ":universal-preconditions" if quantifier == "forall" else ":existential-preconditions"
-                self.need(node, f"`{quantifier}`", own, ":quantified-preconditions")
+                return pddl.Compound("not", (negated,))
+            case "forall" | "exists" as kind:
+                own = ":universal-preconditions" if kind == "forall" else ":existential-preconditions"
+                self.need(node, f"`{kind}`", own, ":quantified-preconditions")
                 variable_list, body = self.exactly(2, node)
-                if not isinstance(variable_list, WordList):
-                    raise self.failure(f"expected a list of variables after `{quantifier}`", variable_list)
+                if variable_list.text:
+                    raise self.failure(f"expected a list of variables after `{kind}`", variable_list)
                 inner = dict(scope)
                 variables = self.parameters(variable_list.items, inner)
-                kind = pddl.ForAll if quantifier == "forall" else pddl.Exists
-                return kind(variables, self.condition(body, inner))
+                return pddl.Compound(kind, (self.condition(body, inner),), variables)
             case "=":
                 self.need(node, "`=`", ":equality")
-                left, right = self.exactly(2, node)
-                return pddl.Equal(self.term(left, scope).term, self.term(right, scope).term)
+                return pddl.Holds(pddl.EQUAL, tuple(self.term(one, scope)[0] for one in self.exactly(2, node)))
         return self.holds(node, scope)
 
-    def effect(self, node: WordList, scope: Scope) -> pddl.Effect:
-        adds: dict[pddl.Holds, None] = {}
-        deletes: dict[pddl.Holds, None] = {}
-        for part in node.items[1:] if node.head == "and" else (node,) if node.items else ():
-            if not isinstance(part, WordList) or not part.items:
-                raise self.failure("expected an effect such as `(hold ?object)`", part)
-            if part.head in ("when", "forall"):
-                message = (
-                    f"conditional effects (`{part.head}`) are not supported; expected predicates or their negation"
-                )
-                raise self.failure(message, part, "pddl-unsupported")
-            if part.head in ("and", "or", "imply", "exists", "="):
-                raise self.failure(f"`{part.head}` cannot be an effect; expected predicates or `not`", part)
-            changed, opposite = (deletes, adds) if part.head == "not" else (adds, deletes)
-            (atom,) = self.exactly(1, part) if part.head == "not" else (part,)
-            if not isinstance(atom, WordList) or not atom.items or atom.head in _CONNECTIVES:
-                raise self.failure("expected a predicate after `not` in an effect", atom)
-            change = self.holds(atom, scope)
-            if change in opposite:
-                self.report("pddl-contradictory-effect", f"the effect makes `{change}` both true and false", part)
-            changed[change] = None
-        return pddl.Effect(tuple(adds), tuple(deletes))
-
-    def holds(self, node: WordList, scope: Scope) -> pddl.Holds:
+    def holds(self, node: Node, scope: Scope) -> pddl.Holds:
         word = self.word(node.items[0], "a predicate's name")
         if word.text in _NUMERIC:
             raise self.failure(f"numbers (`{word.text}`) are not supported", node, "pddl-unsupported")
@@ -359,41 +334,27 @@ class _Reader:
         terms = [self.term(item, scope) for item in node.items[1:]]
         signature = self.predicates.get(word.text)
         if signature is None:
-            self.report("pddl-unknown-predicate", self.unknown("predicate", word.text, self.predicates), word)
+            self.unknown("pddl-unknown-predicate", word, self.predicates)
         elif mismatch := signature.mismatch(terms):
             self.report("pddl-arity", mismatch, node)
         else:
+            declared = {*self.types, pddl.OBJECT}
             for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
-                known = found is not None and self.declared(found) and self.declared(parameter.type)
+                known = found in declared and parameter.type in declared
                 if found is not None and known and parameter.type not in pddl.with_ancestors(found, self.types):
                     message = f"`{term}` is of type `{found}`, but `{word.text}` expects `{parameter.type}`"
                     self.report("pddl-type", message, item)
         return pddl.Holds(word.text, tuple(term for term, _ in terms))
 
-    def term(self, node: Node, scope: Scope) -> TypedTerm:
-        """A term with its type."""
-        word = self.word(node, "a variable or a constant")
+    def term(self, node: Node, scope: Scope) -> tuple[str, str | None]:
+        """A term with its type; None of an unknown name."""
+        word, variables = self.word(node, "a variable or a constant"), {f"?{name}": scope[name] for name in scope}
         if word.text.startswith("?"):
-            name = word.text[1:]
-            if name not in scope:
-                message = self.unknown("variable", word.text, [f"?{variable}" for variable in scope])
-                self.report("pddl-unknown-variable", message, word)
-            return TypedTerm(pddl.Variable(name), scope.get(name))
-        if word.text not in self.constants:
-            message = self.unknown("constant", word.text, [*self.constants, *(f"?{variable}" for variable in scope)])
-            self.report("pddl-unknown-constant", message, word)
-        return TypedTerm(pddl.Constant(word.text), self.constants.get(word.text))
-
-    def type_of(self, word: Word | None) -> str:
-        if word is None:
-            return pddl.OBJECT
-        if not self.declared(word.text):
-            self.report("pddl-unknown-type", self.unknown("type", word.text, [*self.types, pddl.OBJECT]), word)
-        return word.text
-
-    def declared(self, type_name: str) -> bool:
-        """Whether there is such a type."""
-        return type_name == pddl.OBJECT or type_name in self.types
+            if word.text not in variables:
+                self.unknown("pddl-unknown-variable", word, variables)
+        elif word.text not in self.constants:
+            self.unknown("pddl-unknown-constant", word, [*self.constants, *variables])
+        return word.text, (variables | self.constants).get(word.text)
 
     def need(self, node: Node, what: str, *requirements: str) -> None:
         """Records a problem, once per requirement, unless one of the requirements is declared."""
@@ -403,19 +364,19 @@ class _Reader:
             self.report("pddl-undeclared-requirement", message, node, mend)
             self.requirements.add(requirements[0])
 
-    def exactly(self, count: int, node: WordList) -> tuple[Node, ...]:
+    def exactly(self, count: int, node: Node) -> tuple[Node, ...]:
         arguments = node.items[1:]
         if len(arguments) != count:
             found = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
             raise self.failure(f"`{node.head}` has {found}; expected {count}", node)
         return arguments
 
-    def word(self, node: Node, what: str) -> Word:
-        if isinstance(node, WordList):
+    def word(self, node: Node, what: str) -> Node:
+        if not node.text:
             raise self.failure(f"expected {what}, found a list", node)
         return node
 
-    def name(self, node: Node, what: str) -> Word:
+    def name(self, node: Node, what: str) -> Node:
         """A name; with a question mark before it if `what` is a variable."""
         word = self.word(node, what)
         mark = "?" if what == VARIABLE else ""
@@ -424,11 +385,8 @@ class _Reader:
             raise self.failure(f"expected {what}, found `{word.text}`{missing}", word)
         return word
 
-    def unknown(self, kind: str, name: str, valid: Iterable[str]) -> str:
-        return f"{kind} `{name}` is not declared; {expected_names(name, valid)}"
 
-
-def read_list(source: SourceText) -> WordList:
+def read_list(source: SourceText) -> Node:
     """The only list in the text.
 
     Raises InputError for invisible characters, unbalanced parentheses and text outside them, with line, column and
@@ -443,18 +401,17 @@ def read_list(source: SourceText) -> WordList:
             raise InputError(
                 source.problem("pddl-character", message, found.start(), "remove it, or put a blank or an end of line")
             )
-    read = _read(source.text)
-    if isinstance(read, Word):
-        raise InputError(source.problem("pddl-syntax", read.text, read.offset))
-    whole, depth = read
+    whole, depth = _read(source.text)
+    if whole.text:
+        raise InputError(source.problem("pddl-syntax", whole.text, whole.offset))
     if depth > MAX_DEPTH:
         raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
     return whole
 
 
 @lru_cache(maxsize=64)
-def _read(text: str) -> tuple[WordList, int] | Word:
-    """The list that a text is with its levels of lists, or what is wrong with its parentheses and where.
+def _read(text: str) -> tuple[Node, int]:
+    """The list that a text is with its levels of lists, or as a word what is wrong with its parentheses and where.
 
     Cached: cells often share the texts of skills. Without recursion, so that no input exhausts the stack.
     """
@@ -466,15 +423,15 @@ def _read(text: str) -> tuple[WordList, int] | Word:
             continue
         if whole is not None:
             message = f"`{part}` follows after the end of the domain; is there a `)` too many before it?"
-            return suspect or Word(message, offset)
+            return suspect or Node(offset, message), 0
         if part == "(":
             open_lists.append(([], offset))
             depth = max(depth, len(open_lists))
         elif not open_lists:
-            return suspect or Word(f"expected `(define (domain ...`, found `{part}`", offset)
+            return suspect or Node(offset, f"expected `(define (domain ...`, found `{part}`"), 0
         elif part == ")":
             items, start = open_lists.pop()
-            ended = WordList(tuple(items), start)
+            ended = Node(start, items=tuple(items))
             if open_lists:
                 open_lists[-1][0].append(ended)
             else:
@@ -483,11 +440,11 @@ def _read(text: str) -> tuple[WordList, int] | Word:
             if suspect is None and before == "(" and part.startswith(":") and len(open_lists) > 2:
                 line = text.count("\n", 0, open_lists[-2][1]) + 1
                 message = f"`{part}` begins inside the list that line {line} opens; is a `)` missing before it?"
-                suspect = Word(message, open_lists[-1][1])
-            open_lists[-1][0].append(Word(part.lower(), offset))
+                suspect = Node(open_lists[-1][1], message)
+            open_lists[-1][0].append(Node(offset, part.lower()))
         before = part
     if whole is not None:
         return whole, depth
     if not open_lists:
-        return Word("the file is empty; expected `(define (domain ...`", 0)
-    return suspect or Word("this parenthesis is never closed", open_lists[-1][1])
+        return Node(0, "the file is empty; expected `(define (domain ...`"), 0
+    return suspect or Node(open_lists[-1][1], "this parenthesis is never closed"), 0

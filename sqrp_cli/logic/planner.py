@@ -7,12 +7,12 @@ Intelligence Research 14, 2001. Negative preconditions are treated as facts of t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field
 from heapq import heappop, heappush
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
-from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetPart
+from sqrp_cli.logic.conditions import Binding, Objects, UnmetPart
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
@@ -30,14 +30,9 @@ from sqrp_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Plan:
-    """Steps that lead from the facts to the goal."""
+    """Steps that lead from the facts to the goal; none if it holds already."""
 
     steps: tuple[PlanStep, ...]
-
-
-@dataclass(frozen=True)
-class AlreadySatisfied:
-    """The goal holds; nothing needs to be done."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,6 @@ class ProvenImpossible:
 
     Empty if each can be made true, but not all together, or if the budget did not suffice to tell them apart.
     """
-
-    @classmethod
-    def of(cls, parts: Iterable[Literal | Some]) -> ProvenImpossible:
-        """With these parts of the ground goal, each once."""
-        return cls(tuple(dict.fromkeys(part if isinstance(part, Literal) else part.text for part in parts)))
 
 
 @dataclass(frozen=True)
@@ -69,7 +59,7 @@ class GaveUp:
 _PLATEAU = 500
 """States that hill climbing explores for an improvement before it counts as stuck."""
 
-PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
+PlanningResult: TypeAlias = Plan | ProvenImpossible | GaveUp
 
 
 Planner = Callable[[Domain, Objects, frozenset[Atom], Condition, Binding], PlanningResult]
@@ -92,106 +82,87 @@ def find_plan(
     try:
         task = planning_task(domain, objects, facts, goal, binding, budget)
         if task.goal.holds(task.initial):
-            return AlreadySatisfied()
-        meter = _Meter(budget, task)
-        reachable = _reachable(task, meter)
+            return Plan(())
+        search = _Search(task, budget)
+        # The literals of the relaxed problem, in which nothing becomes false; no others are reachable.
+        reachable, waiting, before = task.initial, list(task.actions), -1
+        while reachable != before:
+            before = reachable
+            search.try_actions(len(waiting))
+            for action in waiting:
+                if action.need.holds(before):
+                    reachable |= action.gains
+            waiting = [action for action in waiting if not action.need.holds(before)]
     except OutOfBudgetError as error:
         return GaveUp(error.within, error.why)
-    if not task.goal.holds(reachable):
-        return ProvenImpossible.of(part for part, need in task.goal_parts if not need.holds(reachable))
-    actions = tuple(action for action in task.actions if action.need.holds(reachable))
-    result = _Search(task.initial, task.goal, actions, meter).run()
-    if not isinstance(result, ProvenImpossible):
-        return result
-    meter = _Meter(budget, task)
-    alone = [(part, _Search(task.initial, need, actions, meter).run()) for part, need in task.goal_parts]
-    return ProvenImpossible.of(part for part, outcome in alone if isinstance(outcome, ProvenImpossible))
+    never = [part for part, need in task.goal_parts if not need.holds(reachable)]
+    if task.goal.holds(reachable):
+        search.actions = tuple(action for action in task.actions if action.need.holds(reachable))
+        result = search.run(task.goal)
+        if not isinstance(result, ProvenImpossible):
+            return result
+        again = _Search(task, budget, search.actions)
+        never = [part for part, need in task.goal_parts if isinstance(again.run(need), ProvenImpossible)]
+    texts = (part if isinstance(part, Literal) else part.text for part in never)
+    return ProvenImpossible(tuple(dict.fromkeys(texts)))
 
 
-@dataclass
-class _Meter:
-    """Counts the work, and ends it when the budget is spent."""
+_Estimate: TypeAlias = tuple[int, tuple[GroundAction, ...]]
+"""Number of steps of a relaxed plan, and its helpful actions."""
 
-    budget: Budget
+
+@dataclass(eq=False)
+class _Search:
+    """Searches for plans from one state, until the budget for all of them is spent."""
+
     task: PlanningTask
+    budget: Budget
+    actions: tuple[GroundAction, ...] = ()
     states: int = 0
     trials: int = 0
 
-    def look_at_state(self) -> None:
-        if self.states >= self.budget.states:
-            raise OutOfBudgetError(f"{self.states:,} states")
-        self.states += 1
-
     def try_actions(self, count: int) -> None:
+        """Counts how many actions are tried in a state."""
         self.trials += count * (1 + self.task.initial.bit_length() // 500)
         if self.trials > self.budget.trials:
             raise OutOfBudgetError(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
 
-
-def _reachable(task: PlanningTask, meter: _Meter) -> int:
-    """The literals reachable in the relaxed problem, in which nothing becomes false; no others are reachable."""
-    literals, waiting = task.initial, list(task.actions)
-    while True:
-        before = literals
-        meter.try_actions(len(waiting))
-        for action in waiting:
-            if action.need.holds(before):
-                literals |= action.gains
-        if literals == before:
-            return literals
-        waiting = [action for action in waiting if not action.need.holds(before)]
-
-
-class _Estimate(NamedTuple):
-    """Number of steps of a relaxed plan, and its helpful actions."""
-
-    steps: int
-    helpful: tuple[GroundAction, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """One search for a plan."""
-
-    initial: int
-    goal: Need
-    actions: tuple[GroundAction, ...]
-    meter: _Meter
-
-    def run(self) -> PlanningResult:
+    def run(self, goal: Need) -> PlanningResult:
+        """A plan for a goal."""
         try:
-            found = self.climb()
+            found = self.climb(goal)
             if found is None:
-                found = self.best_first()
+                found = self.best_first(goal)
         except OutOfBudgetError as error:
             return GaveUp(error.within)
         if found is None:
             return ProvenImpossible(())
         index = 0
         while index < len(found):  # each step that the goal does not need goes, with those that depend on it
-            state, kept = self.initial, []
+            state, kept = self.task.initial, []
             for action in (*found[:index], *found[index + 1 :]):
                 if action.need.holds(state):
                     state = action.after(state)
                     kept.append(action)
-            found, index = (tuple(kept), index) if self.goal.holds(state) else (found, index + 1)
+            found, index = (tuple(kept), index) if goal.holds(state) else (found, index + 1)
         return Plan(tuple(action.step for action in found))
 
-    def climb(self) -> tuple[GroundAction, ...] | None:
+    def climb(self, goal: Need) -> tuple[GroundAction, ...] | None:
         """Enforced hill climbing along helpful actions, always to the nearest better state; None at a dead end."""
-        best, state, done = self.estimate(self.initial), self.initial, tuple[GroundAction, ...]()
-        while best is not None and best.steps > 0:
-            seen, queue, last = {state}, deque([(state, done, best)]), self.meter.states + _PLATEAU
+        state, done = self.task.initial, tuple[GroundAction, ...]()
+        best = self.estimate(state, goal)
+        while best is not None and best[0] > 0:
+            seen, queue, last = {state}, deque([(state, done, best)]), self.states + _PLATEAU
             better: tuple[int, tuple[GroundAction, ...], _Estimate] | None = None
-            while queue and better is None and self.meter.states <= last:
-                state, done, estimate = queue.popleft()
-                for action in estimate.helpful:
+            while queue and better is None and self.states <= last:
+                state, done, (_, helpful) = queue.popleft()
+                for action in helpful:
                     following = action.after(state)
-                    found = self.estimate(following) if following not in seen else None
+                    found = self.estimate(following, goal) if following not in seen else None
                     seen.add(following)
                     if found is not None:
                         queue.append((following, (*done, action), found))
-                        if found.steps < best.steps:
+                        if found[0] < best[0]:
                             better = queue[-1]
                             break
             if better is None:
@@ -199,17 +170,15 @@ class _Search:
             state, done, best = better
         return None if best is None else done
 
-    def best_first(self) -> tuple[GroundAction, ...] | None:
+    def best_first(self, goal: Need) -> tuple[GroundAction, ...] | None:
         """Greedy best-first search over all actions, helpful ones first among equals.
 
         None once every state that may lead to the goal was explored.
         """
-        start = self.initial
-        estimate = self.estimate(start)
-        if estimate is None:
-            return None
+        start = self.task.initial
+        estimate = self.estimate(start, goal)
         came_from: dict[int, tuple[int, GroundAction] | None] = {start: None}
-        queue = [(estimate.steps, False, 0, start, estimate.helpful)]
+        queue = [(estimate[0], False, 0, start, estimate[1])] if estimate is not None else []
         while queue:
             steps, _, _, state, helpful = heappop(queue)
             if steps == 0:
@@ -218,28 +187,25 @@ class _Search:
                     state, action = link
                     path.append(action)
                 return tuple(reversed(path))
-            self.meter.try_actions(len(self.actions))
+            self.try_actions(len(self.actions))
             for action in self.actions:
-                if not action.need.holds(state):
-                    continue
-                following = action.after(state)
-                if following in came_from:
+                if not action.need.holds(state) or (following := action.after(state)) in came_from:
                     continue
                 came_from[following] = (state, action)
-                found = self.estimate(following)
-                if found is not None:
-                    unhelpful = action not in helpful
-                    heappush(queue, (found.steps, unhelpful, len(came_from), following, found.helpful))
+                if (found := self.estimate(following, goal)) is not None:
+                    heappush(queue, (found[0], action not in helpful, len(came_from), following, found[1]))
         return None
 
-    def estimate(self, state: int) -> _Estimate | None:
+    def estimate(self, state: int, goal: Need) -> _Estimate | None:
         """The relaxed plan from a state; None if there is none, which proves a dead end."""
-        self.meter.look_at_state()
+        if self.states >= self.budget.states:
+            raise OutOfBudgetError(f"{self.states:,} states")
+        self.states += 1
         layers, new_actions = [state], []
         waiting: Sequence[GroundAction] = self.actions
-        while not self.goal.holds(layers[-1]):
+        while not goal.holds(layers[-1]):
             literals = layers[-1]
-            self.meter.try_actions(len(waiting))
+            self.try_actions(len(waiting))
             missing = ~literals
             applicable, later = [], []
             for action in waiting:
@@ -255,7 +221,7 @@ class _Search:
                 return None
             layers.append(literals)
             new_actions.append(applicable)
-        return _extract(self.goal, layers, new_actions)
+        return _extract(goal, layers, new_actions)
 
 
 def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]]) -> _Estimate:
@@ -295,4 +261,4 @@ def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]
             for done in range(level + 1):
                 wanted[done] &= ~action.gains
             want(action.need)
-    return _Estimate(steps, helpful)
+    return steps, helpful

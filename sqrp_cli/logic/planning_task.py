@@ -6,12 +6,12 @@ atom; a relaxed state, in which nothing becomes false, may have both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import field
 from math import prod
 
 from sqrp_cli.logic import conditions
-from sqrp_cli.logic.domain import Action, Condition, Conjunction, Constant, Domain, Equal, Holds, Negation, Variable
+from sqrp_cli.logic.domain import EQUAL, Action, Compound, Condition, Domain, Holds
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.records import dataclass
 
@@ -76,7 +76,7 @@ class PlanningTask:
 
     initial: int
     goal: Need
-    goal_parts: tuple[tuple[Literal | conditions.Some, Need], ...]
+    goal_parts: tuple[tuple[conditions.GroundCondition, Need], ...]
     """The conjuncts of the goal, each as bits."""
     actions: tuple[GroundAction, ...]
 
@@ -124,11 +124,6 @@ def planning_task(
     Actions with a precondition that contradicts unchangeable facts are left out. Raises OutOfBudgetError.
     """
     objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
-    changeable = frozenset(
-        change.predicate
-        for action in domain.actions.values()
-        for change in (*action.effect.adds, *action.effect.deletes)
-    )
     sizes = {
         name: max(1, conditions.literal_count(action.precondition, objects, domain))
         for name, action in domain.actions.items()
@@ -136,44 +131,55 @@ def planning_task(
     largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
     if largest > conditions.MAX_LITERALS:
         raise OutOfBudgetError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
-    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=budget.tried)
+    changeable = {use.predicate for action in domain.actions.values() for use in (*action.adds, *action.deletes)}
+    grounder = _Grounder(objects, facts, changeable, domain, budget.tried)
     # All actions with all choices of objects are counted before one is grounded, which takes longer.
     bound_actions, literals = list[tuple[Action, conditions.Binding]](), 0
     for action in domain.actions.values():
-        for bound in choices.of(action):
+        for bound in grounder.choices(action):
             bound_actions.append((action, bound))
             literals += sizes[action.name]
             if len(bound_actions) > budget.actions:
-                raise OutOfBudgetError(f"{budget.actions:,} ground actions", choices.why(action))
+                raise OutOfBudgetError(f"{budget.actions:,} ground actions", grounder.why(action))
             if literals > budget.literals:
-                raise OutOfBudgetError(f"{budget.literals:,} literals of ground actions", choices.why(action))
-    numbering = _Numbering(facts, changeable)
-    parts = [
-        (part, numbering.need(part, keep=True) or NEVER)
-        for part in _ground_conjuncts(conditions.ground_condition(goal, binding, objects, domain))
-    ]
+                raise OutOfBudgetError(f"{budget.literals:,} literals of ground actions", grounder.why(action))
+    waiting = [conditions.ground_condition(goal, binding, objects, domain)]
+    parts = list[tuple[conditions.GroundCondition, Need]]()
+    while waiting:  # the conjuncts of the goal, from left to right
+        part = waiting.pop(0)
+        if isinstance(part, conditions.Joined) and part.every:
+            waiting[:0] = part.parts
+        else:
+            parts.append((part, grounder.need(part, keep=True) or NEVER))
     actions = list[GroundAction]()
     for action, bound in bound_actions:
-        if 2 * len(numbering.numbers) * len(actions) > budget.bits:
-            raise OutOfBudgetError(f"{budget.bits:,} bits of ground actions", choices.why(action))
+        if 2 * len(grounder.numbers) * len(actions) > budget.bits:
+            raise OutOfBudgetError(f"{budget.bits:,} bits of ground actions", grounder.why(action))
         condition = conditions.ground_condition(action.precondition, bound, objects, domain)
-        precondition = numbering.need(condition, keep=False)
+        precondition = grounder.need(condition, keep=False)
         if precondition is not None:
-            adds = numbering.bits(Literal(conditions.ground_atom(change, bound)) for change in action.effect.adds)
-            deleted = (Literal(conditions.ground_atom(change, bound)) for change in action.effect.deletes)
-            deletes = numbering.bits(deleted) & ~adds
+            adds, deletes = (
+                grounder.bits(Literal(conditions.ground_atom(use, bound)) for use in uses)
+                for uses in (action.adds, action.deletes)
+            )
+            deletes &= ~adds
             step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
             actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
-    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
+    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in grounder.numbers.items())
     return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
 
 
 @dataclass
-class _Numbering:
-    """Numbers atoms in the order of their first use."""
+class _Grounder:
+    """Finds the bindings of actions, and puts conditions into bits: atoms are numbered in the order of their use."""
 
+    objects: conditions.Objects
     facts: frozenset[Atom]
-    changeable: frozenset[str]
+    changeable: Collection[str]
+    domain: Domain
+    limit: int
+    """How often an object may be tried for a parameter."""
+    tried: int = 0
     numbers: dict[Atom, int] = field(default_factory=dict)
 
     def bits(self, literals: Iterable[Literal]) -> int:
@@ -188,57 +194,35 @@ class _Numbering:
 
         Literals that no action changes are decided at once, unless `keep`.
         """
-        match condition:
-            case Literal(atom, positive):
-                if keep or atom.predicate in self.changeable:
-                    return Need(self.bits([condition]))
-                return Need(0) if (atom in self.facts) == positive else None
-            case conditions.All(parts):
-                needs = [self.need(part, keep) for part in parts]
-                possible = [need for need in needs if need is not None]
-                return joined(possible) if len(possible) == len(needs) else None
-            case conditions.Some(alternatives):
-                possible = [need for part in alternatives if (need := self.need(part, keep)) is not None]
-                if any(need == Need(0) for need in possible):
-                    return Need(0)
-                if len(possible) <= 1:
-                    return possible[0] if possible else None
-                return Need(0, (tuple(possible),))
+        if isinstance(condition, Literal):
+            if keep or condition.atom.predicate in self.changeable:
+                return Need(self.bits([condition]))
+            return Need(0) if (condition.atom in self.facts) == condition.positive else None
+        possible = [need for part in condition.parts if (need := self.need(part, keep)) is not None]
+        if condition.every:
+            return joined(possible) if len(possible) == len(condition.parts) else None
+        if any(need == Need(0) for need in possible):
+            return Need(0)
+        return Need(0, (tuple(possible),)) if len(possible) > 1 else next(iter(possible), None)
 
-
-@dataclass
-class _Choices:
-    """All bindings of actions; counts how often an object was tried for a parameter."""
-
-    objects: conditions.Objects
-    facts: frozenset[Atom]
-    changeable: frozenset[str]
-    domain: Domain
-    limit: int
-    tried: int = 0
-
-    def of(self, action: Action) -> Iterator[conditions.Binding]:
-        """Those of one action, without those in which an unchangeable fact contradicts the precondition."""
+    def choices(self, action: Action) -> Iterator[conditions.Binding]:
+        """The bindings of an action, without those in which an unchangeable fact contradicts the precondition."""
         names = [parameter.name for parameter in action.parameters]
         fitting = [conditions.fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
         # Of each parameter, the conjuncts that it decides and no action changes, and whether they are positive.
-        ready: list[list[tuple[Holds | Equal, bool]]] = [[] for _ in names]
-        for part in _conjuncts(action.precondition):
-            positive = True
-            while isinstance(part, Negation):
-                part, positive = part.part, not positive
-            if isinstance(part, Equal) or (isinstance(part, Holds) and part.predicate not in self.changeable):
-                terms = part.terms if isinstance(part, Holds) else (part.left, part.right)
-                if last := [names.index(term.name) for term in terms if isinstance(term, Variable)]:
-                    ready[max(last)].append((part, positive))
+        ready: list[list[tuple[Holds, bool]]] = [[] for _ in names]
+        conjuncts = [(action.precondition, True)]
+        for part, positive in conjuncts:
+            if isinstance(part, Compound):
+                if part.kind == "not" or (part.kind == "and" and positive):
+                    conjuncts += [(inner, positive != (part.kind == "not")) for inner in part.parts]
+            elif part.predicate not in self.changeable and any(term.startswith("?") for term in part.terms):
+                last = max(names.index(term[1:]) for term in part.terms if term.startswith("?"))
+                ready[last].append((part, positive))
 
-        def holds(part: Holds | Equal, bound: dict[str, str]) -> bool:
-            if isinstance(part, Holds):
-                return conditions.ground_atom(part, bound) in self.facts
-            left, right = (
-                term.name if isinstance(term, Constant) else bound[term.name] for term in (part.left, part.right)
-            )
-            return left == right
+        def holds(part: Holds, bound: conditions.Binding) -> bool:
+            atom = conditions.ground_atom(part, bound)
+            return atom in self.facts if part.predicate != EQUAL else atom.arguments[0] == atom.arguments[1]
 
         def extend(bound: dict[str, str], index: int) -> Iterator[conditions.Binding]:
             if index == len(names):
@@ -262,19 +246,3 @@ class _Choices:
             f"the {len(action.parameters)} parameters of `{action.name}` ({action.place}) have {count:,} choices of"
             " objects; give them types that fewer objects have, or make several actions of it"
         )
-
-
-def _ground_conjuncts(condition: conditions.GroundCondition) -> Iterator[Literal | conditions.Some]:
-    if isinstance(condition, conditions.All):
-        for part in condition.parts:
-            yield from _ground_conjuncts(part)
-    else:
-        yield condition
-
-
-def _conjuncts(condition: Condition) -> Iterator[Condition]:
-    if isinstance(condition, Conjunction):
-        for part in condition.parts:
-            yield from _conjuncts(part)
-    else:
-        yield condition

@@ -14,7 +14,7 @@ from sqrp_cli.errors import bad_input, expected_names, needed
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
+from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
 from sqrp_cli.logic.planning_task import Need, OutOfBudgetError, PlanningTask, planning_task
 
 TIME_LIMIT = 60.0
@@ -47,7 +47,7 @@ def engine_planner(name: str) -> Planner:
             task = planning_task(domain, objects, facts, goal, binding)
         except OutOfBudgetError as error:
             return GaveUp(error.within, error.why)
-        return AlreadySatisfied() if task.goal.holds(task.initial) else _solved(environment, name, task)
+        return Plan(()) if task.goal.holds(task.initial) else _solved(environment, name, task)
 
     return plan
 

@@ -11,7 +11,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
+from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
 from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
@@ -144,7 +144,7 @@ class Suggester:
             goal, types = candidate.skill.action.precondition, self.cell.workspace.types
             self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
         match self._plans[key]:
-            case AlreadySatisfied():
+            case Plan(()):
                 return Suggestion("satisfied", "")
             case Plan(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
@@ -201,7 +201,7 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     for candidate in list(reversed(different.values()))[:MOST_PLANNED]:
         goal = candidate.skill.action.precondition
         found = find_plan(domain, workspace.types, facts, goal, candidate.binding)
-        if isinstance(found, Plan):
+        if isinstance(found, Plan) and found.steps:
             plans.append(([_text(step, workspace) for step in found.steps], candidate))
     if not plans:
         return task

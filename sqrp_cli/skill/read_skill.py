@@ -18,8 +18,7 @@ from sqrp_cli.files.usual_values import SKILL, unusual_values
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.logic.domain import Action, Domain
-from sqrp_cli.logic.formula import Formula, check_formula
-from sqrp_cli.logic.formula_time import operators
+from sqrp_cli.logic.formula import Formula, check_formula, nested
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.skill import settings, skill
@@ -229,7 +228,7 @@ class _SkillReader:
             if isinstance(entry.response, skill.RetryEntry) and entry.response.when is not None:
                 when: KeyPath = (*path, "response", "when")
                 condition = self._formula(entry.response.when, when)
-                if condition is not None and (over_time := operators(condition)):
+                if condition is not None and (over_time := [one for one in nested(condition) if one.interval]):
                     message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
                     self._report("temporal-condition", when, f"{message} `obj_on_table`")
             if formula is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
+from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
@@ -21,7 +22,7 @@ from sqrp_cli.study.observation import Observation, look_at, look_closely
 from sqrp_cli.study.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.task.candidate import Candidate
-from sqrp_cli.task.pieces import GroundFormula, Piece
+from sqrp_cli.task.pieces import Piece
 
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
@@ -155,7 +156,7 @@ class PlannedMotion(ObservationRequest):
     world: World
     """That it starts from."""
     motion: Motion
-    formulas: tuple[GroundFormula, ...]
+    formulas: tuple[GroundOperator, ...]
 
 
 @dataclass(frozen=True, eq=False)

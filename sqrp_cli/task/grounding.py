@@ -12,7 +12,7 @@ from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.formula import Formula, argument_lists, bind
-from sqrp_cli.logic.formula_time import ground_operators, operators_outside
+from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.waypoints import WaypointGrounder
 from sqrp_cli.records import dataclass
@@ -20,7 +20,6 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.sight.targets import SoughtBox, Target
 from sqrp_cli.skill.target_box import BoxSpec
-from sqrp_cli.task.pieces import GroundFormula
 from sqrp_cli.task.task import Candidate
 
 
@@ -32,28 +31,29 @@ def bound_formulas(candidate: Candidate) -> tuple[Formula, ...]:
 
 def ground_formulas(
     candidate: Candidate, spans: Mapping[str, tuple[float, float]], total: float
-) -> tuple[GroundFormula, ...]:
+) -> tuple[GroundOperator, ...]:
     """One entry per temporal operator of the candidate's formulas.
 
     spans: start and end of each primitive by name [s]; total: duration of the motion [s].
     """
     return tuple(
-        GroundFormula(operator, requirement.name)
+        operator
         for requirement, formula in zip(candidate.skill.requirements, bound_formulas(candidate), strict=True)
-        for operator in ground_operators(formula, spans, total)
+        for operator in ground_operators(formula, spans, total, requirement.name)
     )
 
 
 def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
     """The temporal operators of the candidate's formulas with an interval outside the motion.
 
-    Each as the index of its requirement and its index among the requirement's `formula_time.operators`.
+    Each as the index of its requirement and its index among the temporal operators of that, outer before inner.
     """
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     return tuple(
-        (index, operator)
+        (index, number)
         for index, requirement in enumerate(candidate.skill.requirements)
-        for operator in operators_outside(requirement.formula, spans, motion.time)
+        for number, (_, when) in enumerate(timed_operators(requirement.formula, spans, motion.time))
+        if when is None
     )
 
 
@@ -88,11 +88,11 @@ class TargetGrounder:
     robot: Robot
     model: RobotModel
 
-    def targets(self, formulas: Sequence[GroundFormula]) -> tuple[Target, ...]:
+    def targets(self, formulas: Sequence[GroundOperator]) -> tuple[Target, ...]:
         """The targets of every atom in the formulas, in order of first appearance."""
         lists = argument_lists(self.candidate.skill.action)
         found: list[Target] = []
-        for atom in dict.fromkeys(literal.atom for formula in formulas for literal in formula.operator.literals):
+        for atom in dict.fromkeys(literal.atom for formula in formulas for literal in formula.literals):
             spec = self.candidate.skill.targets[atom.predicate]
             named = zip(lists[atom.predicate][0], atom.arguments, strict=True)
             binding = {**self.candidate.binding, **dict(named)}

@@ -4,27 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.logic.formula_time import (
-    SAME_INSTANT,
-    GroundOperator,
-    TimeInterval,
-    events_of_interest,
-    merge,
-    union_length,
-)
+from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, TimeInterval, merge, union_length
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
-
-
-@dataclass(frozen=True)
-class GroundFormula:
-    """One temporal operator of a skill's formulas, grounded.
-
-    `fault` names the fault that its formula describes, if any.
-    """
-
-    operator: GroundOperator
-    fault: str | None
 
 
 @dataclass(frozen=True)
@@ -42,29 +24,22 @@ class Piece(TimeInterval):
     """Inside an event of interest."""
 
 
-def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundFormula]) -> tuple[Piece, ...]:
+def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundOperator]) -> tuple[Piece, ...]:
     """Cut a motion wherever a primitive or the interval of a formula begins or ends.
 
     spans: start and end of each primitive [s], one after the other. Neighbouring pieces share an instant, which is
     sampled once as the end of one and once as the start of the other. A formula that applies at a single instant makes
     a piece of length 0. There is at least one piece.
     """
-    operators = [formula.operator for formula in formulas]
-    interest = events_of_interest(operators)
-    edges = _distinct([edge for operator in operators for edge in (operator.start, operator.end)])
-    moments = _distinct([operator.start for operator in operators if _same(operator.start, operator.end)])
+    edges = _distinct([edge for one in formulas for edge in (one.start, one.end)])
+    moments = _distinct([one.start for one in formulas if _same(one.start, one.end)])
 
     def piece(primitive: int, start: float, end: float) -> Piece:
         middle = 0.5 * (start + end)
-        applying = [operator for operator in operators if _contains(operator.stretch, middle)]
-        literals = tuple(dict.fromkeys(literal for operator in applying for literal in operator.literals))
-        return Piece(
-            primitive=primitive,
-            start=start,
-            end=end,
-            literals=literals,
-            of_interest=any(_contains(stretch, middle) for stretch in interest),
-        )
+        applying = [one for one in formulas if one.start - SAME_INSTANT <= middle <= one.end + SAME_INSTANT]
+        literals = tuple(dict.fromkeys(literal for one in applying for literal in one.literals))
+        interest = any(one.operator == "eventually" for one in applying)
+        return Piece(start=start, end=end, primitive=primitive, literals=literals, of_interest=interest)
 
     pieces = []
     for primitive, (start, end) in enumerate(spans):
@@ -78,32 +53,28 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
     return tuple(pieces) or (piece(last_primitive, end, end),)
 
 
-def monitored_time(formulas: Sequence[GroundFormula]) -> float:
+def monitored_time(formulas: Sequence[GroundOperator]) -> float:
     """T: duration of the union of all intervals [s]."""
-    return union_length(formula.operator.stretch for formula in formulas)
+    return union_length(formulas)
 
 
-def interesting_time(formulas: Sequence[GroundFormula]) -> float:
+def interesting_time(formulas: Sequence[GroundOperator]) -> float:
     """T_eoi: duration of the union of the events of interest [s]."""
-    return sum(stretch.length for stretch in events_of_interest(formula.operator for formula in formulas))
+    return union_length(one for one in formulas if one.operator == "eventually")
 
 
-def fault_literals(formulas: Sequence[GroundFormula]) -> dict[str, tuple[Literal, ...]]:
+def fault_literals(formulas: Sequence[GroundOperator]) -> dict[str, tuple[Literal, ...]]:
     """All literals of each fault, by its name."""
     found: dict[str, dict[Literal, None]] = {}
-    for formula in formulas:
-        if formula.fault is not None and formula.operator.literals:
-            found.setdefault(formula.fault, {}).update(dict.fromkeys(formula.operator.literals))
+    for one in formulas:
+        if one.fault is not None and one.literals:
+            found.setdefault(one.fault, {}).update(dict.fromkeys(one.literals))
     return {fault: tuple(literals) for fault, literals in found.items()}
 
 
-def fault_intervals(formulas: Sequence[GroundFormula], fault: str) -> tuple[TimeInterval, ...]:
+def fault_intervals(formulas: Sequence[GroundOperator], fault: str) -> tuple[TimeInterval, ...]:
     """When a fault may happen: the union of the intervals of its operators that have literals."""
-    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)
-
-
-def _contains(stretch: TimeInterval, t: float) -> bool:
-    return stretch.start - SAME_INSTANT <= t <= stretch.end + SAME_INSTANT
+    return merge(one for one in formulas if one.fault == fault and one.literals)
 
 
 def _same(first: float, second: float) -> bool:

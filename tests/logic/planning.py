@@ -8,18 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 
-from sqrp_cli.logic.domain import (
-    Condition,
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Equal,
-    ForAll,
-    Holds,
-    Negation,
-    Term,
-)
+from sqrp_cli.logic.domain import Compound, Condition, Domain, Holds
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.logic.planner import Plan, PlanningResult
@@ -27,6 +16,10 @@ from sqrp_cli.logic.planning_task import PlanStep
 
 Facts = frozenset[tuple[str, ...]]
 Objects = Mapping[str, frozenset[str]]
+
+
+def named(terms: tuple[str, ...], names: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(names[term.removeprefix("?")] if term.startswith("?") else term for term in terms)
 
 
 class Simulator:
@@ -47,24 +40,16 @@ class Simulator:
         return [name for name, types in self.objects.items() if type_name in types]
 
     def true(self, condition: Condition, names: Mapping[str, str], facts: Facts) -> bool:
-        def name(term: Term) -> str:
-            return term.name if isinstance(term, Constant) else names[term.name]
-
         if isinstance(condition, Holds):
-            return (condition.predicate, *map(name, condition.terms)) in facts
-        if isinstance(condition, Equal):
-            return name(condition.left) == name(condition.right)
-        if isinstance(condition, Negation):
-            return not self.true(condition.part, names, facts)
-        if isinstance(condition, Conjunction | Disjunction):
-            parts = [self.true(part, names, facts) for part in condition.parts]
-            return all(parts) if isinstance(condition, Conjunction) else any(parts)
+            terms = named(condition.terms, names)
+            return terms[0] == terms[1] if condition.predicate == "=" else (condition.predicate, *terms) in facts
+        if condition.kind == "not":
+            return not self.true(condition.parts[0], names, facts)
         choices = product(*(self.of_type(variable.type) for variable in condition.variables))
         keys = [variable.name for variable in condition.variables]
-        found = [
-            self.true(condition.body, {**names, **dict(zip(keys, choice, strict=True))}, facts) for choice in choices
-        ]
-        return all(found) if isinstance(condition, ForAll) else any(found)
+        bindings = [{**names, **dict(zip(keys, choice, strict=True))} for choice in choices]
+        found = [self.true(part, binding, facts) for binding in bindings for part in condition.parts]
+        return all(found) if condition.kind in ("and", "forall") else any(found)
 
     def act(self, step: PlanStep, facts: Facts) -> Facts:
         action = self.domain.actions[step.action]
@@ -73,12 +58,9 @@ class Simulator:
         assert self.true(action.precondition, names, facts), f"{step} is not possible"
 
         def changed(changes: tuple[Holds, ...]) -> Facts:
-            return frozenset(
-                (c.predicate, *(names.get(t.name, t.name) if not isinstance(t, Constant) else t.name for t in c.terms))
-                for c in changes
-            )
+            return frozenset((change.predicate, *named(change.terms, names)) for change in changes)
 
-        return (facts - changed(action.effect.deletes)) | changed(action.effect.adds)
+        return (facts - changed(action.deletes)) | changed(action.adds)
 
     def steps(self) -> list[PlanStep]:
         return [
@@ -132,9 +114,9 @@ def goal_of(*texts: str) -> Condition:
     parts: list[Condition] = []
     for text in texts:
         wanted = atom(text.removeprefix("not "))
-        use = Holds(wanted.predicate, tuple(map(Constant, wanted.arguments)))
-        parts.append(Negation(use) if text.startswith("not ") else use)
-    return Conjunction(tuple(parts))
+        use = Holds(wanted.predicate, wanted.arguments)
+        parts.append(Compound("not", (use,)) if text.startswith("not ") else use)
+    return Compound("and", tuple(parts))
 
 
 TOWERS = read("""(define (domain towers)
@@ -166,7 +148,7 @@ def towers(*stacks: str) -> frozenset[Atom]:
 
 def goal_towers(*stacks: str) -> Condition:
     uses = sorted(fact for fact in towers(*stacks) if fact.predicate != "covered")
-    return Conjunction(tuple(Holds(fact.predicate, tuple(map(Constant, fact.arguments))) for fact in uses))
+    return Compound("and", tuple(Holds(fact.predicate, fact.arguments) for fact in uses))
 
 
 def random_domain(rng: random.Random) -> str:

@@ -10,19 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.logic import planning_task
-from sqrp_cli.logic.conditions import All, GroundCondition, Some, ground_condition, literal_count
-from sqrp_cli.logic.domain import (
-    Condition,
-    Conjunction,
-    Disjunction,
-    Domain,
-    Exists,
-    ForAll,
-    Holds,
-    Negation,
-    Parameter,
-    Variable,
-)
+from sqrp_cli.logic.conditions import GroundCondition, Joined, ground_condition, literal_count
+from sqrp_cli.logic.domain import Compound, Condition, Domain, Holds, Parameter
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.logic.planner import GaveUp, find_plan
@@ -94,16 +83,14 @@ def test_a_search_among_many_actions_ends_after_few_states() -> None:
     assert 0 < int(states.replace(",", "")) * 13_872 <= budget.trials
 
 
-PREDICATES = st.sampled_from([Holds("at", (Variable("x"),)), GOAL])
+PREDICATES = st.sampled_from([Holds("at", ("?x",)), GOAL])
 VARIABLES = st.lists(st.sampled_from([Parameter("x"), Parameter("y"), Parameter("z", "cube")]), min_size=1, max_size=2)
 CONDITIONS: st.SearchStrategy[Condition] = st.recursive(
     PREDICATES,
     lambda parts: st.one_of(
-        st.builds(Negation, parts),
-        st.builds(Conjunction, st.lists(parts, max_size=3).map(tuple)),
-        st.builds(Disjunction, st.lists(parts, max_size=3).map(tuple)),
-        st.builds(ForAll, VARIABLES.map(tuple), parts),
-        st.builds(Exists, VARIABLES.map(tuple), parts),
+        st.builds(Compound, st.just("not"), st.tuples(parts)),
+        st.builds(Compound, st.sampled_from(["and", "or"]), st.lists(parts, max_size=3).map(tuple)),
+        st.builds(Compound, st.sampled_from(["forall", "exists"]), st.tuples(parts), VARIABLES.map(tuple)),
     ),
     max_leaves=6,
 )
@@ -120,7 +107,4 @@ def test_the_number_of_literals_is_reported_without_making_them(condition: Condi
 
 
 def _count(made: GroundCondition) -> int:
-    match made:
-        case All(parts) | Some(parts, _):
-            return sum(map(_count, parts))
-    return 1
+    return sum(map(_count, made.parts)) if isinstance(made, Joined) else 1

@@ -7,19 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
-from sqrp_cli.logic.formula import (
-    Always,
-    And,
-    Eventually,
-    Formula,
-    Implies,
-    Instant,
-    Interval,
-    Not,
-    Or,
-    Predicate,
-    check_formula,
-)
+from sqrp_cli.logic.formula import Formula, Instant, Interval, Operation, Predicate, check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 from tests.cells import read_cases
@@ -44,14 +32,11 @@ predicates = st.builds(Predicate, names, st.none() | st.lists(names, min_size=1,
 
 
 def combined(parts: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
-    several = st.lists(parts, min_size=2, max_size=3).map(tuple)
     return st.one_of(
-        st.builds(Not, parts),
-        st.builds(And, several),
-        st.builds(Or, several),
-        st.builds(Implies, parts, parts),
-        st.builds(Always, intervals, parts),
-        st.builds(Eventually, intervals, parts),
+        st.builds(Operation, st.just("not"), st.tuples(parts)),
+        st.builds(Operation, st.sampled_from(["and", "or"]), st.lists(parts, min_size=2, max_size=3).map(tuple)),
+        st.builds(Operation, st.just("implies"), st.tuples(parts, parts)),
+        st.builds(Operation, st.sampled_from(["always", "eventually"]), st.tuples(parts), intervals),
     )
 
 
@@ -91,8 +76,8 @@ def test_grouping_of_the_writer_is_kept() -> None:
 
 
 def test_a_keyword_may_begin_a_name() -> None:
-    names = And((Predicate("nothing"), Predicate("Grip")))
-    assert parse("nothing and Grip or orange") == Or((names, Predicate("orange")))
+    names = Operation("and", (Predicate("nothing"), Predicate("Grip")))
+    assert parse("nothing and Grip or orange") == Operation("or", (names, Predicate("orange")))
 
 
 def test_the_formula_of_the_slip_fault_prints_as_it_is_written() -> None:

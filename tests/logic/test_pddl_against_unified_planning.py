@@ -84,10 +84,11 @@ def test_both_read_valid_domains_alike(condition: str) -> None:
         action.name: [p.name for p in action.parameters] for action in domain.actions.values()
     }
     assert {f.name: [str(p.type).split(" - ")[0] for p in f.signature] for f in problem.fluents} == {
-        signature.name: list(signature.types) for signature in domain.predicates.values()
+        signature.name: [parameter.type for parameter in signature.parameters]
+        for signature in domain.predicates.values()
     }
     for action in problem.actions:
-        ours = domain.actions[action.name].effect
+        ours = domain.actions[action.name]
         assert sum(effect.value.is_true() for effect in action.effects) == len(ours.adds)
         assert sum(effect.value.is_false() for effect in action.effects) == len(ours.deletes)
 

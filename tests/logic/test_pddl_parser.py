@@ -7,21 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.logic.domain import (
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Effect,
-    Equal,
-    Exists,
-    ForAll,
-    Holds,
-    Negation,
-    Parameter,
-    Variable,
-    merge_domains,
-)
+from sqrp_cli.logic.domain import Domain, Holds, Parameter, merge_domains
 from sqrp_cli.logic.pddl_parser import parse_domain
 from tests.cells import read_cases
 from tests.logic.planning import read
@@ -47,7 +33,6 @@ TRAYS = """; Several actions, and all that is supported.
 
 def test_a_domain_with_everything_that_is_supported() -> None:
     domain = read(TRAYS)
-    x, y, z, t = (Variable(name) for name in "xyzt")
     assert domain.name == "trays"
     assert domain.types == {
         "screw": "movable",
@@ -61,20 +46,14 @@ def test_a_domain_with_everything_that_is_supported() -> None:
     assert domain.predicates["on"].parameters == (Parameter("x", "movable"), Parameter("y", "object"))
     action = domain.actions["place"]
     assert action.parameters == (Parameter("x", "movable"), Parameter("y", "tray"))
-    assert action.precondition == Conjunction(
-        (
-            Holds("hold", (x,)),
-            Negation(Equal(y, Constant("bin"))),
-            ForAll((Parameter("z", "movable"),), Negation(Holds("on", (z, y)))),
-            Exists(
-                (Parameter("z", "screw"), Parameter("t", "table")),
-                Disjunction((Holds("on", (z, t)), Disjunction((Negation(Holds("hand_empty", ())), Equal(z, x))))),
-            ),
-        )
+    assert str(action.precondition) == (
+        "hold(?x) and not (?y = bin) and for all ?z - movable: not on(?z, ?y) and "
+        "for some ?z - screw, ?t - table: on(?z, ?t) or not hand_empty or ?z = ?x"
     )
-    assert action.effect == Effect((Holds("on", (x, y)), Holds("hand_empty", ())), (Holds("hold", (x,)),))
-    assert domain.actions["wait"].precondition == Conjunction()
-    assert domain.actions["wait"].effect == Effect((), ())
+    assert action.adds == (Holds("on", ("?x", "?y")), Holds("hand_empty", ()))
+    assert action.deletes == (Holds("hold", ("?x",)),)
+    wait = domain.actions["wait"]
+    assert (str(wait.precondition), wait.adds, wait.deletes) == ("", (), ())
 
 
 def test_a_domain_without_requirements_is_strips() -> None:

@@ -17,7 +17,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import box_corners, transform
 from sqrp_cli.logic.formula import bind
-from sqrp_cli.logic.formula_time import ground_operators
+from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.motion.cell import Cell
@@ -37,7 +37,7 @@ from sqrp_cli.study.sampling import (
 )
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import Timeline, observe
-from sqrp_cli.task.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.task.task import read_task
 from tests.conftest import TABLETOP
 from tests.sight.views import make_camera
@@ -195,7 +195,7 @@ def test_both_ends_of_every_primitive_and_interval_are_samples_in_every_mode(
     motion = watched_motion(5, ur5)
     t = motion.timeline(sampling).samples.t
     edges = [time for p in motion.stage.motion.primitives for time in (p.start, p.end)]
-    edges += [time for f in motion.formulas for time in (f.operator.start, f.operator.end)]
+    edges += [time for f in motion.formulas for time in (f.start, f.end)]
     assert all(np.abs(t - time).min() < 1e-9 for time in edges)
 
 
@@ -235,7 +235,7 @@ def test_the_fastest_camera_decides_how_much_time_may_pass(rates: tuple[float, .
     assert longest_step(make_camera(rate=rate) for rate in rates) == pytest.approx(longest)
 
 
-def with_formulas(motion: WatchedMotion, *formulas: GroundFormula) -> WatchedMotion:
+def with_formulas(motion: WatchedMotion, *formulas: GroundOperator) -> WatchedMotion:
     """The same motion, monitored otherwise."""
     spans = [(p.start, p.end) for p in motion.stage.motion.primitives]
     stage = motion.stage
@@ -301,13 +301,13 @@ SPANS = {"a1": (0.0, 1.0), "a2": (1.0, 1.5), "a3": (1.5, 4.0)}
 )
 def test_pieces_begin_and_end_where_the_formulas_say(text: str, T: float, T_eoi: float, edges: set[float]) -> None:
     formula = bind(parse_formula(text, Place(Path("skill.yaml"))), {}, {"p": ((),), "q": ((),)})
-    formulas = tuple(GroundFormula(operator, None) for operator in ground_operators(formula, SPANS, 4.0))
+    formulas = ground_operators(formula, SPANS, 4.0)
     pieces = cut_into_pieces(list(SPANS.values()), formulas)
     assert monitored_time(formulas) == pytest.approx(T)
     assert interesting_time(formulas) == pytest.approx(T_eoi)
     assert {round(time, 9) for piece in pieces for time in (piece.start, piece.end)} == edges
     for piece in pieces:
         middle = (piece.start + piece.end) / 2
-        applying = [f.operator for f in formulas if f.operator.start - 1e-9 <= middle <= f.operator.end + 1e-9]
+        applying = [one for one in formulas if one.start - 1e-9 <= middle <= one.end + 1e-9]
         assert set(piece.literals) == {literal for operator in applying for literal in operator.literals}
         assert piece.of_interest == any(operator.operator == "eventually" for operator in applying)

@@ -21,7 +21,7 @@ from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import ObservationRequest, Timeline, observe
-from sqrp_cli.task.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.trajectory import Trajectory
 from tests.sight.views import (
     box_part,
@@ -43,7 +43,7 @@ class WatchedMotion:
     stage: Stage
     observer: Observer
     targets: tuple[Target, ...]
-    formulas: tuple[GroundFormula, ...]
+    formulas: tuple[GroundOperator, ...]
     faults: Mapping[str, tuple[int, ...]]
 
     def timeline(self, sampling: Sampling, *, full: bool = False) -> Timeline:
@@ -55,12 +55,12 @@ class WatchedMotion:
         return ObservationRequest(stage=self.stage, targets=self.targets, faults=self.faults, T=T, T_eoi=T_eoi)
 
 
-def always(start: float, end: float, *literals: Literal) -> GroundFormula:
-    return GroundFormula(GroundOperator(start, end, "always", "always", literals), None)
+def always(start: float, end: float, *literals: Literal) -> GroundOperator:
+    return GroundOperator(start, end, "always", "always", literals)
 
 
-def eventually(start: float, end: float, *literals: Literal, fault: str | None = None) -> GroundFormula:
-    return GroundFormula(GroundOperator(start, end, "eventually", "eventually", literals), fault)
+def eventually(start: float, end: float, *literals: Literal, fault: str | None = None) -> GroundOperator:
+    return GroundOperator(start, end, "eventually", "eventually", literals, fault)
 
 
 def make_motion(model: RobotModel, waypoints: Array, hold: float, X_TO: Array) -> Motion:

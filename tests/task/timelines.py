@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula_time import TimeInterval
+from sqrp_cli.logic.formula_time import GroundOperator, TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import Observation, Timeline
-from sqrp_cli.task.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
 from tests.task.studies import always, eventually
 
 ATOMS = (Atom("hold"), Atom("placed"))
@@ -24,13 +24,13 @@ class Story:
     """A time line with the formulas behind it; `interval` is that of the fault `slip`. total: of the motion [s]."""
 
     timeline: Timeline
-    formulas: tuple[GroundFormula, ...]
+    formulas: tuple[GroundOperator, ...]
     interval: TimeInterval
     total: float
 
 
 def make_story(
-    durations: list[float], formulas: tuple[GroundFormula, ...], counts: list[int], seed: int, seen: float
+    durations: list[float], formulas: tuple[GroundOperator, ...], counts: list[int], seed: int, seen: float
 ) -> Story:
     """Samples at random instants, each covered with probability `seen`; the last formula is that of the fault."""
     rng = np.random.default_rng(seed)
@@ -46,7 +46,7 @@ def make_story(
     required = np.array([[any(lit.atom == a for lit in piece.literals) for a in ATOMS] for piece in pieces])[number]
     covered = required & (rng.random(required.shape) < seen)
     response = np.where(covered, rng.choice(RESPONSES, required.shape), np.nan)
-    operator = formulas[-1].operator
+    operator = formulas[-1]
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
     timeline = Timeline(
         pieces=pieces,
@@ -65,7 +65,7 @@ def make_story(
         T=monitored_time(formulas),
         T_eoi=interesting_time(formulas),
     )
-    return Story(timeline, formulas, operator.stretch, float(ends[-1]))
+    return Story(timeline, formulas, TimeInterval(operator.start, operator.end), float(ends[-1]))
 
 
 @st.composite
@@ -88,9 +88,9 @@ def stories(draw: st.DrawFn) -> Story:
     return make_story(durations, tuple(formulas), counts, seed, seen)
 
 
-def stretches(formulas: tuple[GroundFormula, ...], kinds: tuple[str, ...]) -> list[tuple[float, float]]:
+def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> list[tuple[float, float]]:
     """The union of the intervals of some operators, as intervals in order."""
-    intervals = sorted((f.operator.start, f.operator.end) for f in formulas if f.operator.operator in kinds)
+    intervals = sorted((f.start, f.end) for f in formulas if f.operator in kinds)
     union: list[tuple[float, float]] = []
     for start, end in intervals:
         if union and start <= union[-1][1] + 1e-9:

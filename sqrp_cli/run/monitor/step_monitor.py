@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
+from sqrp_cli.logic.formula import Formula, Predicate, nested
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
-from sqrp_cli.logic.truth import Monitor, Trace, TraceSample, Truth, evaluate
+from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
@@ -37,7 +37,7 @@ def read_formula(text: str) -> Formula:
     def grounded(formula: Formula) -> Formula:
         if isinstance(formula, Predicate):
             return Predicate(formula.name, formula.arguments or ())
-        return with_children(formula, tuple(grounded(part) for part in children(formula)))
+        return replace(formula, parts=tuple(grounded(part) for part in formula.parts))
 
     return grounded(parse_formula(text, Place(Path("program"))))
 
@@ -48,19 +48,13 @@ def _known(values: Mapping[str, Truth]) -> dict[Atom, Truth]:
 
 def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
     """The value of a formula without temporal operators, such as the condition of a retry."""
-    return evaluate(read_formula(text), Trace((TraceSample(0.0, _known(values)),), 0.0, 0.0)).truth
+    return evaluate(read_formula(text), Trace(((0.0, _known(values)),), 0.0, 0.0)).at(0)
 
 
 def condition_atoms(text: str) -> tuple[str, ...]:
     """The atoms of a formula without temporal operators."""
-    found: dict[str, None] = {}
-    waiting = [read_formula(text)]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, Predicate):
-            found[str(Atom(part.name, tuple(map(str, part.arguments or ()))))] = None
-        waiting += children(part)
-    return tuple(found)
+    atoms = (str(part.atom) for part in nested(read_formula(text)) if isinstance(part, Predicate))
+    return tuple(dict.fromkeys(atoms))
 
 
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
@@ -78,7 +72,7 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
     """
     total = nominal.step.time
     for entry in nominal.step.formulas:
-        formula, samples = read_formula(entry.formula), list[TraceSample]()
+        formula, samples = read_formula(entry.formula), list[tuple[float, dict[Atom, Truth]]]()
         operators = ground_operators(formula, {}, total)
         for t in nominal.times:
             ends: dict[Atom, float] = {}
@@ -87,8 +81,8 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
                     ends[literal.atom] = max(ends.get(literal.atom, 0.0), one.end)
             values = {atom: nominal.holds(str(atom), t) for atom in ends}
             stay = [atom for atom, end in ends.items() if nominal.held_throughout(Literal(atom, values[atom]), t, end)]
-            samples.append(TraceSample(t, {atom: Truth.TRUE if values[atom] else Truth.FALSE for atom in stay}))
-        truth = evaluate(formula, Trace(tuple(samples), total, total)).truth
+            samples.append((t, {atom: Truth.TRUE if values[atom] else Truth.FALSE for atom in stay}))
+        truth = evaluate(formula, Trace(tuple(samples), total, total)).at(0)
         if truth == (Truth.FALSE if entry.fault is None else Truth.TRUE):
             what = "fails" if entry.fault is None else f"is true, and so the fault `{entry.fault}` is seen,"
             yield f"`{entry.formula}` {what} though all goes as planned"
@@ -177,7 +171,7 @@ class StepMonitor:
         ahead = copy(self)
         ahead._watches, ahead._contrary = [copy(watch) for watch in self._watches], dict(self._contrary)
         for watch in ahead._watches:  # takes more evidence without the others learning of it
-            watch.monitor = watch.monitor.copy()
+            watch.monitor = copy(watch.monitor)
         for t, values in evidence:
             if (alarm := ahead._seen_wrong(t, values)) is not None:
                 for watch, other in zip(self._watches, ahead._watches, strict=True):
@@ -219,7 +213,7 @@ class StepMonitor:
                 continue
             entry, known = watch.entry, _known(values) if any(watch.active(t)) else {}
             if entry.fault is not None:
-                if watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values):
+                if watch.monitor.observe(t, known) == Truth.TRUE or self._seen_late(watch, t, values):
                     found.append(watch.fault_alarm())
                 continue
             # What contradicts a formula may be a change that is a little late: it counts once it has lasted for the
@@ -233,7 +227,7 @@ class StepMonitor:
                     late = t - self._contrary.setdefault(literal, t) < entry.settle
                     if late or not self._nominal.held_throughout(literal, t - entry.settle, t):
                         known[literal.atom] = Truth.UNKNOWN
-            if watch.violated is None and watch.monitor.observe(t, known).truth == Truth.FALSE:
+            if watch.violated is None and watch.monitor.observe(t, known) == Truth.FALSE:
                 wrong = [one for one in required if _value(one, values) == Truth.FALSE]
                 what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
                 text = f"the cameras see {what} against `{entry.formula}`"

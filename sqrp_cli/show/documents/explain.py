@@ -48,7 +48,7 @@ def study_shown(
     if study is None:
         return CandidateStudy(**vars(found))
     views = None if brief else hidden_views(cell, study)
-    literals = dict.fromkeys(literal for formula in study.formulas for literal in formula.operator.literals)
+    literals = dict.fromkeys(literal for formula in study.formulas for literal in formula.literals)
     boxes = {
         target.atom: TargetBoxes(
             k=target.cameras,
@@ -74,8 +74,7 @@ def study_shown(
             for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
         ],
         formulas=[
-            from_fields(Formula, one, one.operator, literals=[str(literal) for literal in one.operator.literals])
-            for one in study.formulas
+            from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in study.formulas
         ],
         cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, study),
