@@ -15,7 +15,7 @@ from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
-from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, seen_by
+from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, verdicts_of
 from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
@@ -36,11 +36,11 @@ class LookJob(Job):
             raise ValueError(f"{self.candidate.name} was feasible a moment ago")
         scene = planned_motion(cell, self.candidate, cell.initial_world, motion)
         way = replace(judged(cell, self.task, self.candidate, scene), samples=self.samples)
-        return as_line(seen_by(cell, way, self.places))
+        return as_line(verdicts_of(cell, way, self.places))
 
 
-def seen_by_cluster(
-    cluster: Workers, workspace: Workspace, seed: int, parts: Sequence[ViewBatch]
+def cluster_verdicts(
+    cluster: Workers, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`. Raises InputError if a batch cannot be computed, or no worker is left."""
     packed = PackedWorkspace.of(workspace)
@@ -48,31 +48,32 @@ def seen_by_cluster(
         LookJob(
             workspace=packed,
             seed=seed,
-            candidate=part.way.scene.candidate,
-            task=part.way.task,
-            samples=part.way.samples,
-            places=part.places,
+            candidate=way.scene.candidate,
+            task=way.task,
+            samples=way.samples,
+            places=places,
         )
-        for part in parts
+        for way, places in batches
     ]
     with interrupts_later(second_raises=True) as interrupted:
         for index, answer in cluster.answers(jobs, interrupted):
             if not isinstance(answer, str):
                 raise InputError(*answer)
             try:
-                yield index, _mask_in(answer, parts[index])
+                yield index, _mask_in(answer, batches[index])
             except ValueError as error:
                 raise bad_input("worker-died", "a worker of the cluster answered with what is no result") from error
 
 
-def seen_before(
-    results: Results, workspace: Workspace, seed: int, others: Verdicts, parts: Sequence[ViewBatch]
+def kept_verdicts(
+    results: Results, workspace: Workspace, seed: int, others: Verdicts, batches: Sequence[ViewBatch]
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
     missing: list[tuple[int, str]] = []
-    for number, part in enumerate(parts):
-        way, places = part.way.scene.candidate, []
-        for one in part.places:
+    for number, batch in enumerate(batches):
+        judged_way, places = batch[0], list[object]()
+        way = judged_way.scene.candidate
+        for one in batch[1]:
             lens, own = one.lens, one.lens.intrinsics
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
@@ -80,22 +81,22 @@ def seen_before(
             places.append([one.spot.frame, one.X_FC.tolist(), said])
         vias = {name: via.tolist() for name, via in way.vias.items()}
         motion = [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
-        samples = (part.way.samples.piece.tolist(), part.way.samples.t.tolist())
+        samples = (judged_way.samples.piece.tolist(), judged_way.samples.t.tolist())
         key = key_of("place", workspace.digest, seed, motion, *samples, places)
         try:
-            yield number, _mask_in(results.get(key) or "", part)
+            yield number, _mask_in(results.get(key) or "", batch)
         except ValueError:  # nothing is kept, or its file is damaged
             missing.append((number, key))
-    for index, sees in others([parts[number] for number, _ in missing]) if missing else ():
+    for index, sees in others([batches[number] for number, _ in missing]) if missing else ():
         number, key = missing[index]
         results.keep(key, as_line(sees))
         yield number, sees
 
 
-def _mask_in(text: str, part: ViewBatch) -> Mask:
+def _mask_in(text: str, batch: ViewBatch) -> Mask:
     """What a batch shows, of a text. Raises ValueError for any other text."""
     sees = from_line(text)
-    expected = (len(part.places), len(part.way.items.sample))
+    expected = (len(batch[1]), len(batch[0].needed))
     if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
         raise ValueError("no verdicts of these views")
     return sees

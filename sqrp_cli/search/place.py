@@ -16,6 +16,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
 from sqrp_cli.figures import AdvisedFigures
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, Mask, read_only
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import Progress
@@ -23,19 +24,18 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import looking_at
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_problem import Late, Problem, Requirements, Selection, obstacle
-from sqrp_cli.search.placing_program import Limits, PlacementProgram, Watch
+from sqrp_cli.search.placing_program import PlacementProgram, Watch
 from sqrp_cli.search.placing_result import (
     ROUNDED,
+    Alternative,
     CameraPlaced,
     Compared,
     InfeasibleCandidate,
     PlacedCandidate,
     PlaceDocument,
-    SpareCost,
-    WithFewer,
     proof_in_words,
 )
-from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, seen_by, touching_pairs
+from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
 from sqrp_cli.study.assessment import Analysis, Observed
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
@@ -55,7 +55,7 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Checked:
+class SolveResult:
     """The result of a search: a selection with its exact figures."""
 
     problem: Problem  # at the last samples
@@ -64,7 +64,7 @@ class Checked:
     watched: Sequence[Observed] = ()  # its ways as its cameras see them, counted as if as many fail as may
     value: float = 0.0  # the quality that counts first, exactly, if as many cameras fail as may; in 0..1
     bound: float = 0.0  # no selection has a greater one
-    proven: bool = False  # whether no other one is better, in every aim; or that there is none
+    proven: bool = False  # whether no other one is better, in every objective; or that there is none
     fewest: int = 0  # with a goal: no fewer cameras than this meet it
 
 
@@ -135,7 +135,7 @@ class CameraPlacer:
         unseen = self.table.unseen(self.question.requirements.failure_tolerance, self.table.problem(0).shut)
         return replace(nearest, met=False, proven=nearest.proven and proven, unseen=tuple(unseen))
 
-    def _at_least_some(self, found: Checked) -> PlaceDocument:
+    def _at_least_some(self, found: SolveResult) -> PlaceDocument:
         """The choice with the best mean, where no choice lifts the least quality above 0; none if that is 0, too."""
         if found.selection is None or found.value > 0.0 or self._stopped:
             return self._solution(found)
@@ -147,58 +147,56 @@ class CameraPlacer:
 
     def _search(
         self, wanted: Requirements, *, rounds: int = ROUNDS, first_only: bool = False, known: Selection | None = None
-    ) -> Checked:
+    ) -> SolveResult:
         """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
         So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
-        added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first aim counts.
+        added at which the chosen cameras lose sight, and it is chosen again. first_only: only the first objectives.
         """
-        goal, table, best, bound = wanted.goal, self.table, None, 1.0
-        limits = Limits(until=self._until, gap=self._gap)
+        goal, table, best, bound, value = wanted.goal, self.table, None, 1.0, 0.0
         for number in count(1):
             problem = table.problem(wanted.failure_tolerance)
-            program = PlacementProgram(problem, wanted, self._watch, limits)
-            if (start := known if best is None else best.selection) is not None:
-                program.begin_with(start)
-            grown, settled = False, False
+            start = known if best is None else best.selection
+            program = PlacementProgram(problem, wanted, self._watch, start, until=self._until, gap=self._gap)
+            selection, grown, settled = program.solve_first(), False, False
             for further in (False,) if first_only else (False, True):
-                result = program.further() if further else program.first()
-                self._stopped |= result.interrupted
-                bound = result.bound if goal is not None else min(bound, result.bound)
-                if result.selection is None:
+                if further and selection is not None:
+                    selection = program.solve_further(selection)
+                self._stopped |= program.interrupted
+                bound = program.bound if goal is not None else min(bound, program.bound)
+                if selection is None:
                     if best is not None:
                         return replace(best, problem=problem, bound=max(bound, best.value), proven=False)
-                    return Checked(problem=problem, requirements=wanted, bound=bound, proven=result.proven)
-                if program.complete and not (further or first_only):  # the further aims take no time then
+                    return SolveResult(problem=problem, requirements=wanted, bound=bound, proven=program.proven)
+                if program.complete and not (further or first_only):  # the other objectives take no time then
                     continue
-                grown, settled = table.add_hiding(result.selection), False
+                grown, settled = table.add_hiding(selection), False
                 if grown:
                     break
-                value, found, late = self._exact(wanted, result.selection)
+                value, found, late = self._exact(wanted, selection)
                 table.late |= late
-                good = not late and (
-                    goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in found)
-                )
-                settled = good and problem.worth(wanted, result.selection)[0] - value <= ROUNDED
+                seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in found)
+                good = seen and not late
+                settled = good and problem.worth(wanted, selection)[0] - value <= ROUNDED
                 if settled or (good and (best is None or value > best.value)):
-                    best = Checked(
+                    best = SolveResult(
                         problem=problem,
                         requirements=wanted,
-                        selection=result.selection,
+                        selection=selection,
                         watched=found,
                         value=value,
-                        fewest=result.fewest,
+                        fewest=program.fewest,
                     )
                 if not settled:
-                    added = [table.add_samples(*one) for one in zip(result.selection.ways, found, strict=True)]
+                    added = [table.add_samples(*one) for one in zip(selection.ways, found, strict=True)]
                     grown = bool(late) or any(added)
                     break
             over = self._stopped or monotonic() >= self._until or number == rounds or not grown
             enough = best is not None and goal is None and 0.0 < self._gap >= bound - best.value
             if settled or enough or over:
                 if best is None:
-                    return Checked(problem=problem, requirements=wanted, bound=bound)
-                proven = settled and result.proven and bound - value <= ROUNDED
+                    return SolveResult(problem=problem, requirements=wanted, bound=bound)
+                proven = settled and program.proven and bound - value <= ROUNDED
                 return replace(best, problem=problem, bound=max(bound, best.value), proven=proven)
         raise AssertionError
 
@@ -210,7 +208,7 @@ class CameraPlacer:
         if goal is not None and goal.delay is not None:
             only = Goal(delay=goal.delay)
             pairs = zip(selection.ways, table.with_delays(cameras, found), strict=True)
-            late = {Late(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
+            late = {(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
         return self._value(wanted, [one.without_delays for one in found]), found, late
 
     def _value(self, wanted: Requirements, figures: Sequence[CandidateResult]) -> float:
@@ -227,47 +225,47 @@ class CameraPlacer:
             self._stopped = True
             return otherwise
 
-    def _solution(self, checked: Checked, *, blind: bool = False) -> PlaceDocument:
+    def _solution(self, result: SolveResult, *, blind: bool = False) -> PlaceDocument:
         """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
-        table, problem, selection = self.table, checked.problem, checked.selection
+        table, problem, selection = self.table, result.problem, result.selection
         wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
         found: dict[str, Any] = {
-            "proven": checked.proven,
-            "objective": checked.value,
-            "bound": checked.bound,
-            "fewest": checked.fewest if checked.requirements.goal is not None else None,
+            "proven": result.proven,
+            "objective": result.value,
+            "bound": result.bound,
+            "fewest": result.fewest if result.requirements.goal is not None else None,
             "met": selection is not None and not table.too_slow,
         }
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             pairs = zip(firsts, table.with_delays(stay, table.watched(stay, firsts)), strict=True)
             unseen = [_candidate(table.ways[number], one.assessment("")) for number, one in pairs]
-            why = obstacle(problem, wanted, blind=blind) if checked.proven or blind else ""
+            why = obstacle(problem, wanted, blind=blind) if result.proven or blind else ""
             return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
-        cameras = self._cameras(checked, selection)
+        cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
-        watched = table.watched(everyone, selection.ways) if spare else checked.watched
+        watched = table.watched(everyone, selection.ways) if spare else result.watched
         studies: Sequence[Analysis] = table.with_delays(everyone, watched)
-        if checked.value < 1.0 - ROUNDED and not spare:
+        if result.value < 1.0 - ROUNDED and not spare:
             cameras, studies = self._unless_stopped(
-                lambda: self._refined(checked, selection, cameras, stay, studies), (cameras, studies)
+                lambda: self._refined(result, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
         found |= {"cameras": cameras, "candidates": self._judged(cell, problem, selection, studies), "cell": cell}
         fewer = len(selection.options) - 1
         if fewer >= max(1, wanted.at_least(len(table.kept))):
-            aside = replace(checked.requirements, goal=None, most=fewer)
+            aside = replace(result.requirements, goal=None, most=fewer)
             less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
             if less is not None and not self._stopped:
                 bound = max(less.value, less.bound)
-                found["fewer"] = WithFewer(cameras=fewer, objective=less.value, bound=bound)
+                found["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
         if spare:
             plain = replace(wanted, failure_tolerance=0)
             cheaper = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
             if cheaper is not None and cheaper.selection is not None:
                 options = cheaper.selection.options
                 price = float(cheaper.problem.price[list(options)].sum())
-                found["without_spare"] = SpareCost(cameras=len(options), price=price, objective=cheaper.value)
+                found["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
         return self._document(problem, **found)
 
     def _document(
@@ -327,7 +325,7 @@ class CameraPlacer:
             **found,
         )
 
-    def _cameras(self, checked: Checked, selection: Selection) -> tuple[CameraPlaced, ...]:
+    def _cameras(self, result: SolveResult, selection: Selection) -> tuple[CameraPlaced, ...]:
         """The chosen cameras, with names that no camera that stays has."""
         table, wanted = self.table, self.question.requirements
 
@@ -338,7 +336,7 @@ class CameraPlacer:
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []
-        whole = (not wanted.failure_tolerance and checked.value) or quality(*everyone)
+        whole = (not wanted.failure_tolerance and result.value) or quality(*everyone)
         for option, name in zip(selection.options, names, strict=False):
             rest = (one for one in everyone if one != option)
             loss = max(0.0, whole - quality(*rest))
@@ -347,7 +345,7 @@ class CameraPlacer:
 
     def _refined(
         self,
-        checked: Checked,
+        result: SolveResult,
         selection: Selection,
         cameras: tuple[CameraPlaced, ...],
         stay: Sequence[Camera],
@@ -357,7 +355,7 @@ class CameraPlacer:
 
         They are where the quality that counts first is greater, and each candidate that met the goal meets it still.
         """
-        table, wanted, goal = self.table, self.question.requirements, checked.requirements.goal
+        table, wanted, goal = self.table, self.question.requirements, result.requirements.goal
         average = replace(wanted, objective="mean")
 
         def value(pairs: Sequence[Pair]) -> tuple[float, float]:
@@ -411,10 +409,10 @@ class CameraPlacer:
 
 
 def _candidate(way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None) -> PlacedCandidate:
-    """A candidate by its figures. ranked: the way that `rank` takes, if that has others."""
+    """A candidate in a way by its figures. ranked: the way that `rank` takes, if that has others."""
     other = None if ranked is None else AdvisedFigures.of(ranked)
-    name, figures = way.candidate.name, vars(AdvisedFigures.of(found))
-    return PlacedCandidate(**figures, task=way.task, candidate=name, ranked=other, found=found)
+    name = way.candidate.name
+    return from_fields(PlacedCandidate, found, task=way.task, candidate=name, ranked=other, found=found)
 
 
 def refined(
@@ -430,13 +428,13 @@ def refined(
     """
     cell, ways = table.question.cell, [table.ways[number] for number in numbers]
     best = [*places, *(table.options[option] for option in table.kept)]
-    seen = [[seen_by(cell, way, [place])[0] for way in ways] for place in places]
+    seen = [[verdicts_of(cell, way, [place])[0] for way in ways] for place in places]
     seen += [[table.sees[number][option] for number in numbers] for option in table.kept]
 
     def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, float]:
         pairs: list[Pair] = []
         for number, way in enumerate(ways):
-            scene, sample, state = way.scene, way.items.sample, np.any(way.required, axis=1)
+            scene, sample, state = way.scene, way.items[0], np.any(way.required, axis=1)
             covered = sum(of_camera[number].astype(np.int64) for of_camera in each) >= way.needed
             state[sample[~covered]] = False
             steps = np.where(state[1:] & state[:-1], way.samples.steps, 0.0)
@@ -459,7 +457,7 @@ def refined(
             tried = [one for one in _around(place, 0.5**halving) if is_clear(one, rest)]
             if present >= (1.0, 1.0) or not tried:
                 continue
-            each = list(zip(*(seen_by(cell, way, tried) for way in ways), strict=True))
+            each = list(zip(*(verdicts_of(cell, way, tried) for way in ways), strict=True))
             gains = [worth([*seen[:number], one, *seen[number + 1 :]]) for one in each]
             first = max(range(len(tried)), key=gains.__getitem__)
             if gains[first] > present:

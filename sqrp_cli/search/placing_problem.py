@@ -54,14 +54,6 @@ class Requirements:
         return float(weights @ each) / total if total > 0 else 1.0
 
 
-class Group(NamedTuple):
-    """Time of a way that counts as covered if all of its rows are."""
-
-    rows: tuple[int, ...]
-    seconds: float  # all of it that formulas monitor [s]
-    of_interest: float  # what of it lies in events of interest [s]
-
-
 class FaultIntervals(NamedTuple):
     """The intervals of a way in which images may show a fault that happens in one interval of its formula."""
 
@@ -82,27 +74,19 @@ class FaultIntervals(NamedTuple):
 
 
 class CoveredWay(NamedTuple):
-    """A way as the integer program sees it."""
+    """A way as the integer program sees it; times are pairs, of events of interest and of all that is monitored [s]."""
 
-    T: float  # duration of the union of all formulas' intervals [s]
-    T_eoi: float  # duration of the union of the events of interest [s]
-    groups: tuple[Group, ...]
+    times: tuple[float, float]  # T_eoi and T, of which Q_eoi and Q_avg are shares
+    groups: Mapping[tuple[int, ...], tuple[float, float]]  # by rows: the times that count as covered if all these are
     faults: tuple[FaultIntervals, ...]
 
 
-class Hiding(NamedTuple):
-    """A site where a camera stands in the sight of others."""
+Hiding = tuple[int, tuple[int, ...], int]
+"""A site where a camera stands in the sight of others, the options at one other site from which it hides something that
+they see, and the way in whose motion it does."""
 
-    site: int  # by index
-    options: tuple[int, ...]  # at one other site: those from which it hides something that they see
-    way: int  # in which motion
-
-
-class Late(NamedTuple):
-    """A set of options with which a fault is noticed later than wished in a way, by the exact figures."""
-
-    options: tuple[int, ...]
-    way: int
+Late = tuple[tuple[int, ...], int]
+"""A set of options with which a fault is noticed later than wished in a way, by the exact figures, and the way."""
 
 
 @dataclass(frozen=True)
@@ -199,10 +183,12 @@ class Problem:
 
     def qualities(self, way: int, covered: Mask) -> tuple[float | None, float | None]:
         """Q_eoi and Q_avg of a way at most, if these rows are covered, shape (rows,)."""
-        one = self.ways[way]
-        seen = [group for group in one.groups if all(covered[row] for row in group.rows)]
-        q_eoi = min(1.0, sum(group.of_interest for group in seen) / one.T_eoi) if one.T_eoi > 0 else None
-        return q_eoi, min(1.0, sum(group.seconds for group in seen) / one.T) if one.T > 0 else None
+        seen = [times for rows, times in self.ways[way].groups.items() if all(covered[row] for row in rows)]
+        q_eoi, q_avg = (
+            min(1.0, sum(times[which] for times in seen) / total) if total > 0 else None
+            for which, total in enumerate(self.ways[way].times)
+        )
+        return q_eoi, q_avg
 
     def delay(self, way: int, covered: Mask) -> float:
         """The longest delay of a fault of a way at least, if these rows are covered [s]; 0 without faults."""
@@ -231,7 +217,7 @@ def covered_way(
     """
     scene, samples, targets = way.scene, way.samples, way.scene.targets
     item = np.full((len(samples), len(targets)), NEVER)
-    item[way.items] = np.arange(len(way.items.sample))
+    item[way.items] = np.arange(len(way.needed))
     piece, t = samples.piece.tolist(), samples.t.tolist()
     alone = np.flatnonzero(np.bincount(samples.piece)[samples.piece] == 1).tolist()
     steps = [(n, n + 1) for n in np.flatnonzero(np.diff(samples.piece) == 0).tolist()]
@@ -246,8 +232,8 @@ def covered_way(
         columns = np.flatnonzero(item[span[0]] != NEVER).tolist()
         if columns and t[span[1]] > t[span[0]]:
             key = rows.hardest(row(span, column, np.inf) for column in columns)
-            step, (seconds, of_interest) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
-            groups[key] = seconds + step, of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest
+            step, (of_interest, seconds) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
+            groups[key] = of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest, seconds + step
     asked, watched = watched_faults(scene)
     faults = []
     for fault in watched:
@@ -280,8 +266,8 @@ def covered_way(
                     rows=tuple(tuple(needed(span, tier) for span in told) for tier in tiers),
                 )
             )
-    kept = tuple(Group(key, *times) for key, times in groups.items() if NEVER not in key)
-    return CoveredWay(scene.T, scene.T_eoi, kept, tuple(faults))
+    kept = {rows: times for rows, times in groups.items() if NEVER not in rows}
+    return CoveredWay((scene.T_eoi, scene.T), kept, tuple(faults))
 
 
 def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> str:

@@ -1,4 +1,4 @@
-"""The integer program that chooses cameras and ways, solved by HiGHS: one aim after the other, each with its bound."""
+"""The integer program that chooses cameras and ways, by HiGHS: one objective after the other, each with its bound."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import field, replace
 from functools import partial
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,26 +24,17 @@ Terms = Mapping[int, float]  # a linear expression: the factor of each variable,
 Watch = Callable[[str, float | None, float], None]
 """Told what is sought, the best value so far if there is one, and the bound."""
 
-SLACK = 1e-7  # by how much a later aim may worsen an earlier one: figures of the solver are rounded
+SLACK = 1e-7  # by how much a later objective may worsen an earlier one: figures of the solver are rounded
 DELAY_STEP = 0.01  # delays are compared in whole steps [s]
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(NamedTuple):
     """What came of a program."""
 
     values: Array | None  # of the variables; None if none was found
     bound: float  # no values are better than this; minus infinity where nothing is possible at all
     proven: bool  # whether the values are the best, or it is proven that there are none
     interrupted: bool = False  # whether Ctrl-C came
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """When a search may end before its proof."""
-
-    until: float = inf  # by `time.monotonic` [s]
-    gap: float = 0.0  # of the quality that counts first, in 0..1
 
 
 @dataclass(eq=False)
@@ -77,17 +68,19 @@ class LinearProgram:
         objective: Terms,
         start: Array | None = None,
         watch: Callable[[float | None, float], None] | None = None,
-        limits: Limits | None = None,
         *,
+        until: float = inf,
+        gap: float = 0.0,
         presolve: bool = True,
     ) -> Optimum:
         """The values with the greatest objective; always the same for the same program, unless time ends.
 
-        start: values to begin with, of the first variables at least. Ctrl-C and `limits` end the search with the best
-        values so far. presolve: whether HiGHS looks for rows and variables that do not matter first. One thread solves
-        it: more would not always give the same values.
+        start: values to begin with, of the first variables at least. Ctrl-C ends the search with the best values so
+        far, and so do `until`, by `time.monotonic` [s], and a bound that is no more than `gap` above them. presolve:
+        whether HiGHS looks for rows and variables that do not matter first. One thread solves it: more would not
+        always give the same values.
         """
-        library, limits, size = _library(), limits or Limits(), len(self.whole)
+        library, size = solver_library(), len(self.whole)
         highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
         options = {
             "output_flag": False,
@@ -95,9 +88,9 @@ class LinearProgram:
             "presolve": "choose" if presolve else "off",
             "random_seed": 0,
             "mip_rel_gap": 1e-9,
-            "mip_abs_gap": max(limits.gap, 1e-9),
+            "mip_abs_gap": max(gap, 1e-9),
             "mip_feasibility_tolerance": 1e-7,
-            "time_limit": max(limits.until - monotonic(), 0.0),
+            "time_limit": max(until - monotonic(), 0.0),
         }
         for name, value in options.items():
             highs.setOptionValue(name, value)
@@ -130,19 +123,15 @@ class LinearProgram:
         reached = sum(factor * values[number] for number, factor in objective.items())
         if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
             # HiGHS 1.16 returns the start, with the figure of better values that it found before it read that.
-            return self.maximized(objective, None, watch, limits, presolve=presolve)
+            return self.maximized(objective, None, watch, until=until, gap=gap, presolve=presolve)
         bound = float(info.mip_dual_bound) if any(self.whole) else float(info.objective_function_value)
         optimal = status == library.HighsModelStatus.kOptimal
         proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
         return Optimum(values if feasible else None, bound, proven=proven, interrupted=bool(interrupted))
 
 
-def check_solver() -> None:
-    """Raises InputError where HiGHS is not installed."""
-    _library()
-
-
-def _library() -> Any:  # noqa: ANN401 # a module without types
+def solver_library() -> Any:  # noqa: ANN401 # a module without types
+    """HiGHS. Raises InputError where it is not installed."""
     with needed("placing cameras needs HiGHS, which is not installed", "pip install 'sqrp[place]'"):
         import highspy
     return highspy
@@ -154,7 +143,7 @@ def _until_interrupted(
     watch: Callable[[float | None, float], None] | None,
 ) -> Iterator[Sequence[int]]:
     """Let Ctrl-C end a search; yields a list that is then not empty."""
-    kinds = _library().cb.HighsCallbackType
+    kinds = solver_library().cb.HighsCallbackType
     came: list[int] = []
 
     def called(kind: Any, _message: str, out: Any, into: Any, _data: object) -> None:  # noqa: ANN401
@@ -175,31 +164,34 @@ def _until_interrupted(
         signal.signal(signal.SIGINT, before)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SolveResult:
-    """The best selection of a problem."""
-
-    selection: Selection | None  # None if there is none, or none was found in time
-    bound: float  # no selection has a greater quality, least or mean, in 0..1
-    proven: bool  # whether nothing is better, in every aim; or that there is no selection at all
-    fewest: int = 0  # with a goal: no fewer cameras than this meet it
-    interrupted: bool = False  # whether Ctrl-C came
-
-
 class PlacementProgram:
     """Builds and solves the integer program of a problem.
 
-    Aims, one after the other: with a goal the number of cameras; the quality that counts first; the longest delay, in
-    hundredths of a second; the price; the number of cameras; the mean quality; what each camera sees alone, added up;
-    the order of the options.
+    Objectives, one after the other: with a goal the number of cameras; the quality that counts first; the longest
+    delay, in hundredths of a second; the price; the number of cameras; the mean quality; what each camera sees alone,
+    added up; the order of the options.
 
     Where all that counts can be seen, nothing is better, and the program is a set cover: a row for each set of options
     one of which has to be chosen, and no variable for what is covered. That is tried first.
     """
 
-    def __init__(self, problem: Problem, requirements: Requirements, watch: Watch, limits: Limits) -> None:
-        """watch: told of the search. limits: when it may end before its proof."""
-        self._problem, self._requirements, self._watch, self._limits = problem, requirements, watch, limits
+    def __init__(
+        self,
+        problem: Problem,
+        requirements: Requirements,
+        watch: Watch,
+        start: Selection | None = None,
+        *,
+        until: float = inf,
+        gap: float = 0.0,
+    ) -> None:
+        """watch: told of the search. start: a selection to begin with, which may break limits.
+
+        until, gap: when the search may end before its proof, see `LinearProgram.maximized`; the gap is of the quality
+        that counts first, in 0..1.
+        """
+        self._problem, self._requirements, self._watch = problem, requirements, watch
+        self._until, self._gap = until, gap
         self._program = program = LinearProgram()
         self._x = {option: program.variable(whole=True) for option in problem.free}
         """Of each option on mounts: whether it is chosen."""
@@ -209,71 +201,89 @@ class PlacementProgram:
                 self._taken |= {way: program.variable(whole=True) for way in of_one}
                 program.row({self._taken[way]: 1.0 for way in of_one}, least=1.0, most=1.0)
         self._covered: dict[int, int] = {}  # of each row of the problem that is asked for: whether it is covered
-        self._known: tuple[Terms, Terms] | None = None
-        """The quality that counts first, and the mean, once they are expressions."""
         self._qualities: list[tuple[Terms | None, Terms | None]] = []
-        """Then: Q_eoi and Q_avg of each candidate; None where undefined."""
-        self._count = dict.fromkeys(self._x.values(), 1.0)
-        self._limit_sites()
-        self._values: Array | None = None
+        """Q_eoi and Q_avg of each candidate, once they are expressions; None where undefined."""
+        self._mean: Terms = {}  # then: the mean quality
         self._start: Array | None = None
-        self._fewest, self._bound, self._interrupted, self._proven = 0, 1.0, False, True
+        if start is not None:
+            self._start = np.zeros(len(program.whole))
+            self._start[[self._x[option] for option in start.options]] = 1.0
+            self._start[[self._taken[way] for way in start.ways if way in self._taken]] = 1.0
+        self._limit_sites()
+        self._values: Array | None = None  # the best so far
+        self.bound = 1.0  # no selection has a greater quality, least or mean, in 0..1
+        self.proven = True  # whether nothing is better in the objectives so far, or that there is no selection at all
+        self.fewest = 0  # with a goal: no fewer cameras than this meet it
+        self.interrupted = False  # whether Ctrl-C came
         self.complete = False  # whether the selection sees all that counts
 
-    def begin_with(self, selection: Selection) -> None:
-        """Let the search begin with a selection that is known: one that does not keep the limits is no harm."""
-        self._start = np.zeros(len(self._program.whole))
-        self._start[[self._x[option] for option in selection.options]] = 1.0
-        self._start[[self._taken[way] for way in selection.ways if way in self._taken]] = 1.0
+    @property
+    def options(self) -> list[int]:
+        """Those on mounts that the best selection has."""
+        values = np.zeros(len(self._program.whole)) if self._values is None else self._values
+        return [option for option, x in self._x.items() if values[x] > 0.5]
 
-    def first(self) -> SolveResult:
-        """The best selection as far as the first aims are concerned: the number with a goal, and the quality."""
-        requirements = self._requirements
+    @property
+    def selection(self) -> Selection | None:
+        """The best selection; None if there is none, or none was found in time."""
+        values = self._values
+        if values is None:
+            return None
+        ways = tuple(
+            max(of_one, key=lambda way: values[self._taken[way]] if way in self._taken else 1.0)
+            for of_one in self._problem.candidates
+        )
+        return Selection(tuple(self.options), ways)
+
+    def solve_first(self) -> Selection | None:
+        """The best selection in the first objectives: with a goal the number of cameras, and the quality."""
+        requirements, count = self._requirements, dict.fromkeys(self._x.values(), 1.0)
         if requirements.goal is not None:
             self._demand_goal()
-            count = self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
+            fewest = self._improve("fewest cameras", dict.fromkeys(count, -1.0))
             if self._values is None:
-                return self._result()
-            self._fewest = max(0, int(np.ceil(-count.bound - 1e-6)))
-            self._program.row(self._count, most=float(len(self._selection().options)))
+                self.bound = 0.0 if self.proven else self.bound
+                return None
+            self.fewest = max(0, int(np.ceil(-fewest.bound - 1e-6)))
+            self._program.row(count, most=float(len(self.options)))
         title = f"{requirements.objective} Q"
         self.complete = self._sees_all(title)
         if not self.complete:
-            self._bound = min(1.0, self._improve(title, self._expressions()[0], gap=self._limits.gap).bound)
-        return self._result()
+            terms = self._mean_quality()
+            if requirements.objective == "least":
+                least = self._program.variable()
+                for quality in (one for pair in self._qualities for one in pair if one is not None):
+                    self._program.row({least: -1.0, **quality}, least=0.0)
+                terms = {least: 1.0}
+            bound = min(1.0, self._improve(title, terms, gap=self._gap).bound)
+            self.bound = 0.0 if self._values is None and self.proven else max(0.0, bound)
+        return self.selection
 
-    def further(self) -> SolveResult:
-        """The best of the selections that `first` cannot tell apart, in all other aims; `first` has found one."""
+    def solve_further(self, known: Selection) -> Selection | None:
+        """The best of the selections that `solve_first` cannot tell apart, in all other objectives.
+
+        known: the one that it has found.
+        """
         problem = self._problem
-        at_best = self._shorten_delay() and self.complete and self._proven
-        chosen, least = self._selection().options, self._requirements.at_least(len(problem.kept))
-        price = problem.price[list(self._x)]
-        if problem.price[list(chosen)].sum() > np.sort(price)[:least].sum() + SLACK:
+        at_best = self._shorten_delay(known) and self.complete and self.proven
+        least, price = self._requirements.at_least(len(problem.kept)), problem.price[list(self._x)]
+        if problem.price[self.options].sum() > np.sort(price)[:least].sum() + SLACK:
             at_best = False
             self._improve("price", {x: -float(problem.price[option]) for option, x in self._x.items()})
-        if len(self._selection().options) > least:
+        if len(self.options) > least:
             at_best = False
             self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
         mean = replace(self._requirements, objective="mean")
-        if not self.complete and problem.worth(mean, self._selection())[0] < 1.0 - SLACK:
-            self._improve("mean Q", self._expressions()[1])
+        if not self.complete and problem.worth(mean, self.selection or known)[0] < 1.0 - SLACK:
+            self._improve("mean Q", self._mean_quality())
         if not at_best:
-            self._improve("what each sees", self._last_aim(len(self._selection().options)))
-        return self._result()
+            self._improve("what each sees", self._last_objective(len(self.options)))
+        return self.selection
 
-    def _last_aim(self, most: int) -> Terms:
+    def _last_objective(self, most: int) -> Terms:
         """What each camera sees alone, added up; then the order of the options. most: how many are chosen at most."""
         alone = {x: round(float(self._problem.alone[option]), 4) for option, x in self._x.items()}
         return {x: sees - 1e-5 * x / len(alone) / max(1, most) for x, sees in alone.items()}
-
-    def _result(self) -> SolveResult:
-        return SolveResult(
-            selection=None if self._values is None else self._selection(),
-            bound=0.0 if self._values is None and self._proven else max(0.0, self._bound),
-            proven=self._proven,
-            fewest=self._fewest,
-            interrupted=self._interrupted,
-        )
 
     def _row(self, number: int) -> int:
         """The variable of a row: whether enough of the options that see it are chosen."""
@@ -290,44 +300,48 @@ class PlacementProgram:
         seen = [self._x[option] for option in np.flatnonzero(rows.sees[number]).tolist() if option in self._x]
         return rows.needed[number] - int(rows.sees[number][kept].sum()), seen
 
-    def _of_way(self, way: int) -> list[int]:
+    def _if_taken(self, way: int, factor: float = 1.0) -> dict[int, float]:
         """The variable that says whether a way is taken; none where it is the only one."""
-        return [self._taken[way]] if way in self._taken else []
+        return {self._taken[way]: factor} if way in self._taken else {}
+
+    def _not_all(self, *parts: Terms) -> None:
+        """Let not all of some parts be so: variables of which one at most is 1, or none where a part always is so."""
+        some = [part for part in parts if part]
+        self._program.row({variable: 1.0 for part in some for variable in part}, most=len(some) - 1.0)
 
     def _sees_all(self, title: str) -> bool:
         """Demand that all is seen that any quality counts, and choose so, if that is possible.
 
-        It is chosen by the last aim, so that nothing is left to improve where the aims between are at their best then.
+        It is chosen by the last objective, so that nothing is left to improve where the others are at their best then.
         """
-        rows, variables, parts = len(self._program.rows), len(self._program.whole), ("of_interest", "seconds")
-        if self._demand_all((one, quality) for one in self._problem.candidates for quality in parts):
-            start = self._start if self._values is None else self._values
+        rows, variables = len(self._program.rows), len(self._program.whole)
+        if self._demand_all((one, which) for one in self._problem.candidates for which in (0, 1)):
             self._watch(title, None, 1.0)
+            start = self._start if self._values is None else self._values
             most = len(self._x) if self._requirements.most is None else self._requirements.most
-            limits = Limits(until=self._limits.until)  # rows that follow from others are left out already
-            found = self._program.maximized(self._last_aim(most), start, None, limits, presolve=False)
-            self._interrupted |= found.interrupted
+            # Rows that follow from others are left out already.
+            found = self._program.maximized(self._last_objective(most), start, until=self._until, presolve=False)
+            self.interrupted |= found.interrupted
             if found.values is not None:
-                self._values, self._proven = found.values, self._proven and found.proven
+                self._values, self.proven = found.values, self.proven and found.proven
                 return True
         del self._program.rows[rows:], self._program.whole[variables:]
         return False
 
-    def _demand_all(self, qualities: Iterable[tuple[Sequence[int], str]]) -> bool:
+    def _demand_all(self, qualities: Iterable[tuple[Sequence[int], int]]) -> bool:
         """Let candidates have all of some qualities in the way that is taken; whether each has a way that may.
 
-        qualities: the ways of a candidate, and the part of groups that is counted: `of_interest` or `seconds`.
+        qualities: the ways of a candidate, and which of the `CoveredWay.times` is counted.
         """
         problem, demanded = self._problem, dict[int | None, set[int]]()
-        for of_one, quality in qualities:
+        for of_one, which in qualities:
             may = False
             for number in of_one:
                 way, taken = problem.ways[number], self._taken.get(number)
-                groups = [group for group in way.groups if getattr(group, quality) > 0.0]
-                total = way.T_eoi if quality == "of_interest" else way.T
-                if sum(getattr(group, quality) for group in groups) >= total * (1.0 - SLACK):
+                groups = {rows: times[which] for rows, times in way.groups.items() if times[which] > 0.0}
+                if sum(groups.values()) >= way.times[which] * (1.0 - SLACK):
                     may = True
-                    demanded.setdefault(taken, set()).update(row for group in groups for row in group.rows)
+                    demanded.setdefault(taken, set()).update(row for rows in groups for row in rows)
                 elif taken is not None:
                     self._program.row({taken: 1.0}, most=0.0)
             if not may:
@@ -340,37 +354,32 @@ class PlacementProgram:
                     self._program.row(dict.fromkeys(seen, 1.0) | unless, least=0.0 if unless else float(still))
         return True
 
-    def _expressions(self) -> tuple[Terms, Terms]:
-        """The quality that counts first, and the mean, as expressions."""
-        if self._known is not None:
-            return self._known
+    def _mean_quality(self) -> Terms:
+        """The mean quality as an expression; then `_qualities` are known, too."""
+        if self._qualities:
+            return self._mean
         problem, program, mean = self._problem, self._program, dict[int, float]()
         total = max(float(problem.weights.sum()), 1e-12)
         for weight, of_one in zip(problem.weights.tolist(), problem.candidates, strict=True):
             counted = [
-                (program.all_of([*map(self._row, group.rows), *self._of_way(way)]), problem.ways[way], group)
+                (program.all_of([*map(self._row, rows), *self._if_taken(way)]), problem.ways[way].times, times)
                 for way in of_one
-                for group in problem.ways[way].groups
+                for rows, times in problem.ways[way].groups.items()
             ]
             pair: list[Terms | None] = []
-            for part, whole in (("of_interest", "T_eoi"), ("seconds", "T")):
+            for which in (0, 1):
                 terms: dict[int, float] = {}
-                for variable, way, group in counted:
-                    if getattr(group, part):
-                        terms[variable] = terms.get(variable, 0.0) + getattr(group, part) / getattr(way, whole)
-                defined = getattr(problem.ways[of_one[0]], whole) > 0  # all ways have the same formulas
+                for variable, whole, times in counted:
+                    if times[which]:
+                        terms[variable] = terms.get(variable, 0.0) + times[which] / whole[which]
+                defined = problem.ways[of_one[0]].times[which] > 0  # all ways have the same formulas
                 pair.append(terms if defined else None)
             self._qualities.append((pair[0], pair[1]))
             known = [terms for terms in pair if terms is not None]
             for variable, factor in (item for terms in known for item in terms.items()):
                 mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
-        first: Terms = mean
-        if self._requirements.objective == "least":
-            first = {(least := program.variable()): 1.0}
-            for quality in (one for pair in self._qualities for one in pair if one is not None):
-                program.row({least: -1.0, **quality}, least=0.0)
-        self._known = first, mean
-        return self._known
+        self._mean = mean
+        return mean
 
     def _limit_sites(self) -> None:
         """One camera at a site, none that are in each other's or the robot's way, number and budget."""
@@ -382,21 +391,19 @@ class PlacementProgram:
             program.row(terms, most=1.0)
         for first, second in sorted(problem.apart):
             if first in at and second in at:
-                program.row({**at[first], **at[second]}, most=1.0)
+                self._not_all(at[first], at[second])
         for site, way in sorted(problem.blocked):
             if site in at:
-                program.row({**at[site], **dict.fromkeys(self._of_way(way), 1.0)}, most=float(way in self._taken))
-        for hiding in sorted(problem.hiding):
-            seeing = {self._x[option]: 1.0 for option in hiding.options if option in self._x}
-            both = {**at.get(hiding.site, {}), **seeing, **dict.fromkeys(self._of_way(hiding.way), 1.0)}
-            free = (hiding.site in at) + bool(seeing)  # a camera that stays is always there, to hide and to see
-            program.row(both, most=float(free - 1 + (hiding.way in self._taken)))
-        for late in sorted(problem.late):
-            exactly = {x: 1.0 if option in late.options else -1.0 for option, x in self._x.items()}
-            exactly |= dict.fromkeys(self._of_way(late.way), 1.0)
-            program.row(exactly, most=len(late.options) - 1.0 + (late.way in self._taken))
+                self._not_all(at[site], self._if_taken(way))
+        for site, options, way in sorted(problem.hiding):  # a camera that stays is always there, to hide and to see
+            seeing = {self._x[option]: 1.0 for option in options if option in self._x}
+            self._not_all(at.get(site, {}), seeing, self._if_taken(way))
+        for options, way in sorted(problem.late):
+            exactly = {x: 1.0 if option in options else -1.0 for option, x in self._x.items()}
+            program.row(exactly | self._if_taken(way), most=len(options) - 1.0 + (way in self._taken))
         limit = inf if requirements.most is None else float(requirements.most)
-        program.row(self._count, least=float(requirements.at_least(len(problem.kept))), most=limit)
+        least = float(requirements.at_least(len(problem.kept)))
+        program.row(dict.fromkeys(self._x.values(), 1.0), least=least, most=limit)
         if requirements.budget is not None:
             prices = {x: float(problem.price[option]) for option, x in self._x.items()}
             program.row(prices, most=requirements.budget + 1e-9)
@@ -405,22 +412,19 @@ class PlacementProgram:
         """Let every candidate reach the goal."""
         goal, problem = self._requirements.goal, self._problem
         assert goal is not None  # noqa: S101 - the caller has looked
-        parts = ((goal.q_eoi, "of_interest"), (goal.q_avg, "seconds"))
-        whole = [quality for least, quality in parts if least is not None and least >= 1.0]
-        if not self._demand_all((one, quality) for one in problem.candidates for quality in whole):
+        stated = [(which, least) for which, least in enumerate((goal.q_eoi, goal.q_avg)) if least is not None]
+        whole = [which for which, least in stated if least >= 1.0]
+        if not self._demand_all((one, which) for one in problem.candidates for which in whole):
             self._program.row({}, least=1.0)
-        for which, (least, quality) in enumerate(parts):
-            if least is not None and quality not in whole:
-                self._expressions()
+        for which, least in stated:
+            if which not in whole:
+                self._mean_quality()
                 for terms in filter(None, (pair[which] for pair in self._qualities)):
                     self._program.row(terms, least=least - SLACK)
         if goal.delay is not None:
             self._no_later_than(goal.delay)
-            late = problem.least_delays > goal.delay + SLACK
-            for way, option in np.argwhere(late).tolist():
-                chosen = {self._x[option]: 1.0} if option in self._x else {}
-                most = (way in self._taken) - (option in problem.kept)
-                self._program.row({**chosen, **dict.fromkeys(self._of_way(way), 1.0)}, most=float(most))
+            for way, option in np.argwhere(problem.least_delays > goal.delay + SLACK).tolist():
+                self._not_all({} if option in problem.kept else {self._x[option]: 1.0}, self._if_taken(way))
 
     def _no_later_than(self, delay: float) -> None:
         """Let every fault of the ways that are taken be noticed within a delay [s], as far as the problem knows.
@@ -444,30 +448,28 @@ class PlacementProgram:
                 else:
                     if (key := tuple(sorted(enough))) not in demanded:
                         demanded.add(key)
-                        taken = dict.fromkeys(self._of_way(way), -1.0)
+                        taken = self._if_taken(way, -1.0)
                         self._program.row({**enough, **taken}, least=0.0 if taken else 1.0)
 
     def _improve(self, title: str, terms: Terms, gap: float = 0.0) -> Optimum:
-        """Improve one aim, keep the values if there are better ones, and let no later aim worsen it."""
+        """Improve one objective, keep the values if there are better ones, and let no later one worsen it."""
         start = self._start if self._values is None else self._values
         found = Optimum(None, inf, proven=False, interrupted=True)
-        if not self._interrupted:
-            limits = Limits(until=self._limits.until, gap=gap)
-            found = self._program.maximized(terms, start, partial(self._watch, title), limits)
-        self._interrupted |= found.interrupted
-        self._proven &= found.proven
+        if not self.interrupted:
+            found = self._program.maximized(terms, start, partial(self._watch, title), until=self._until, gap=gap)
+        self.interrupted |= found.interrupted
+        self.proven &= found.proven
         if found.values is not None:
             self._values = found.values
             self._program.row(terms, least=sum(factor * self._values[n] for n, factor in terms.items()) - SLACK)
         return found
 
-    def _shorten_delay(self) -> bool:
+    def _shorten_delay(self, known: Selection) -> bool:
         """The shortest longest delay, by bisection over the values that it can have; each step is a program.
 
-        Whether the selection had the shortest that any selection can have.
+        Whether the known selection has the shortest that any selection can have.
         """
         problem = self._problem
-        present = problem.worth(self._requirements, self._selection())[1]
         some = [
             fault.least(np.full(len(fault.begin), tier)).ravel()
             for way in problem.ways
@@ -476,33 +478,23 @@ class PlacementProgram:
         ]
         values = np.unique(np.ceil(np.concatenate([np.zeros(0), *some]) / DELAY_STEP - 1e-6) * DELAY_STEP)
         values = values[np.isfinite(values) & (values >= problem.quickest - SLACK)]
-        low, high = 0, int(np.searchsorted(values, present - SLACK))
+        low, high = 0, int(np.searchsorted(values, problem.worth(self._requirements, known)[1] - SLACK))
         at_best = high == 0
-        rows, variables, known = len(self._program.rows), len(self._program.whole), dict(self._covered)
-        while low < high and not self._interrupted:
+        rows, variables, covered = len(self._program.rows), len(self._program.whole), dict(self._covered)
+        while low < high and not self.interrupted:
             middle = high - 1 if high == len(values) else (low + high) // 2  # first whether all can be seen at all
             self._no_later_than(float(values[middle]))
             self._watch("delay", float(values[high]) if high < len(values) else None, float(values[low]))
-            found = self._program.maximized({}, limits=Limits(until=self._limits.until))
-            self._interrupted |= found.interrupted
+            found = self._program.maximized({}, until=self._until)
+            self.interrupted |= found.interrupted
             del self._program.rows[rows:], self._program.whole[variables:]
-            self._covered = dict(known)
+            self._covered = dict(covered)
             if found.values is not None:
                 self._values, high = found.values[:variables], middle
             elif found.proven:
                 low = middle + 1
             else:
-                self._proven, low = False, high
+                self.proven, low = False, high
         if high < len(values):
             self._no_later_than(float(values[high]))
         return at_best
-
-    def _selection(self) -> Selection:
-        values = self._values
-        assert values is not None  # noqa: S101 - it is asked for once there are some
-        options = tuple(option for option, x in self._x.items() if values[x] > 0.5)
-        ways = tuple(
-            max(of_one, key=lambda way: values[self._taken[way]] if way in self._taken else 1.0)
-            for of_one in self._problem.candidates
-        )
-        return Selection(options, ways)

@@ -121,27 +121,17 @@ class Compared(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WithFewer(Record):
-    """What one camera less could do."""
+class Alternative(Record):
+    """What another number of cameras could do."""
 
     cameras: int
     """How many."""
     objective: float
     """The best quality that was found, least or mean, in 0..1."""
-    bound: float
-    """No choice of so many has more."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpareCost(Record):
-    """What would do if no camera could fail."""
-
-    cameras: int
-    """How many."""
-    price: float
-    """Of all of them."""
-    objective: float
-    """The quality that counts first, in 0..1."""
+    bound: float | None = field(default=None, metadata=LEFT_OUT)
+    """Of one camera less: no choice of so many has more."""
+    price: float | None = field(default=None, metadata=LEFT_OUT)
+    """If no camera could fail: of all of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +187,7 @@ class PlaceDocument(WorkspaceDocument):
     gap: float = 0.0
     """Between both; 0 where they differ by less than 0.05 points: nothing better exists."""
     proven: bool = False
-    """Whether nothing better exists in any aim, or that nothing meets `want`."""
+    """Whether nothing better exists in any objective, or that nothing meets `want`."""
     proof: str = ""
     """The same in words."""
     too_slow: bool
@@ -213,13 +203,13 @@ class PlaceDocument(WorkspaceDocument):
     """Of all cameras on mounts."""
     fewest: int | None = None
     """Fewer cameras than this do not meet `want`; null without one."""
-    fewer: WithFewer | None = None
+    fewer: Alternative | None = None
     """What one camera less could do; null if there cannot be fewer."""
     floor: FewestPossible | None
     """How many there have to be; null if any number will do."""
     reason: str = ""
     """Why no cameras can be chosen at all; empty if some can."""
-    without_spare: SpareCost | None = None
+    without_spare: Alternative | None = None
     """With `survive`: what would do if no camera could fail."""
     candidates: tuple[PlacedCandidate, ...] = ()
     """The exact figures of each, those of `sqrp score` for the patched workspace unless `ranked` says others."""
@@ -369,7 +359,7 @@ def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
         sentences.append(f"Fewer than {number} do not reach {found.want} in {about}.")
     if found.fewer is not None:
         fewer = in_words(found.fewer.cameras)
-        sentences.append(f"With {fewer}, in {about}, it is at most {100 * found.fewer.bound:.1f} %.")
+        sentences.append(f"With {fewer}, in {about}, it is at most {100 * (found.fewer.bound or 0.0):.1f} %.")
     return " ".join(sentences)
 
 

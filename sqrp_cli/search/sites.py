@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,15 +29,7 @@ from sqrp_cli.task.task import Candidate
 
 EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
 MOST_WAYS = 6  # most ways of a candidate to choose from
-_TOGETHER = 48  # installations judged as one piece of work
 _PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in every state, to bound the memory
-
-
-class Items(NamedTuple):
-    """What has to be seen of a way: n pairs of a sample and a target, by index."""
-
-    sample: Indices  # shape (n,)
-    target: Indices  # shape (n,)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,14 +41,15 @@ class JudgedWay(SampledScene):
     swept: SceneStates  # where everything is in all of the first samples, which do not depend on cameras
 
     @cached_property
-    def items(self) -> Items:
-        """What has to be seen in the samples."""
-        return Items(*np.nonzero(self.required))
+    def items(self) -> tuple[Indices, Indices]:
+        """What has to be seen: n pairs of a sample and a target, by index, shape (n,) each."""
+        sample, target = np.nonzero(self.required)
+        return sample, target
 
     @cached_property
     def needed(self) -> Indices:
         """How many cameras must see each item, shape (n,)."""
-        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items.target]
+        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items[1]]
 
 
 def judged(cell: Cell, task: str, candidate: Candidate, scene: PlannedMotion) -> JudgedWay:
@@ -148,34 +140,25 @@ def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Ite
         yield from (Installation(spot, X_FC, at, up, lens) for lens in spot.lenses)
 
 
-class ViewBatch(NamedTuple):
-    """A piece of the work: what some installations see in a way."""
-
-    way: JudgedWay
-    places: Sequence[Installation]
-
-
-def view_batches(way: JudgedWay, places: Sequence[Installation]) -> list[ViewBatch]:
-    """All of the work for a way."""
-    return [ViewBatch(way, places[first : first + _TOGETHER]) for first in range(0, len(places), _TOGETHER)]
-
+ViewBatch = tuple[JudgedWay, Sequence[Installation]]
+"""A piece of the work: what some installations see in a way."""
 
 Verdicts = Callable[[Sequence[ViewBatch]], Iterable[tuple[int, Mask]]]
 """Where verdicts come from, processes, a cluster, or a run before this one: of every batch its number, in any order,
-and what it shows, as `seen_by`."""
+and what it shows, as `verdicts_of`."""
 
 
-def seen_locally(cell: Cell, jobs: int, parts: Sequence[ViewBatch]) -> Iterator[tuple[int, Mask]]:
+def local_verdicts(cell: Cell, jobs: int, batches: Sequence[ViewBatch]) -> Iterator[tuple[int, Mask]]:
     """See `Verdicts`: by as many processes of this machine."""
-    yield from enumerate(in_processes(lambda part: seen_by(cell, *part), parts, min(jobs, len(parts))))
+    yield from enumerate(in_processes(lambda one: verdicts_of(cell, *one), batches, min(jobs, len(batches))))
 
 
-def seen_by(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
+def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:
     """Whether each installation sees each item of a way, shape (installations, items).
 
     Those with one pose are looked at together, as what hides a box does not depend on the lens.
     """
-    sees = np.zeros((len(places), len(way.items.sample)), dtype=bool)
+    sees = np.zeros((len(places), len(way.needed)), dtype=bool)
     for frame in dict.fromkeys(one.spot.frame for one in places) if sees.size else ():
         rows = [row for row, one in enumerate(places) if one.spot.frame == frame]
         poses = {id(places[row].X_FC): places[row].X_FC for row in rows}

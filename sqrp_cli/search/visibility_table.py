@@ -28,11 +28,10 @@ from sqrp_cli.search.sites import (
     hidden_by,
     installations_at,
     judged,
+    local_verdicts,
     middle_of,
-    seen_locally,
     touching_pairs,
     varied,
-    view_batches,
 )
 from sqrp_cli.study.assessment import Analysis, Observed, all_observed, with_delays
 from sqrp_cli.study.fault_sights import least_fault_delays
@@ -45,6 +44,7 @@ from sqrp_cli.task.feasibility import impossible_start
 from sqrp_cli.task.task import Task
 
 MOST_ADDED = 24  # most samples that are added to a way at once where nothing is covered, besides those at changes
+_JUDGED_TOGETHER = 48  # installations judged as one piece of work
 _TOGETHER = 200  # options whose delays are looked at together, to bound the memory
 
 
@@ -200,7 +200,7 @@ class VisibilityTable:
         """
         each = []
         for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
-            sample, scene = way.items.sample, way.scene
+            (sample, _), scene = way.items, way.scene
             covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
             for item in range(len(sample)):
                 covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
@@ -254,9 +254,10 @@ class VisibilityTable:
         after = replace(way, samples=way.samples.joined(more.samples, order))
         first, both = len(way.samples), np.concatenate([self.sees[number], self._verdicts([more])[0]], axis=-1)
         columns = np.zeros((len(order), len(way.scene.targets)), dtype=np.int64)  # of `both`, by sample and target
-        samples = np.concatenate([way.items.sample, first + more.items.sample])
-        columns[samples, np.concatenate([way.items.target, more.items.target])] = np.arange(both.shape[1])
-        self.sees[number] = both[:, columns[order[after.items.sample], after.items.target]]
+        (sample, target), (new_sample, new_target), (of_after, target_after) = way.items, more.items, after.items
+        known_targets = np.concatenate([target, new_target])
+        columns[np.concatenate([sample, first + new_sample]), known_targets] = np.arange(both.shape[1])
+        self.sees[number] = both[:, columns[order[of_after], target_after]]
         self.ways[number] = after
         return True
 
@@ -272,7 +273,7 @@ class VisibilityTable:
                 if (hidden & self.sees[number][other]).any():
                     there = np.flatnonzero(self.site == at)
                     seeing = there[(self.sees[number][there] & hidden).any(axis=1)]
-                    found.add(Hiding(place, tuple(seeing.tolist()), number))
+                    found.add((place, tuple(seeing.tolist()), number))
         self._hiding |= found
         return bool(found)
 
@@ -287,7 +288,7 @@ class VisibilityTable:
             needed = way.needed + failure_tolerance
             known: set[int] = set()
             for item in np.flatnonzero(sees.sum(axis=0) < needed).tolist():
-                sample, target = int(way.items.sample[item]), int(way.items.target[item])
+                sample, target = (int(of[item]) for of in way.items)
                 if target not in known:
                     known.add(target)
                     yield UnseenTarget(
@@ -301,16 +302,14 @@ class VisibilityTable:
 
     def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
         """Which options see which items of some ways."""
-        verdicts = self.question.verdicts or partial(seen_locally, self.question.cell, 1)
-        batches = [view_batches(way, self.options) for way in ways]
-        found: dict[int, Mask] = {}
-        with self._progress("Looking from every mount", sum(map(len, batches))) as advance:
-            for number, sees in verdicts([batch for of_way in batches for batch in of_way]):
-                found[number] = sees
+        verdicts = self.question.verdicts or partial(local_verdicts, self.question.cell, 1)
+        numbers = range(len(ways))
+        starts = [(n, start) for n in numbers for start in range(0, len(self.options), _JUDGED_TOGETHER)]
+        sees = [np.zeros((len(self.options), len(way.needed)), dtype=bool) for way in ways]
+        batches = [(ways[n], self.options[start : start + _JUDGED_TOGETHER]) for n, start in starts]
+        with self._progress("Looking from every mount", len(batches)) as advance:
+            for index, found in verdicts(batches):
+                n, start = starts[index]
+                sees[n][start : start + len(found)] = found
                 advance(1)
-        numbers = iter(range(len(found)))
-        empty = [np.zeros((0, len(way.items.sample)), dtype=bool) for way in ways]
-        return [
-            np.concatenate([none, *(found[next(numbers)] for _ in of_way)])
-            for none, of_way in zip(empty, batches, strict=True)
-        ]
+        return sees

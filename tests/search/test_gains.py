@@ -9,7 +9,7 @@ import numpy as np
 from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.light import Light
 from sqrp_cli.cell.mounts import LensChoice, Spot
-from sqrp_cli.search.sites import Installation, Items, seen_by
+from sqrp_cli.search.sites import Installation, verdicts_of
 from sqrp_cli.sight.observer import Observer
 from tests.sight.visibility.test_lighting import ABOVE, CUBE, GREEN, STATES
 
@@ -21,7 +21,8 @@ LENSES = [
 WAY = SimpleNamespace(
     scene=SimpleNamespace(targets=[SimpleNamespace(boxes=(CUBE,))]),
     states=STATES,
-    items=Items(np.array([0]), np.array([0])),
+    items=(np.array([0]), np.array([0])),
+    needed=np.array([1]),
 )
 
 
@@ -31,7 +32,7 @@ def seen(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bo
         mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
     )
     cell = SimpleNamespace(observer=Observer((), (), lights))
-    return seen_by(cell, WAY, [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses])[:, 0].tolist()
+    return verdicts_of(cell, WAY, [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses])[:, 0].tolist()
 
 
 def test_light_is_judged_with_the_gain_of_each_lens_in_any_order() -> None:

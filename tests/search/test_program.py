@@ -14,15 +14,12 @@ from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_problem import (
     CoveredWay,
     FaultIntervals,
-    Group,
-    Hiding,
-    Late,
     Problem,
     Requirements,
     Rows,
     Selection,
 )
-from sqrp_cli.search.placing_program import Limits, LinearProgram, PlacementProgram
+from sqrp_cli.search.placing_program import LinearProgram, PlacementProgram
 
 
 def knapsack(count: int, seed: int = 0) -> tuple[LinearProgram, np.ndarray, np.ndarray]:
@@ -86,18 +83,19 @@ def random_problem(rng: np.random.Generator) -> Problem:
         rows.needed.append(1 + int(rng.random() < 0.2))
 
     def way() -> CoveredWay:
-        groups = tuple(
-            Group(tuple(sorted({*rng.integers(ROWS, size=2).tolist()})), seconds, seconds * float(rng.integers(2)))
+        groups = {
+            tuple(sorted({*rng.integers(ROWS, size=2).tolist()})): (seconds * float(rng.integers(2)), seconds)
             for seconds in rng.random(5).tolist()
-        )
-        groups = (*groups, Group((int(rng.integers(ROWS)),), 0.5, 0.5))
+        }
+        groups[(int(rng.integers(ROWS)),)] = 0.5, 0.5
         fault = FaultIntervals(
             first=np.arange(1.0, 4.0),
             begin=np.arange(1.0, 6.0),
             end=np.arange(2.0, 7.0),
             rows=(tuple((int(row),) for row in rng.integers(ROWS, size=5)),),
         )
-        return CoveredWay(sum(g.seconds for g in groups), sum(g.of_interest for g in groups), groups, (fault,))
+        of_interest, seconds = map(sum, zip(*groups.values(), strict=True))
+        return CoveredWay((of_interest, seconds), groups, (fault,))
 
     site = rng.integers(SITES, size=OPTIONS)
     other = int(rng.integers(OPTIONS))
@@ -114,8 +112,8 @@ def random_problem(rng: np.random.Generator) -> Problem:
         kept=frozenset(rng.integers(OPTIONS, size=rng.integers(2)).tolist()),
         apart=frozenset({(0, 1), (0, SITES)}),  # at the last site there is no option
         blocked=frozenset({(int(rng.integers(SITES)), int(rng.integers(4)))}),
-        hiding=frozenset({Hiding(0, (other,), 1)} if site[other] else ()),
-        late=frozenset({Late(late, int(rng.integers(4)))}),
+        hiding=frozenset({(0, (other,), 1)} if site[other] else ()),
+        late=frozenset({(late, int(rng.integers(4)))}),
         least_delays=rng.random((4, OPTIONS)),
     )
 
@@ -132,16 +130,14 @@ def every_selection(problem: Problem, wanted: Requirements) -> Iterator[Selectio
             for ways in () if clash or dear else product(*problem.candidates):
                 together = {*chosen, *problem.kept}
                 blocked = any((site, way) in problem.blocked for site in sites for way in ways)
-                hides = any(
-                    one.way in ways and one.site in sites and together & {*one.options} for one in problem.hiding
-                )
-                late = any(one.options == chosen and one.way in ways for one in problem.late)
+                hides = any(w in ways and site in sites and together & {*seeing} for site, seeing, w in problem.hiding)
+                late = any(options == chosen and way in ways for options, way in problem.late)
                 if not (blocked or hides or late):
                     yield Selection(chosen, ways)
 
 
 def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, ...]:
-    """What a selection is worth in every aim, the least the best."""
+    """What a selection is worth in every objective, the least the best."""
     quality, delay = problem.worth(wanted, one)
     mean = problem.worth(replace(wanted, objective="mean"), one)[0]
     options = list(one.options)
@@ -184,17 +180,17 @@ def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(s
         goal = Goal(q_avg=q_avg) if seed % 3 == 1 else Goal(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
         wanted = replace(wanted, goal=goal)
         known = [one for one in known if meets(problem, goal, one)]
-    program = PlacementProgram(problem, wanted, lambda *_: None, Limits())
-    found = program.first()
-    assert found.proven
-    assert (found.selection is None) == (not known)
-    if found.selection is None:
+    program = PlacementProgram(problem, wanted, lambda *_: None)
+    first = program.solve_first()
+    assert program.proven
+    assert (first is None) == (not known)
+    if first is None:
         return
-    found = program.further()
-    assert found.proven
-    assert found.selection is not None
+    found = program.solve_further(first)
+    assert program.proven
+    assert found is not None
     best = min(known, key=lambda one: key(problem, wanted, one))
-    assert key(problem, wanted, found.selection) == pytest.approx(key(problem, wanted, best), abs=2e-5)
-    assert found.bound == pytest.approx(problem.worth(wanted, best)[0], abs=1e-5)
+    assert key(problem, wanted, found) == pytest.approx(key(problem, wanted, best), abs=2e-5)
+    assert program.bound == pytest.approx(problem.worth(wanted, best)[0], abs=1e-5)
     if wanted.goal is not None:
-        assert found.fewest == len(best.options)
+        assert program.fewest == len(best.options)

@@ -115,7 +115,7 @@ def _best_pair(placer: CameraPlacer) -> float:
 def _allowed(problem: Problem) -> Iterator[tuple[int, int]]:
     """The pairs that may stand together, each camera also with itself."""
     site = problem.site.tolist()
-    hiding = {(hidden.site, option) for hidden in problem.hiding for option in hidden.options}
+    hiding = {(place, option) for place, options, _ in problem.hiding for option in options}
     free = [option for option in problem.free if site[option] not in problem.shut]
     yield from ((option, option) for option in free)
     for a, b in combinations(free, 2):

@@ -15,13 +15,13 @@ from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.errors import bad_input, bad_option, expected_names
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.score.kept import Results
-from sqrp_cli.score.looks import seen_before, seen_by_cluster
+from sqrp_cli.score.looks import cluster_verdicts, kept_verdicts
 from sqrp_cli.search.goal import FewestPossible, Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
-from sqrp_cli.search.placing_program import Watch, check_solver
+from sqrp_cli.search.placing_program import Watch, solver_library
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
-from sqrp_cli.search.sites import Verdicts, seen_locally
+from sqrp_cli.search.sites import Verdicts, local_verdicts
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.task.candidate import split_steps
 from sqrp_cli.task.task import read_task
@@ -41,7 +41,7 @@ def find_placement(
     watch: told what is sought, the best value so far and the bound. content: of the workspace file, where it is not
     that on the disk. Raises InputError for a request that cannot be read, and a folder that cannot be used.
     """
-    check_solver()
+    solver_library()  # says at once that it is missing
     workspace = cell.workspace
     mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
     for name in request.keep:
@@ -65,11 +65,11 @@ def find_placement(
         fastest=request.ways == "fastest",
     )
     with closing(Results(means.out)) as results:
-        verdicts: Verdicts = partial(seen_locally, cell, means.jobs)
+        verdicts: Verdicts = partial(local_verdicts, cell, means.jobs)
         if means.cluster is not None:
-            verdicts = partial(seen_by_cluster, means.cluster, workspace, cell.seed)
+            verdicts = partial(cluster_verdicts, means.cluster, workspace, cell.seed)
         if results.folder is not None:
-            verdicts = partial(seen_before, results, workspace, cell.seed, verdicts)
+            verdicts = partial(kept_verdicts, results, workspace, cell.seed, verdicts)
         seconds = inf if request.time is None else request.time
         asked = replace(question, verdicts=verdicts)
         placer = CameraPlacer(asked, request.progress, watch, seconds=seconds, gap=0.01 * request.gap)

@@ -188,7 +188,7 @@ def _print_price(found: PlaceDocument) -> None:
     without = found.without_spare
     if without is None:
         return
-    more, dearer = len(found.cameras) - without.cameras, found.price - without.price
+    more, dearer = len(found.cameras) - without.cameras, found.price - (without.price or 0.0)
     worse = without.objective - found.objective
     costs = [f"{in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
     costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
