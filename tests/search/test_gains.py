@@ -32,7 +32,8 @@ def seen(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bo
         mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
     )
     cell = SimpleNamespace(observer=Observer((), (), lights))
-    return verdicts_of(cell, WAY, [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses])[:, 0].tolist()
+    places = [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses]
+    return verdicts_of(cell, WAY, places)[:, 0].tolist()
 
 
 def test_light_is_judged_with_the_gain_of_each_lens_in_any_order() -> None:
