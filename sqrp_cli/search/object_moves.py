@@ -16,7 +16,8 @@ from sqrp_cli.search.question import Found, ProposedChange, Question
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import with_delays
 from sqrp_cli.study.in_the_way import hidden_views, to_move
-from sqrp_cli.study.whole_study import WholeAnalysis, qualities_of, whole_observed
+from sqrp_cli.study.quality import qualities_over
+from sqrp_cli.study.whole_study import WholeAnalysis, mean_qualities, whole_observed
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -68,9 +69,11 @@ class ObjectMove:
             if change.size and self._fits(change):
                 cell, world = question.cell, change.in_world(question.world)
                 seen = whole_observed(cell, question.way, world, question.sampling, full=False)
-                if not isinstance(seen, Infeasible) and question.goal.may_be_met(qualities_of(seen)):
+                if not isinstance(seen, Infeasible):
                     time = sum(step.motion.time for step in seen)
-                    if question.goal.time is None or time <= question.goal.time:
+                    found = mean_qualities((qualities_over(step.timeline), step.T, step.T_eoi) for step in seen)
+                    in_time = question.goal.time is None or time <= question.goal.time
+                    if in_time and question.goal.may_be_met(found):
                         study = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
                         met = question.goal.met(study.assessment)
             self._known[change.values] = met

@@ -37,26 +37,15 @@ WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
 """Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
 
 
-class ExplainedStep(NamedTuple):
-    """A feasible step with all that its figures were computed from."""
-
-    result: CandidateResult
-    """With the figures of the study."""
-    study: Analysis
-
-
 class Explained(NamedTuple):
-    """A candidate of one step or several, with all that its figures were computed from."""
+    """A candidate with all that its figures were computed from."""
 
     result: CandidateResult
     """With the figures of the studies."""
-    steps: tuple[ExplainedStep, ...]
-    """Each step, also where there is only one; none if the candidate is infeasible."""
-
-    @property
-    def study(self) -> Analysis | None:
-        """Of a candidate of one step; None if it is infeasible."""
-        return self.steps[0].study if self.steps else None
+    study: Analysis | None = None
+    """Of a feasible candidate of one step."""
+    steps: tuple[Explained, ...] = ()
+    """Of a feasible candidate of several steps, each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,34 +125,22 @@ class RankJob(RankSettings):
     def explain(self, known: CandidateResult) -> Explained:
         """A candidate with the full study of each of its steps, and the figures from these."""
         if not known.feasible:
-            return Explained(described(known), ())
-        if not known.steps:
-            alone = self._explained(known)
-            return Explained(alone.result, (alone,))
-        steps: list[ExplainedStep] = []
-        world = self.world
-        for step in known.steps:
-            steps.append(replace(self, world=world)._explained(replace(step, rank=1, pareto=True)))
-            world = world_after(step.way, steps[-1].study.motion, world)
-        found = assessment_of_all(known.candidate, [step.result for step in steps])
-        result = replace(found, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
-        return Explained(described(result), tuple(steps))
-
-    def _explained(self, known: CandidateResult) -> ExplainedStep:
-        """A feasible candidate of one step with the full study of its way, and the figures from that."""
-        found = study(self.cell, known.way, self.world, self.sampling, full=True)
-        if isinstance(found, Infeasible):
-            raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-        result = replace(
-            found.assessment(verdict(self.cell, found)),
-            candidate=known.candidate,
-            best_way=known.best_way,
-            rank=known.rank,
-            pareto=known.pareto,
-            ways=known.ways,
-            q_expected=expected_quality(self.cell, found),
-        )
-        return ExplainedStep(described(result), found)
+            return Explained(described(known))
+        study_of_way, steps, world = None, list[Explained](), self.world
+        if known.steps:
+            for step in known.steps:
+                steps.append(replace(self, world=world).explain(replace(step, rank=1, pareto=True)))
+                assert steps[-1].study is not None  # noqa: S101 - the whole is feasible
+                world = world_after(step.way, steps[-1].study.motion, world)
+            result = assessment_of_all(known.candidate, [step.result for step in steps])
+        else:
+            found = study(self.cell, known.way, self.world, self.sampling, full=True)
+            if isinstance(found, Infeasible):
+                raise ValueError(f"{known.candidate.name} was feasible a moment ago")
+            study_of_way, figures = found, found.assessment(verdict(self.cell, found))
+            result = replace(figures, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
+        result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
+        return Explained(described(result), study_of_way, tuple(steps))
 
 
 def described(one: CandidateResult) -> CandidateResult:

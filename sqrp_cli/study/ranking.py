@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import inf
 
@@ -34,13 +34,10 @@ def rank(results: Sequence[CandidateResult], by: Criterion) -> tuple[CandidateRe
 
 
 def _in_order(feasible: Sequence[CandidateResult], by: Criterion) -> list[CandidateResult]:
-    columns = _columns(feasible, by)
-
-    def key(one: CandidateResult) -> tuple[list[float], list[tuple[float, str]]]:
-        values = one.candidate.parameters.values()
-        return _compared(one, columns), [(0.0, value) if isinstance(value, str) else (value, "") for value in values]
-
-    return sorted(feasible, key=key)
+    values = [one.candidate.parameters.values() for one in feasible]
+    words = [[(0.0, value) if isinstance(value, str) else (value, "") for value in own] for own in values]
+    keys = list(zip(_compared(feasible, by), words, strict=True))
+    return [feasible[place] for place in sorted(range(len(feasible)), key=keys.__getitem__)]
 
 
 def contenders(results: Sequence[CandidateResult], by: Criterion) -> list[bool]:
@@ -48,21 +45,15 @@ def contenders(results: Sequence[CandidateResult], by: Criterion) -> list[bool]:
 
     by: no criterion of delays.
     """
-    columns = _columns(results, by)
-    values = [_compared(one, columns) for one in results]
-    first = min(values)
-    return [own == first or _undominated(one, results) for own, one in zip(values, results, strict=True)]
+    values = _compared(results, by)
+    return [own == min(values) or _undominated(one, results) for own, one in zip(values, results, strict=True)]
 
 
-def _columns(feasible: Sequence[CandidateResult], by: Criterion) -> list[_Figure]:
-    """What is compared, in order: all that no candidate lacks."""
+def _compared(feasible: Sequence[CandidateResult], by: Criterion) -> list[list[float]]:
+    """The figures of each as they are compared in order, the least the best: all that none of them lacks."""
     columns: list[_Figure] = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], lambda one: one.latest]
-    return [column for column in columns if all(column(one) is not None for one in feasible)]
-
-
-def _compared(one: CandidateResult, columns: Sequence[_Figure]) -> list[float]:
-    """The figures of columns as they are compared, the least the best."""
-    return [compared_time(value) for column in columns if (value := column(one)) is not None]
+    known = [column for column in columns if all(column(one) is not None for one in feasible)]
+    return [[compared_time(column(one) or 0.0) for column in known] for one in feasible]
 
 
 def winners(feasible: Sequence[CandidateResult], by: Criterion) -> Counter[str]:
@@ -82,32 +73,21 @@ def compared_time(seconds: float) -> float:
     return round(seconds, _TIME_DECIMALS)
 
 
-def _rounded(quality: float | None) -> float | None:
-    """A quality as it is compared, negated because less is better in every column."""
-    return None if quality is None else -compared_quality(quality)
-
-
-def _expected_time(one: CandidateResult) -> float | None:
-    """After the worst of the retried faults: the others do not complete the task. Infinite like `_delay`."""
-    times = [one.faults[name].expected_time or inf for name in one.retried]
-    return (inf if one.unseen else max(times)) if times else None
-
-
-def _delay(one: CandidateResult) -> float | None:
-    """Of the worst fault, on average; infinite where a fault may never be noticed."""
-    if one.unseen:
-        return inf
-    return max((fault.delay_mean or 0.0 for fault in one.faults.values()), default=None)
+def _longest(one: CandidateResult, times: Iterable[float | None]) -> float | None:
+    """The longest of times about faults; infinite where a fault may never be noticed, None without times."""
+    found = [inf if one.unseen else time or 0.0 for time in times]
+    return max(found, default=None)
 
 
 _CRITERIA: dict[Criterion, _Figure] = {
-    "q_eoi": lambda one: _rounded(one.q_eoi),
-    "q_avg": lambda one: _rounded(one.q_avg),
+    "q_eoi": lambda one: None if one.q_eoi is None else -compared_quality(one.q_eoi),
+    "q_avg": lambda one: None if one.q_avg is None else -compared_quality(one.q_avg),
     "time": lambda one: one.time,
-    "delay": _delay,
-    "expected_time": _expected_time,
+    "delay": lambda one: _longest(one, (fault.delay_mean for fault in one.faults.values())),
+    # After the retried faults: the others do not complete the task.
+    "expected_time": lambda one: _longest(one, (one.faults[name].expected_time for name in one.retried)),
 }
-"""What each criterion compares; less is better."""
+"""What each criterion compares; less is better, so that qualities are negative."""
 
 
 def criterion_figure(one: CandidateResult, by: Criterion) -> float | None:
@@ -121,14 +101,10 @@ def criterion_figure(one: CandidateResult, by: Criterion) -> float | None:
 
 def _undominated(one: CandidateResult, others: Sequence[CandidateResult]) -> bool:
     """Whether none of the others is at least as good in qualities and time, and better in one."""
-
-    def objectives(one: CandidateResult) -> tuple[float | None, ...]:
-        time = None if one.time is None else compared_time(one.time)
-        return _rounded(one.q_avg), _rounded(one.q_eoi), time
-
-    own = objectives(one)
-    for other in map(objectives, others):
-        pairs = [(a, b) for a, b in zip(other, own, strict=True) if a is not None and b is not None]
+    criteria: tuple[Criterion, ...] = ("q_avg", "q_eoi", "time")
+    for other in others:
+        figures = ((_CRITERIA[name](other), _CRITERIA[name](one)) for name in criteria)
+        pairs = [(compared_time(a), compared_time(b)) for a, b in figures if a is not None and b is not None]
         if all(a <= b for a, b in pairs) and any(a < b for a, b in pairs):
             return False
     return True

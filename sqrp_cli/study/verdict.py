@@ -6,9 +6,8 @@ Which literal is lost when, by which camera, behind what, who sees it before and
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from math import acos, cos, degrees, radians
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, Reason
 from sqrp_cli.sight.observer import sees_all
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failing
@@ -69,45 +69,44 @@ _ADVICE = {
     Cause.TOO_BRIGHT: "lower the gain of {camera} or dim {by}",
 }
 
+_CHANGED = frozenset(
+    (Cause.BEHIND, Cause.OUT_OF_IMAGE, Cause.TOO_NEAR, Cause.TOO_FAR, Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR)
+)
+"""The limits for which changes of a camera are tried: turns for the first two, moves for the others."""
+
 _OTHER_WAY = ", or try another approach"
 """What is left out where all ways were tried already, and where a skill goes nowhere in more ways than one."""
 
 
 @dataclass(frozen=True)
-class Turn:
-    """A turn of a camera about its lens, whole degrees in all."""
+class CameraChange:
+    """A turn of a camera about its lens, or a move along its optical axis."""
 
-    up: float
+    up: float = 0.0
     """[deg]; negative: down."""
-    right: float
-    """[deg]; negative: left."""
+    right: float = 0.0
+    """[deg]; negative: left. First it turns to the right, then up, by whole degrees in all."""
+    back: float = 0.0
+    """Whole centimetres [m]; negative: closer."""
 
     @property
     def angle(self) -> float:
-        """The angle in all [deg]."""
+        """The angle of the turn in all [deg]."""
         up, right = cos(radians(self.up)), cos(radians(self.right))
         return degrees(acos(min(max(0.5 * (up + right + up * right - 1.0), -1.0), 1.0)))  # of the rotation's trace
 
     @property
-    def rotation(self) -> Array:
-        """The turned optical frame in the one before: first to the right, then up; shape (3, 3)."""
-        return axis_rotation(1, np.radians(self.right)) @ axis_rotation(0, np.radians(self.up))
+    def X_CD(self) -> Array:
+        """The changed optical frame in the one before, shape (4, 4)."""
+        turned = axis_rotation(1, np.radians(self.right)) @ axis_rotation(0, np.radians(self.up))
+        return pose(turned, np.array([0.0, 0.0, -self.back]))
 
     def __str__(self) -> str:
+        if self.back:
+            return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
         sides = ((self.right, "to the right", "to the left"), (self.up, "up", "down"))
         words = [back if value < 0 else forth for value, forth, back in sides if abs(value) > 0.1 * self.angle]
         return f"turn {{camera}} {self.angle:.0f} deg {' and '.join(words)}"
-
-
-@dataclass(frozen=True)
-class Shift:
-    """A move of a camera along its optical axis, whole centimetres."""
-
-    back: float
-    """[m]; negative: closer."""
-
-    def __str__(self) -> str:
-        return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +119,7 @@ class CameraCause(Reason):
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
     """Whether the camera sees the target for a part of the stretch."""
-    change: Turn | Shift | None = None
+    change: CameraChange | None = None
     """With which enough cameras see the target in all samples of the stretch in which it is lost, if one was found."""
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
@@ -174,7 +173,7 @@ class BlindStretch:
             return f"{self.atom} needs {cameras} it, but there {there}, {when}"
         if self.needed > 1:
             # No single camera is to blame, and each may see the target for a while.
-            seen = f"; {', '.join(self.seeing)} {_see(self.seeing)} it" if self.seeing else ""
+            seen = f"; {_who_see(self.seeing)} it" if self.seeing else ""
             return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
         nearest, *others = self.causes
         sentence = f"{nearest.sentence(_SENTENCES, self.atom)} {when}"
@@ -182,7 +181,7 @@ class BlindStretch:
             return sentence
         both = self.before == self.after
         times = [(self.before, "before and after")] if both else [(self.before, "before"), (self.after, "after")]
-        around = ", ".join(f"{', '.join(names)} {_see(names)} it {word}" for names, word in times if names)
+        around = ", ".join(f"{_who_see(names)} it {word}" for names, word in times if names)
         return f"{sentence}, and no other camera makes up for it ({_listed(others)}){around and f'; {around}'}"
 
     @property
@@ -195,14 +194,9 @@ class BlindStretch:
             return nearest.sentence(_ADVICE, self.atom)
         return str(nearest.change).format(camera=nearest.camera)
 
-    @property
-    def tried(self) -> bool:
-        """Whether the advice was tried, and closes the gap."""
-        return bool(self.causes) and self.causes[0].change is not None
 
-
-def _see(cameras: Sequence[str]) -> str:
-    return "sees" if len(cameras) == 1 else "see"
+def _who_see(cameras: Sequence[str]) -> str:
+    return f"{', '.join(cameras)} {'sees' if len(cameras) == 1 else 'see'}"
 
 
 def _listed(causes: Sequence[CameraCause]) -> str:
@@ -227,7 +221,8 @@ def verdict(cell: Cell, study: Analysis) -> str:
         stated = any(not parameter.implicit for parameter in skill.motion_parameters)
         tried = study.candidate.branch or not (skill.waypoints or stated)
         advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
-        sentences = f"{lost}{advice and (_HELP if lost.tried else _MAY_HELP)}{advice}."
+        was_tried = bool(lost.causes) and lost.causes[0].change is not None
+        sentences = f"{lost}{advice and (_HELP if was_tried else _MAY_HELP)}{advice}."
     ways = ", ".join(study.motion.remarks)
     return sentences + (f" On the way {ways}." if ways else "")
 
@@ -336,37 +331,21 @@ def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
     return causes
 
 
-@lru_cache(maxsize=64)
-def _angles_of_view(camera: Camera) -> tuple[float, ...]:
-    """Up to which angle from its axis a camera shows what is to the right, left, top and bottom, by half degrees."""
-    angles = np.radians(np.arange(0.0, 90.0, 0.5))
-    sides = np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
-    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
-    shown = np.minimum.accumulate(Projection(camera).shows(rays), axis=1)
-    return tuple(float(angles[max(row.sum() - 1, 0)]) for row in shown)
-
-
 def _least_change(
     cell: Cell, study: Analysis, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
-) -> dict[str, Turn | Shift]:
+) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 
-    A turn brings the corners of all boxes within the image, a move brings them within the range. Whether enough cameras
-    then see the target is asked of the observer, in all samples of the run `rows` in which too few do.
+    Whether enough cameras then see the target is asked of the observer, in all samples of the run `rows` in which too
+    few do.
     """
-    target, of_cause = loss.target, {cause.camera: cause.limit for cause in causes}
-
-    def with_cause(*some: Cause) -> list[Camera]:
-        return [camera for camera in cell.observer.cameras if of_cause.get(camera.name) in some]
-
-    outside = with_cause(Cause.BEHIND, Cause.OUT_OF_IMAGE)
-    aside = with_cause(Cause.TOO_NEAR, Cause.TOO_FAR, Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR)
-    if not (outside or aside):
+    target, limits = loss.target, {cause.camera: cause.limit for cause in causes}
+    if not _CHANGED.intersection(limits.values()):
         return {}
     seen = study.timeline.observation
     rows = rows[seen.required[rows, loss.column] & ~seen.covered[rows, loss.column]]
     states = study.stage.states(study.timeline.samples.some(rows))
-    others = dict.fromkeys(of_cause, np.zeros(len(rows), dtype=np.int64))
+    others = dict.fromkeys(limits, np.zeros(len(rows), dtype=np.int64))
     lost = np.ones(len(rows), dtype=bool)
     if target.cameras > 1:
         (present,) = cell.observer.verdicts([target], states, shares=False, culprits=False)
@@ -374,51 +353,54 @@ def _least_change(
         lost = sees.sum(axis=1) < target.cameras
         for number, camera in enumerate(cell.observer.cameras):
             others[camera.name] = sees.sum(axis=1) - sees[:, number]
-    poses = [np.broadcast_to(states.box_poses(box), (len(rows), 4, 4))[lost] for box in target.boxes]
-    corners_W = np.concatenate(
-        [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)], 1
-    )
-
-    def inside(cameras: Sequence[Camera]) -> Array:
-        """The world in c cameras, shape (c, m, 4, 4)."""
-        X_WC = [np.broadcast_to(states.camera_poses(camera), (len(rows), 4, 4))[lost] for camera in cameras]
-        return inverse(np.array(X_WC).reshape(len(cameras), int(lost.sum()), 4, 4))
-
-    def beyond(seen: Array, upper: Array, lower: Array) -> Array:
-        """By how much angles (c, m, n) are beyond those that each camera shows, shape (c,) [rad]."""
-        over = np.maximum(seen.max(axis=(1, 2)) - upper, 0.0)
-        by: Array = np.where(over > 0.0, over, np.minimum(seen.min(axis=(1, 2)) + lower, 0.0))
-        return by
-
-    tried: list[tuple[float, Camera, Turn | Shift, Array]] = []
-    right, left, top, bottom = np.array(list(map(_angles_of_view, outside))).reshape(-1, 4).T
-    x, y, z = np.moveaxis(transform(inside(outside), corners_W), -1, 0)
-    sideways = np.arctan2(x, z)
-    pan = beyond(sideways, right, left)
-    tilt = beyond(np.arctan2(-y, np.hypot(x, z) * np.cos(sideways - pan[:, None, None])), top, bottom)
-    for camera, *angles in zip(outside, *np.degrees([tilt, pan]).tolist(), strict=True):
-        least = Turn(*angles)
-        if 0.0 < least.angle <= _MOST_TURN:
-            whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
-            turn = Turn(whole * least.up, whole * least.right)
-            tried.append((turn.angle, camera, turn, pose(turn.rotation)))
-    for camera in aside:
-        (X_CW,) = inside([camera])
-        z = transform(X_CW, corners_W)[..., 2]
-        back, closer = camera.near - z.min(), z.max() - camera.far
-        for X, box in zip(poses, target.boxes, strict=True):
-            x, y, depth = np.moveaxis(transform(X_CW, X[:, None, :3, 3])[:, 0], -1, 0)
-            near, far = (np.sqrt(np.maximum(edge**2 - x**2 - y**2, 0.0)) - depth for edge in box.limits.distance)
-            back, closer = max(back, near.max()), max(closer, -far.min())
-        shift = Shift(float(np.ceil(100 * back - 1e-6) / 100 if back > 0 else -np.ceil(100 * closer - 1e-6) / 100))
-        if 0.0 < abs(shift.back) <= _MOST_SHIFT:
-            moved = pose(position=np.array([0.0, 0.0, -shift.back]))
-            tried.append((_MOST_TURN + abs(shift.back), camera, shift, moved))  # a turn is less than any move
     items = np.arange(len(rows)), np.zeros(len(rows), dtype=np.int64)
-    for _, camera, change, X_CD in sorted(tried, key=lambda one: one[0])[:_TRIED]:
+    changes = _changes(cell.observer.cameras, limits, target, states, lost)
+    for camera, change in sorted(changes, key=lambda one: (abs(one[1].back), one[1].angle))[:_TRIED]:
         missing = target.cameras - others[camera.name]
-        poses_FC = (camera.X_FC @ X_CD)[None]
-        ((then,),) = cell.observer.seen_from([camera], poses_FC, [target], states, *items, decisive=missing > 0)
+        X_FD = (camera.X_FC @ change.X_CD)[None]
+        ((then,),) = cell.observer.seen_from([camera], X_FD, [target], states, *items, decisive=missing > 0)
         if bool(np.all(then >= missing)):
             return {camera.name: change}
     return {}
+
+
+def _changes(
+    cameras: Sequence[Camera], limits: Mapping[str, Cause], target: Target, states: SceneStates, lost: Mask
+) -> Iterator[tuple[Camera, CameraChange]]:
+    """Least changes of cameras by the limits that they miss: what may let each see a target in the states `lost`.
+
+    A turn brings the corners of all boxes within the image, a move brings them within the range.
+    """
+    poses = [np.broadcast_to(states.box_poses(box), (len(lost), 4, 4))[lost] for box in target.boxes]
+    corners = [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)]
+    # Of a camera its angles of view, to the right, left, top and bottom, by half degrees.
+    angles, sides = np.radians(np.arange(0.0, 90.0, 0.5)), np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
+    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
+
+    def beyond(seen: Array, upper: float, lower: float) -> float:
+        """By how much angles are beyond those that a camera shows [rad]."""
+        return float(max(seen.max() - upper, 0.0) or min(seen.min() + lower, 0.0))
+
+    for camera in cameras:
+        limit = limits.get(camera.name, Cause.NONE)
+        X_CW = inverse(np.broadcast_to(states.camera_poses(camera), (len(lost), 4, 4))[lost])
+        x, y, z = np.moveaxis(transform(X_CW, np.concatenate(corners, axis=1)), -1, 0)
+        if limit in (Cause.BEHIND, Cause.OUT_OF_IMAGE):
+            shown = np.minimum.accumulate(Projection(camera).shows(rays), axis=1).sum(axis=1)
+            right, left, top, bottom = angles[np.maximum(shown - 1, 0)].tolist()
+            sideways = np.arctan2(x, z)
+            pan = beyond(sideways, right, left)
+            tilt = beyond(np.arctan2(-y, np.hypot(x, z) * np.cos(sideways - pan)), top, bottom)
+            least = CameraChange(degrees(tilt), degrees(pan))
+            if 0.0 < least.angle <= _MOST_TURN:
+                whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
+                yield camera, CameraChange(float(whole * least.up), float(whole * least.right))
+        elif limit in _CHANGED:
+            back, closer = camera.near - z.min(), z.max() - camera.far
+            for X, box in zip(poses, target.boxes, strict=True):
+                x, y, depth = np.moveaxis(transform(X_CW, X[:, None, :3, 3])[:, 0], -1, 0)
+                near, far = (np.sqrt(np.maximum(edge**2 - x**2 - y**2, 0.0)) - depth for edge in box.limits.distance)
+                back, closer = max(back, near.max()), max(closer, -far.min())
+            move = np.ceil(100 * back - 1e-6) if back > 0 else -np.ceil(100 * closer - 1e-6)
+            if 0.0 < abs(move) <= 100 * _MOST_SHIFT:
+                yield camera, CameraChange(back=float(move / 100))

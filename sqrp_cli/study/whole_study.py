@@ -5,22 +5,24 @@ How the figures of the whole follow from those of its steps is on the page of nu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.figures import Figures, Qualities
+from sqrp_cli.figures import Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
-from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.task.candidate import Candidate, whole_candidate
 from sqrp_cli.task.feasibility import feasible_motion
+
+if TYPE_CHECKING:
+    from sqrp_cli.program.record import Step
 
 
 class StepShown(NamedTuple):
@@ -51,7 +53,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
         reasons = reasons_of_step(candidate, len(done), last.reasons)
         return replace(CandidateResult.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
     times = [one.time or 0.0 for one in done]
-    seen = mean_qualities(done, done)
+    seen = mean_qualities((one, one.t_total, one.t_eoi) for one in done)
     return CandidateResult(
         candidate=candidate,
         feasible=True,
@@ -76,28 +78,17 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
         verdict=_verdict(done),
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
-            mean_qualities(draw, done) for draw in zip(*(one.recalibrated for one in done), strict=True)
+            mean_qualities((drawn, one.t_total, one.t_eoi) for drawn, one in zip(draw, done, strict=True))
+            for draw in zip(*(one.recalibrated for one in done), strict=True)
         ),
         best_way=whole_candidate(candidate.skill, [one.way for one in done]),
         steps=tuple(done),
     )
 
 
-class SeenStep(Protocol):
-    """What tells how well a step is seen."""
-
-    @property
-    def q_eoi(self) -> float | None:
-        """In 0..1; None without an event of interest."""
-
-    @property
-    def q_avg(self) -> float | None:
-        """In 0..1; None where no formula applies."""
-
-
-def worst_seen(steps: Sequence[SeenStep]) -> int:
+def worst_seen(steps: Sequence[Qualities] | Sequence[Step]) -> int:
     """The index of the step that is seen worst, by Q_eoi, then Q_avg; of several the first."""
-    return min(range(len(steps)), key=lambda index: (_worth(steps[index].q_eoi), _worth(steps[index].q_avg)))
+    return min(range(len(steps)), key=lambda index: _worth(steps[index]))
 
 
 def world_left(cell: Cell, assessment: CandidateResult, world: World) -> World | None:
@@ -108,33 +99,31 @@ def world_left(cell: Cell, assessment: CandidateResult, world: World) -> World |
     return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
 
 
-def mean_quality(parts: Sequence[tuple[float | None, float | None]]) -> float | None:
+def mean_quality(parts: Iterable[tuple[float | None, float | None]]) -> float | None:
     """The mean of qualities, each weighted by the time that it is about; None where there is no such time."""
     known = [(quality, time) for quality, time in parts if quality is not None and time]
     total = sum(time for _, time in known)
     return min(1.0, sum(quality * time for quality, time in known) / total) if known else None
 
 
-def mean_qualities(seen: Sequence[SeenStep], steps: Sequence[Figures]) -> Qualities:
-    """The qualities of the whole from those of its steps; steps: with the times that these are about."""
-    pairs = list(zip(seen, steps, strict=True))
-    return Qualities(
-        mean_quality([(one.q_avg, step.t_total) for one, step in pairs]),
-        mean_quality([(one.q_eoi, step.t_eoi) for one, step in pairs]),
-    )
+def mean_qualities(steps: Iterable[tuple[Qualities, float | None, float | None]]) -> Qualities:
+    """The qualities of the whole from those of its steps, each with the times T and T_eoi that it is about [s]."""
+    seen, T, T_eoi = zip(*steps, strict=True)
+    q_avg, q_eoi = [one.q_avg for one in seen], [one.q_eoi for one in seen]
+    return Qualities(mean_quality(zip(q_avg, T, strict=True)), mean_quality(zip(q_eoi, T_eoi, strict=True)))
 
 
 def _verdict(done: Sequence[CandidateResult]) -> str:
     """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
-    numbered = sorted(enumerate(done, 1), key=lambda one: (_worth(one[1].q_eoi), _worth(one[1].q_avg), one[0]))
-    losing = [(n, one) for n, one in numbered if min(_worth(one.q_eoi), _worth(one.q_avg)) < 1.0]
+    numbered = sorted(enumerate(done, 1), key=lambda one: _worth(one[1]))
+    losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
     if not losing:
         return done[0].verdict
     return " ".join(f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing)
 
 
-def _worth(quality: float | None) -> float:
-    return 1.0 if quality is None else quality
+def _worth(seen: Qualities | Step) -> tuple[float, ...]:
+    return tuple(1.0 if quality is None else quality for quality in (seen.q_eoi, seen.q_avg))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +165,3 @@ def whole_observed(
         if len(done) < len(way.steps):
             world = world_after(step, motion, world)
     return tuple(done)
-
-
-def qualities_of(steps: Sequence[Observed]) -> Qualities:
-    """How well the steps of a way are seen, in all."""
-    return Qualities(
-        mean_quality([(qualities_over(step.timeline).q_avg, step.T) for step in steps]),
-        mean_quality([(qualities_over(step.timeline).q_eoi, step.T_eoi) for step in steps]),
-    )

@@ -38,7 +38,7 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
 
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
     assignment, whole = explained
-    study = whole.steps[0].study
+    study = whole.study
     shown = Sketch.of(assignment.cell, study).seen_by(assignment.cell)
     assert shown.t == study.timeline.samples.t.tolist()
     assert shown.q_avg == pytest.approx(whole.result.q_avg)
@@ -75,7 +75,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
     assignment, whole = explained
-    sketch = Sketch.of(assignment.cell, whole.steps[0].study)
+    sketch = Sketch.of(assignment.cell, whole.study)
     camera = assignment.cell.workspace.cameras["cam1"]
     there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
     move = Move(kind="camera", name="cam1", position=there)

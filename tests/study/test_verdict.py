@@ -18,14 +18,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.assessment import Analysis, observed_again, study
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.verdict import (
-    BlindStretch,
-    CameraCause,
-    Turn,
-    explain_stretch,
-    stretches,
-    verdict,
-)
+from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
 from sqrp_cli.task.task import read_task
 
 CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
@@ -153,7 +146,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
 
 def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
     cause = CameraCause(camera="eye", cause="out_of_image", by="left", figure=0.0, partly=False)
-    for turn, advice in ((None, ""), (Turn(-3.0, 0.0), "turn eye 3 deg down")):
+    for turn, advice in ((None, ""), (CameraChange(-3.0), "turn eye 3 deg down")):
         blind = BlindStretch(0.0, 1.0, Atom("seen"), (replace(cause, change=turn),), (), 1)
         assert "eye has seen outside its image (left)" in str(blind)
         assert blind.advice == advice
@@ -180,18 +173,16 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         t = found.timeline.samples.t
         stretch = explain_stretch(before, found, max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]]))
         sentence = verdict(before, found)
-        assert (f"It would help to {stretch.advice}." in sentence) == stretch.tried
-        assert stretch.tried or "would help" not in sentence
-        if not stretch.tried:
+        change = stretch.causes[0].change if stretch.causes else None
+        assert (f"It would help to {stretch.advice}." in sentence) == (change is not None)
+        if change is None:
+            assert "would help" not in sentence
             continue
         words = re.fullmatch(r"(turn|move) (\w+) (\d+) (deg|cm) (.+)", stretch.advice)
         assert words is not None
         assert words[2] == camera
-        change = stretch.causes[0].change
-        if isinstance(change, Turn):
-            X_CD = np.eye(4)
-            X_CD[:3, :3] = change.rotation
-        else:
+        X_CD = change.X_CD
+        if words[1] == "move":
             X_CD = np.eye(4)
             X_CD[2, 3] = 0.01 * int(words[3]) * {"back": -1, "closer": 1}[words[5]]
         said.add(words[1] if words[1] == "turn" else words[5])
@@ -236,7 +227,7 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
         return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
 
     nearest = stretch.causes[0]
-    assert isinstance(nearest.change, Turn)
+    assert nearest.change is not None
     assert nearest.camera in closing(nearest.change.angle)
     assert not closing(nearest.change.angle - 1.5)
     assert f"turn {nearest.camera} {nearest.change.angle:.0f} deg " in stretch.advice

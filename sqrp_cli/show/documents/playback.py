@@ -69,7 +69,7 @@ class PlayedCandidate(CandidateStudy):
             formulas=[one for part in parts for one in part.formulas],
             cameras=steps[0].cameras,
             without_camera={
-                name: mean_qualities([step.without_camera[name] for step in steps], steps)
+                name: mean_qualities((step.without_camera[name], step.t_total, step.t_eoi) for step in steps)
                 for name in steps[0].without_camera
             },
             targets={name: one for part in parts for name, one in part.targets.items()},

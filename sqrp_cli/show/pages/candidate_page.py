@@ -152,16 +152,17 @@ def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, p
 
 def playback(assignment: RankJob, explained: Explained) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
-    return packed(played(assignment, explained)) if explained.steps else None
+    return packed(played(assignment, explained)) if explained.result.feasible else None
 
 
 def played(assignment: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `study_shown`."""
     cell, sampling = assignment.cell, assignment.sampling
-    studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in explained.steps]
-    several = len(studies) > 1
-    figures = explained.result
-    return PlayedCandidate.of_steps(figures, studies) if several else PlayedCandidate.of_candidate(studies[0])
+    parts = explained.steps or (explained,)
+    studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in parts]
+    if explained.steps:
+        return PlayedCandidate.of_steps(explained.result, studies)
+    return PlayedCandidate.of_candidate(studies[0])
 
 
 STEP = 1e-4  # coordinates of meshes are given in multiples of this [m]
