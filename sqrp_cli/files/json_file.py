@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite, too_deep
@@ -23,14 +23,6 @@ LONGEST_NAME = 60  # most characters of a key in messages
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
 _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
-
-
-class JsonDocument(SourceDocument):
-    """The content of a JSON file, with the place of every key and value."""
-
-    def name(self, path: KeyPath) -> str:
-        """As `json_name`."""
-        return json_name(path)
 
 
 def json_name(path: KeyPath) -> str:
@@ -52,17 +44,17 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
 
     def unique(pairs: list[tuple[str, Any]]) -> Data:
         if len(data := dict(pairs)) < len(pairs):
-            raise _Unfit
+            raise ValueError
         return data
 
     def number(text: str) -> float:
         if not math.isfinite(value := float(text)):
-            raise _Unfit
+            raise ValueError
         return value
 
     def whole(text: str) -> int:
         if len(text) > MAX_DIGITS:
-            raise _Unfit
+            raise ValueError
         return int(text)
 
     try:
@@ -71,42 +63,31 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
             for bracket in _BRACKET.finditer(text):
                 depth += (bracket[0] in "[{") - (bracket[0] in "]}")
                 if depth > MAX_DEPTH:
-                    raise _Unfit
+                    raise ValueError
         return json.loads(text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number)
     except json.JSONDecodeError as error:
         message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:].removesuffix(' at')}"
         raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None
-    except _Unfit:
-        raise InputError(_unfit(path, text, line)) from None
+    except ValueError:
+        raise InputError(_not_accepted(path, text, line)) from None
 
 
-def json_document(path: Path, text: str, data: Data) -> JsonDocument:
+def json_document(path: Path, text: str, data: Data) -> SourceDocument:
     """A parsed JSON text with the place of every key and value, to report problems in it."""
     keys: dict[KeyPath, Place] = {}
     values: dict[KeyPath, Place] = {}
-    for token in _tokens(path, text, 1):
-        (keys if token.is_key else values)[token.path] = token.place
-        if not token.is_key:
-            keys.setdefault(token.path, token.place)
-    return JsonDocument(path=path, content=text.encode(), data=data, keys=keys, values=values)
+    for _, at, is_key, place in _tokens(path, text, 1):
+        (keys if is_key else values)[at] = place
+        if not is_key:
+            keys.setdefault(at, place)
+    return SourceDocument(path, text.encode(), data, keys, values, named=json_name)
 
 
-class _Unfit(Exception):  # noqa: N818
-    """A JSON text has a value that is not accepted."""
+def _tokens(path: Path, text: str, line: int) -> Iterator[tuple[str, KeyPath, bool, Place]]:
+    """The keys and values of a JSON text, in order; up to the damage if it is damaged.
 
-
-class _Token(NamedTuple):
-    """A key, or the beginning of a value."""
-
-    text: str
-    path: KeyPath
-    """The path to it."""
-    is_key: bool
-    place: Place
-
-
-def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
-    """The keys and values of a JSON text, in order; up to the damage if it is damaged."""
+    Of each: its text, or its beginning, the path to it, whether it is a key, and its place.
+    """
     keys: list[str | int | None] = []  # in each list the index, in each object the key, None before it
     begin, done = 0, 0
     for match in _TOKEN.finditer(text):
@@ -126,29 +107,29 @@ def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
                     keys[-1] = str(json.loads(sign))
                 except ValueError:
                     keys[-1] = sign
-            yield _Token(sign, tuple(key for key in keys if key is not None), is_key, place)
+            yield sign, tuple(key for key in keys if key is not None), is_key, place
             if not is_key and sign in "[{":
                 keys.append(0 if sign == "[" else None)
 
 
-def _unfit(path: Path, text: str, line: int) -> Problem:
+def _not_accepted(path: Path, text: str, line: int) -> Problem:
     """The first key or value that is not accepted."""
     seen: set[KeyPath] = set()
-    for token in _tokens(path, text, line):
-        if len(token.path) >= MAX_DEPTH and token.text in "[{":
-            return too_deep(token.place, MAX_DEPTH)
-        name = json_name(token.path)
-        if token.is_key and token.path in seen:
-            return Problem("duplicate-key", f"`{name}`: this key is given twice", token.place)
-        if token.is_key:
-            seen.add(token.path)
-        if token.text.startswith('"'):
+    for found, at, is_key, place in _tokens(path, text, line):
+        if len(at) >= MAX_DEPTH and found in "[{":
+            return too_deep(place, MAX_DEPTH)
+        name = json_name(at)
+        if is_key and at in seen:
+            return Problem("duplicate-key", f"`{name}`: this key is given twice", place)
+        if is_key:
+            seen.add(at)
+        if found.startswith('"'):
             continue
-        unsigned = token.text.lstrip("-")
-        if unsigned.isdigit() and len(token.text) > MAX_DIGITS:
-            message = f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
-            return Problem("not-finite", f"`{name}`: {message}" if name else message, token.place)
-        endless = unsigned[:1].isdigit() and not unsigned.isdigit() and math.isinf(as_number(token.text))
+        unsigned = found.lstrip("-")
+        if unsigned.isdigit() and len(found) > MAX_DIGITS:
+            message = f"found a number of {len(found):,} digits, expected at most {MAX_DIGITS}"
+            return Problem("not-finite", f"`{name}`: {message}" if name else message, place)
+        endless = unsigned[:1].isdigit() and not unsigned.isdigit() and math.isinf(as_number(found))
         if endless or unsigned in ("NaN", "Infinity"):
-            return not_finite(token.place, token.text, name)
+            return not_finite(place, found, name)
     return Problem("json-syntax", "this is no JSON that is accepted", Place(path, line))

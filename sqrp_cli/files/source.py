@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,11 @@ KeyPath = tuple[str | int, ...]  # keys and list indices from the top of a docum
 LeafValue = str | float | int | bool | None
 
 Data = dict[str, Any]  # a mapping of a file: nested dicts, lists, text, numbers, booleans and None
+
+
+def dotted(path: KeyPath) -> str:
+    """How messages name a key: `cameras.cam1.rate`."""
+    return ".".join(map(str, path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +37,8 @@ class SourceDocument:
     """Start of each value's text."""
     within: KeyPath = ()
     """Of a part of a file, its path, which messages put before those of keys."""
+    named: Callable[[KeyPath], str] = dotted
+    """How messages name a key."""
 
     def part(self, at: KeyPath) -> SourceDocument:
         """The mapping at a path, as a document of its own."""
@@ -39,7 +46,7 @@ class SourceDocument:
             {path[len(at) :]: place for path, place in places.items() if path[: len(at)] == at}
             for places in (self.keys, self.values)
         )
-        return SourceDocument(self.path, self.content, self.at(at), keys, values, (*self.within, *at))
+        return SourceDocument(self.path, self.content, self.at(at), keys, values, (*self.within, *at), self.named)
 
     @property
     def folder(self) -> Path:
@@ -67,8 +74,8 @@ class SourceDocument:
         return found
 
     def name(self, path: KeyPath) -> str:
-        """How messages name a key."""
-        return dotted((*self.within, *path))
+        """The same, also of a part."""
+        return self.named((*self.within, *path))
 
     def key_place(self, path: KeyPath) -> Place:
         """The place of a key; for a missing key, that of the mapping that should have it."""
@@ -87,11 +94,6 @@ class SourceDocument:
     def error(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> InputError:
         """The error of that problem alone."""
         return InputError(self.problem(code, path, message, mend))
-
-
-def dotted(path: KeyPath) -> str:
-    """How messages name a key: `cameras.cam1.rate`."""
-    return ".".join(map(str, path))
 
 
 def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, LeafValue]]:

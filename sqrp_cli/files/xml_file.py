@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import field
+from itertools import count
 from pathlib import Path
 from xml.parsers import expat
 
@@ -122,74 +123,63 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
     if not content.strip():
         message, mend = f"the file is empty, expected <{root_tag or 'robot'}>", "was it exported or copied completely?"
         raise bad_input("xml-syntax", message, Place(path), mend=mend)
-    root = _Tree(path, texts).read(content, recognised)
+    open_elements: list[Element] = []
+    try:
+        root = _root_of(path, content, texts, open_elements)
+    except expat.ExpatError as error:
+        lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
+        line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
+        said = expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
+        if error.code == _TAG_MISMATCH and open_elements:  # it leaves an element open
+            element = open_elements[-1]
+            shown = element if recognised else f"<{element.shown_tag}>"
+            said = f"{shown} of line {element.place.line} is not closed before another closing tag"
+        place = Place(path, error.lineno, error.offset + 1)
+        quote = excerpt(line, error.offset + 1) if recognised else None
+        raise InputError(Problem("xml-syntax", f"not well-formed XML: {said}", place, excerpt=quote)) from error
+    except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
+        message = f"not well-formed XML: {error}"
+        raise bad_input("xml-syntax", message, Place(path, 1), mend="save the file as UTF-8") from error
     if root_tag is not None and root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
     return root
 
 
-class _Tree:
-    """Builds the element tree of one file with expat."""
+def _root_of(path: Path, content: bytes, texts: frozenset[str], opened: list[Element]) -> Element:
+    """The element tree of a file, built with expat; opened: gets the elements that are open where it stops."""
+    top: list[Element] = []
+    parser, number = expat.ParserCreate(), count(1)
 
-    def __init__(self, path: Path, texts: frozenset[str]) -> None:
-        self._path, self._texts = path, texts
-        self._top: list[Element] = []
-        self._open: list[Element] = []
-        self._count = 0
-        self._parser = parser = expat.ParserCreate()
-        parser.specified_attributes = True  # other readers ignore the default values of a DOCTYPE
-        parser.buffer_text, parser.buffer_size = True, _BUFFER
-        parser.StartElementHandler, parser.EndElementHandler = self._start, lambda _tag: self._open.pop()
-        parser.EntityDeclHandler = self._refuse_entity
-        if texts:
-            parser.CharacterDataHandler = self._keep
-            parser.CommentHandler = parser.ProcessingInstructionHandler = self._interrupt
-            parser.StartCdataSectionHandler = self._interrupt
+    def here() -> Place:
+        return Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
 
-    def read(self, content: bytes, recognised: bool) -> Element:
-        """The root element; recognised: whether problems may quote the file."""
-        try:
-            self._parser.Parse(content, True)
-        except expat.ExpatError as error:
-            lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
-            line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
-            said = expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
-            if error.code == _TAG_MISMATCH and self._open:  # it leaves an element open
-                element = self._open[-1]
-                shown = element if recognised else f"<{element.shown_tag}>"
-                said = f"{shown} of line {element.place.line} is not closed before another closing tag"
-            place = Place(self._path, error.lineno, error.offset + 1)
-            quote = excerpt(line, error.offset + 1) if recognised else None
-            message = f"not well-formed XML: {said}"
-            raise InputError(Problem("xml-syntax", message, place, excerpt=quote)) from error
-        except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
-            message = f"not well-formed XML: {error}"
-            place = Place(self._path, 1)
-            raise bad_input("xml-syntax", message, place, mend="save the file as UTF-8") from error
-        return self._top[0]
+    def interrupt(*_what: object) -> None:
+        if opened and opened[-1].tag in texts:
+            raise bad_input("xml-text", f"the text of {opened[-1]} is interrupted, expected one piece", here())
 
-    def _here(self) -> Place:
-        return Place(self._path, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._count += 1
-        element = Element(tag, attributes, self._here())
-        if self._count > MAX_ELEMENTS:
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, here())
+        if next(number) > MAX_ELEMENTS:
             raise element.error("too-many-elements", f"the file has more than {MAX_ELEMENTS:,} elements")
-        self._interrupt()
-        if len(self._open) == MAX_DEPTH:
+        interrupt()
+        if len(opened) == MAX_DEPTH:
             raise InputError(too_deep(element.place, MAX_DEPTH, "elements are "))
-        (self._open[-1].children if self._open else self._top).append(element)
-        self._open.append(element)
+        (opened[-1].children if opened else top).append(element)
+        opened.append(element)
 
-    def _keep(self, text: str) -> None:
-        if self._open and self._open[-1].tag in self._texts:
-            self._open[-1].pieces.append(text)
+    def keep(text: str) -> None:
+        if opened and opened[-1].tag in texts:
+            opened[-1].pieces.append(text)
 
-    def _interrupt(self, *_what: object) -> None:
-        if self._open and self._open[-1].tag in self._texts:
-            message = f"the text of {self._open[-1]} is interrupted, expected one piece"
-            raise bad_input("xml-text", message, self._here())
+    def refuse_entity(name: str, *_declaration: object) -> None:
+        raise bad_input("xml-entity", f"declares the entity `{name}`; entities are not accepted", here())
 
-    def _refuse_entity(self, name: str, *_declaration: object) -> None:
-        raise bad_input("xml-entity", f"declares the entity `{name}`; entities are not accepted", self._here())
+    parser.specified_attributes = True  # other readers ignore the default values of a DOCTYPE
+    parser.buffer_text, parser.buffer_size = True, _BUFFER
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda _tag: opened.pop()
+    parser.EntityDeclHandler = refuse_entity
+    if texts:
+        parser.CharacterDataHandler, parser.StartCdataSectionHandler = keep, interrupt
+        parser.CommentHandler = parser.ProcessingInstructionHandler = interrupt
+    parser.Parse(content, True)
+    return top[0]

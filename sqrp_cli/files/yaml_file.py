@@ -125,29 +125,6 @@ if yaml.__with_libyaml__:
             self.depth -= 1
 
 
-class _LimitedLoader(yaml.SafeLoader):
-    """A loader that refuses deep nesting before Python's own stack does."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        super().__init__(text)
-        self._path, self._text = path, text
-        self._depth = self._count = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        self._depth += 1
-        self._count += 1
-        many, deep = self._count > 2 * MAX_VALUES, self._depth > MAX_DEPTH  # a key is a node, too
-        if many or deep:
-            problem = source.too_deep(None, MAX_DEPTH)
-            if many:
-                problem = Problem("too-many-values", f"more than {MAX_VALUES:,} values")
-            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise InputError(_quoting(problem, self._path, self._text, mark))
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
-
-
 def _compose(path: Path, text: str) -> yaml.Node | None:
     if yaml.__with_libyaml__:
         try:
@@ -155,8 +132,16 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         except yaml.YAMLError:
             pass  # the other parser has better messages
     try:
-        loader = _LimitedLoader(path, text)
-        return loader.get_single_node()
+        loader, depth, nodes = yaml.SafeLoader(text), 0, 0
+        while loader.check_event():  # Python's own stack refuses deep nesting later
+            event = loader.get_event()  # type: ignore[no-untyped-call]
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            nodes += isinstance(event, yaml.NodeEvent)
+            if depth > MAX_DEPTH or nodes > 2 * MAX_VALUES:  # a key is a node, too
+                many = Problem("too-many-values", f"more than {MAX_VALUES:,} values")
+                problem = source.too_deep(None, MAX_DEPTH) if depth > MAX_DEPTH else many
+                raise InputError(_quoting(problem, path, text, event.start_mark))
+        return yaml.compose(text, yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark, opened, context = error.problem_mark or error.context_mark, error.context_mark, error.context or ""
         if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
@@ -174,7 +159,7 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         raise InputError(_quoting(problem, path, text, loader.get_mark())) from error
 
 
-def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) -> Problem:
+def _quoting(problem: Problem, path: Path, text: str, mark: Any) -> Problem:  # noqa: ANN401 - of either parser
     """The problem with its place at a mark, if any, and that line as an excerpt."""
     if mark is None:
         return problem

@@ -16,7 +16,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.robot.read_urdf import read_urdf
 from tests.cell.mesh.mesh_bombs import dae
 from tests.cells import refusal
-from tests.damage.bombs import aliases, merges
+from tests.damage.bombs import TABLE, text_of
 
 
 @pytest.fixture(autouse=True)
@@ -32,8 +32,8 @@ def prepend(path: Path, text: str) -> None:
 
 
 BOMBS = {
-    "aliases": aliases(),
-    "merges": merges(),
+    "aliases": text_of(TABLE["yaml"]["aliases"][1]),
+    "merges": text_of(TABLE["yaml"]["merges"][1]),
     "itself": "a: &a\n  b: *a\n",
     "brackets": "x: " + "[" * 100_000 + "\n",
     "braces": "x: " + "{a: " * 100_000 + "\n",

@@ -12,44 +12,9 @@ from rosbags import rosbag2
 from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.starter.make import make_starter
 from tests.damage.child import call
-from tests.damage.mesh_bombs import binary_stl, collada, obj
+from tests.damage.mesh_bombs import binary_stl
 
 CASES = Path(__file__).parents[1] / "cases"
-
-SRDF = """\
-<?xml version="1.0"?>
-<robot name="six_axis_arm">
-  <group name="arm">
-    <chain base_link="base" tip_link="flange"/>
-  </group>
-  <group_state name="upright" group="arm">
-    <joint name="joint_1" value="0"/>
-    <joint name="joint_2" value="0.1"/>
-    <joint name="joint_3" value="0.2"/>
-  </group_state>
-  <disable_collisions link1="base" link2="shoulder" reason="Adjacent"/>
-  <disable_collisions link1="wrist_1" link2="wrist_3" reason="Never"/>
-</robot>
-"""
-
-HAND_EYE = """\
-parameters:
-  name: side
-  calibration_type: eye_on_base
-  robot_base_frame: base
-  robot_effector_frame: flange
-  tracking_base_frame: camera_optical_frame
-transform:
-  translation:
-    x: 0.4
-    y: -0.6
-    z: 0.5
-  rotation:
-    x: -0.92388
-    y: 0.0
-    z: 0.0
-    w: 0.382683
-"""
 
 TASK = "pickup red"
 
@@ -88,14 +53,11 @@ def whole_cell(folder: Path) -> Path:
 
 def _describe(made: Path) -> None:
     _calibrate(made / "workspace.yaml")
-    (made / "arm.srdf").write_text(SRDF, encoding="utf-8")
-    (made / "hand_eye.yaml").write_text(HAND_EYE, encoding="utf-8")
+    for file in ("damage/arm.srdf", "damage/hand_eye.yaml", "damage/cube.obj", "damage/cube.dae", "cell/cube.stl"):
+        shutil.copy(CASES / file, made)
     shutil.copyfile(CASES / "cameras" / "camera_calibration.yaml", made / "camera.yaml")
     shutil.copyfile(CASES / "cameras" / "opencv_filestorage.yaml", made / "opencv.yaml")
-    shutil.copyfile(CASES / "cell" / "cube.stl", made / "cube.stl")
     (made / "binary.stl").write_bytes(binary_stl())
-    (made / "cube.obj").write_text(obj(), encoding="utf-8")
-    (made / "cube.dae").write_text(collada(), encoding="utf-8")
 
 
 def _calibrate(workspace: Path) -> None:

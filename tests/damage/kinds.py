@@ -13,8 +13,8 @@ from pathlib import Path
 from random import Random
 from urllib.parse import urlsplit
 
-from tests.damage import cell_bombs, mesh_bombs, record_bombs, recording_bombs, robot_bombs
-from tests.damage.bombs import Bomb
+from tests.damage import mesh_bombs, record_bombs, recording_bombs
+from tests.damage.bombs import TEXT, YAML, Bomb, listed
 from tests.damage.cell import BASELINE, FRAME, FRAMES, LOG, MCAP, RESULTS, ROS1, ROSBAG2, SCORE, TASK, WATCHED
 from tests.damage.mutations import damage
 
@@ -155,26 +155,28 @@ def _path(cell: Path, random: Random, turn: int) -> Damaged:
     return Damaged(f"name {turn % len(_ODD)}, command {which}", commands[which], "")
 
 
+ARM, CAMERA = (*TEXT, *listed("urdf")), (*TEXT, *YAML, *listed("camera"))
+
 KINDS = (
-    _file("workspace.yaml", "rank", cell_bombs.WORKSPACE, 4),
-    _file("skills/pickup/skill.yaml", "rank", cell_bombs.SKILL, 4),
-    _file("skills/pickup/pickup.pddl", "check", cell_bombs.PDDL, 4),
-    _file("camera.yaml", "check", cell_bombs.CAMERA),
-    _file("opencv.yaml", "check", cell_bombs.CAMERA),
-    _file("hand_eye.yaml", "check", cell_bombs.HAND_EYE),
-    _file("robots/six_axis_arm.urdf", "rank", robot_bombs.ARM, 4),
-    _file("robots/suction_cup.urdf", "rank", robot_bombs.TOOL),
-    _file("arm.srdf", "check", robot_bombs.GROUPS),
-    _file("cube.stl", "rank", mesh_bombs.TEXT_STL),
+    _file("workspace.yaml", "rank", (*TEXT, *YAML, *listed("workspace")), 4),
+    _file("skills/pickup/skill.yaml", "rank", (*TEXT, *YAML, *listed("skill")), 4),
+    _file("skills/pickup/pickup.pddl", "check", (*TEXT, *listed("pddl")), 4),
+    _file("camera.yaml", "check", CAMERA),
+    _file("opencv.yaml", "check", CAMERA),
+    _file("hand_eye.yaml", "check", (*TEXT, *YAML, *listed("hand eye"))),
+    _file("robots/six_axis_arm.urdf", "rank", ARM, 4),
+    _file("robots/suction_cup.urdf", "rank", (*TEXT, *[one for one in ARM if one.name in ("depth", "attributes")])),
+    _file("arm.srdf", "check", (*TEXT, *listed("srdf"))),
+    _file("cube.stl", "rank", (*TEXT, *listed("text stl"))),
     _file("binary.stl", "rank", mesh_bombs.BINARY_STL),
-    _file("cube.obj", "rank", mesh_bombs.OBJ, 3),
+    _file("cube.obj", "rank", (*TEXT, *listed("obj")), 3),
     _file("cube.dae", "rank", mesh_bombs.COLLADA, 4),
     _file("program.yaml", "after", record_bombs.PROGRAM, 2, "program to go on from"),
     _file("program.yaml", "listing", record_bombs.PROGRAM, 2, "program to list"),
     _file(f"{WATCHED}/{LOG}", "replay", record_bombs.LOG, 3, "log to replay"),
     _file(f"{WATCHED}/{LOG}", "replay page", record_bombs.LOG, 1, "log for a page"),
     _file(f"{WATCHED}/{LOG}", "replay program", record_bombs.LOG, 1, "log with its program"),
-    _file(BASELINE, "baseline", record_bombs.BASELINE, 3),
+    _file(BASELINE, "baseline", (*record_bombs.JSON, *listed("baseline")), 3),
     _file(f"{RESULTS}/*/*.json", "results", record_bombs.JSON, 2, "kept result", harmless=True),
     _file(f"{WATCHED}/{FRAMES}/frames.csv", FRAMES, record_bombs.FRAMES, 1, "frames.csv"),
     _file(f"{WATCHED}/{FRAMES}/{FRAME}", FRAMES, record_bombs.PNG, 1, "frame", parts=False),
@@ -182,7 +184,7 @@ KINDS = (
     _file(f"{WATCHED}/{ROS1}", ROS1, recording_bombs.ROS1, 2, "bag of ROS 1", parts=False),
     _file(f"{WATCHED}/{ROSBAG2}/*.db3", ROSBAG2, recording_bombs.SQLITE, 1, "rosbag2 with SQLite", parts=False),
     _file(f"{WATCHED}/{ROSBAG2}/*.yaml", ROSBAG2, record_bombs.YAML, 1, "metadata.yaml", parts=False),
-    _file("scheduler.json", "cluster", record_bombs.SCHEDULER, 2),
+    _file("scheduler.json", "cluster", (*record_bombs.JSON, *listed("scheduler")), 2),
     Kind("task", 3, _task),
     Kind("name of a file", 2, _path),
 )

@@ -9,10 +9,7 @@ import zlib
 from collections.abc import Callable
 from random import Random
 
-from tests.damage.bombs import TEXT, YAML, Bomb, at_a, edited, replaced, whole
-
-_TEXT_VALUE = re.compile(rb'"[^"\n]*"(?=[,}\]\n])')
-_ANY_VALUE = re.compile(rb"(?<=: )[^,{\[\n]+(?=[,}\n])")
+from tests.damage.bombs import TABLE, TEXT, YAML, Bomb, edited, listed, text_of, whole
 
 
 def _again(content: bytes, random: Random) -> bytes:
@@ -21,25 +18,7 @@ def _again(content: bytes, random: Random) -> bytes:
     return b"\n".join([*lines[:at], lines[at].replace(b"{", b'{"t": 1e300, ', 1), *lines[at + 1 :]])
 
 
-JSON = (
-    *TEXT,
-    at_a(_TEXT_VALUE, "surrogate", b'"\\ud800"'),
-    at_a(_TEXT_VALUE, "surrogate-pair", b'"\\udc00\\ud800"'),
-    at_a(_TEXT_VALUE, "controls", b'"\\u0000\\u001b[2J\\u0007"'),
-    at_a(_TEXT_VALUE, "text-of-a-million", b'"' + b"x" * 1_000_000 + b'"'),
-    *(at_a(_ANY_VALUE, name, value) for name, value in (
-        ("nan-value", b"NaN"), ("infinity-value", b"-Infinity"), ("null-value", b"null"), ("true-value", b"true"),
-            ("list-value", b"[]"), ("object-value", b"{}"),
-        ("nested-value", b"[" * 900 + b"]" * 900), ("deep-value", b"[" * 100_000 + b"]" * 100_000),
-        ("list-of-a-million", b"[" + b"0," * 1_000_000 + b"0]"), ("text-value", b'"1"'), ("minus-0", b"-0.0"),
-        ("9999-digits", b"9" * 9999))),
-    edited("key-twice", _again),
-    whole("list-of-lists", b"[[[]]]"),
-    whole("object", b"{}"),
-    whole("two", b"{}{}"),
-    whole("keys", lambda: json.dumps({f"k{i}": i for i in range(100_000)})),
-    whole("byte-order-mark", b"\xef\xbb\xbf{}"),
-)  # fmt: skip
+JSON = (*TEXT, *listed("json"), edited("key-twice", _again))
 
 
 def _in_header(name: str, **fields: object) -> Bomb:
@@ -98,40 +77,11 @@ LOG = (
     edited("reversed", lambda content, _: b"\n".join(content.splitlines()[::-1])),
 )  # fmt: skip
 
-BASELINE = (
-    *JSON,
-    replaced("sampling-of-code", "FixedCount(samples=2)", "__import__('os')"),
-    replaced("sampling-1e999", "FixedCount(samples=2)", "FixedCount(samples=1e999)"),
-    replaced("sampling-dots", "FixedCount(samples=2)", "FixedCount(samples=1.1.1)"),
-    replaced("sampling-e", "FixedCount(samples=2)", "FixedStep(step=e)"),
-    replaced("sampling-digits", "FixedCount(samples=2)", "Adaptive(tolerance=" + "9" * 500 + ")"),
-    replaced("10000-workspaces", '"workspaces": {', lambda: '"workspaces": {' + "".join(
-        f'"w{i}": {{"digest": "", "files": {{}}, "tasks": {{}}}},' for i in range(10_000))),
-    replaced("10000-tasks", '"tasks": {', lambda: '"tasks": {' + "".join(
-        f'"t{i}": {{"best": null, "ways": {{}}}},' for i in range(10_000))),
-    replaced("task-of-a-surrogate", '"tasks": {', '"tasks": {"\\ud800": {"best": null, "ways": {}},'),
-    replaced("best-of-nobody", '"best": "', '"best": "x'),
-    replaced("time-1e300", '"time": ', '"time": 1e300, "x": '),
-    replaced("q-1e300", '"q_eoi": 1.0', '"q_eoi": 1e300'),
-)  # fmt: skip
-
 FRAMES = (
-    *(replaced(f"{name}-step", ",1,", f",{step},") for name, step in (
-        ("5000-digits", "9" * 5000), ("arabic", "١"), ("real", "1.0"), ("underscore", "1_0"), ("negative", "-1"))),
-    *(at_a(re.compile(rb"(?<=,)\d+\.\d+"), f"time-{name}", time) for name, time in (
-        ("1e308", b"1e308"), ("1e999", b"1e999"), ("nan", b"nan"), ("5000-digits", b"9" * 5000), ("minus", b"-1"),
-            ("word", b"x"))),
-    *(at_a(re.compile(rb"cam\d-\d+\.png"), f"file-{name}", file) for name, file in (
-        ("nul", b"a\0b.png"), ("long", b"x" * 5000), ("dots", b"../" * 3000), ("root", b"/"), ("zero", b"/dev/zero"),
-            ("empty", b""),
-        ("itself", b"frames.csv"), ("quoted", b'"a""b\n.png"'), ("unclosed", b'"'), ("pipe", b"/dev/stdin"))),
-    edited("field-of-a-million", lambda content, _: content.replace(b",1,", b"," + b"1" * 1_000_000 + b",", 1)),
-    edited("fields", lambda content, _: content + b"," * 1_000_000),
-    edited("100000-rows", lambda content, _: content + b"x,y,1,0\n" * 100_000),
+    *listed("frames"),
     edited("semicolons", lambda content, _: content.replace(b",", b";")),
     edited("more-columns", lambda content, _: content.replace(b"\n", b",1\n")),
     edited("fewer-columns", lambda content, _: re.sub(rb",[^,\n]*\n", b"\n", content)),
-    edited("column-twice", lambda content, _: content.replace(b"camera,", b"camera,camera,")),
     edited("rows-reversed", lambda content, _: b"\n".join([content.splitlines()[0], *content.splitlines()[:0:-1]])),
     *TEXT,
 )  # fmt: skip
@@ -179,29 +129,6 @@ PNG = (
 )  # fmt: skip
 
 
-def _address(name: str, address: object) -> Bomb:
-    return whole(f"address-{name}", lambda: json.dumps({"type": "Scheduler", "id": "x", "address": address}))
-
-
-SCHEDULER = (
-    *JSON,
-    *(_address(name, address) for name, address in (
-        ("nowhere", "tcp://127.0.0.1:1"), ("port-99999", "tcp://127.0.0.1:99999"), ("port--1", "tcp://127.0.0.1:-1"),
-        ("port-of-5000", "tcp://127.0.0.1:" + "9" * 5000), ("port-word", "tcp://127.0.0.1:port"), ("no-port",
-            "tcp://127.0.0.1"),
-        ("no-host", "tcp://:1"), ("empty", ""), ("scheme", "ftp://127.0.0.1:1"), ("tls", "tls://127.0.0.1:1"),
-            ("ucx", "ucx://127.0.0.1:1"),
-        ("ws", "ws://127.0.0.1:1"), ("inproc", "inproc://127.0.0.1/1/1"), ("six", "tcp://[::1]:1"), ("six-broken",
-            "tcp://[::1:1"),
-        ("number", 7), ("list", ["tcp://127.0.0.1:1"]), ("null", None), ("object", {}), ("surrogate",
-            "tcp://127.0.0.1\ud800:1"),
-        ("nul", "tcp://127.0.0.1\0:1"), ("two", "tcp://127.0.0.1:1,tcp://127.0.0.1:2"), ("schemes", "tcp://" * 1000
-            + "127.0.0.1:1"),
-        ("blank", "tcp:// 127.0.0.1:1"), ("arabic", "tcp://127.0.0.1:١"), ("unix", "unix:///tmp/x"), ("port-0",
-            "tcp://127.0.0.1:0"))),
-    replaced("no-address", '"address"', '"adress"'),
-)  # fmt: skip
-
 _STEP = re.compile(r"^- task:.*", re.MULTILINE | re.DOTALL)
 
 
@@ -214,51 +141,9 @@ def _steps(count: int) -> Bomb:
     return edited(f"{count}-steps", edit)
 
 
-PROGRAM = (
-    *TEXT, *YAML,
-    _steps(2), _steps(100), _steps(2000),
-    replaced("time-1e300", "  time: ", "  time: 1e300 # "),
-    replaced("time-1e9", "  time: ", "  time: 1e9 # "),
-    replaced("end-1e300", "    end: ", "    end: 1e300 # "),
-    replaced("breaks-of-100000", "breaks: [0.0,", lambda: "breaks: [0.0," + "0.5," * 100_000),
-    replaced("no-breaks", "breaks: [0.0,", "breaks: [] # "),
-    replaced("100-joints", "joints: [", lambda: "joints: [" + "".join(f"j{i}, " for i in range(100))),
-    replaced("other-workspace", "workspace: ", "workspace: /dev/zero # "),
-    replaced("workspace-of-dots", "workspace: ", "workspace: " + "../" * 3000 + "# "),
-    replaced("workspace-nul", "workspace: ", 'workspace: "a\\0b" # '),
-    replaced("workspace-folder", "workspace: ", "workspace: skills # "),
-    replaced("other-version", "sqrp_program: 1", "sqrp_program: 99999999999999999999"),
-    replaced("task-of-signs", "- task: ", '- task: "\\u202e\\e[2J\\0" # '),
-    replaced("task-of-a-million", "- task: ", "- task: " + "x" * 1_000_000 + " # "),
-)  # fmt: skip
+PROGRAM = (*TEXT, *YAML, *listed("program"), *map(_steps, (2, 100, 2000)))
 
 TASK = "pickup object=r1 speed=0.5 lift=5cm"
 
-TASKS = (
-    "", " ", "\n", "\t", "\0", "pickup", "pickup \0", "pickup red\0", "p" * 100_000, "pickup " * 20_000, "pickup "
-        + "r" * 100_000,
-    "pickup red red", "pickup 红", "pickup \u202ered", "pickup \x1b[2J", "pickup \ud800", "pickup \udcff",
-    "PICKUP RED", "pickup -red", "pickup --red",
-    "-1", "--json", "pickup *", "pickup object=*", "pickup object=", "pickup =r1", "pickup =", "pickup object==r1",
-    "pickup object=r1=r1",
-    "pickup object=r1 object=r1", "pickup object=r1,", "pickup object=,r1", "pickup object=" + "r1," * 20_000 + "r1",
-    "pickup object=g1,g2,g3,r1",
-    "pickup lift=" + "1" * 400, "pickup lift=" + "1" * 5000, "pickup lift=1e999", "pickup lift=-1e999",
-    "pickup lift=nan", "pickup lift=inf", "pickup lift=1e-320",
-    "pickup lift=0x10", "pickup lift=1_0", "pickup lift=١", "pickup lift=1e300m", "pickup lift=5ccm",
-    "pickup lift=5cm,6cm,7cm", "pickup lift=1e3",
-    "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 30)), "pickup lift=" + ",".join(f"{k / 1e4:g}"
-        for k in range(1, 40_000)),
-    "pickup speed=0", "pickup speed=1e-300", "pickup speed=1.0000001", "pickup speed=100%", "pickup elbow=",
-    "pickup elbow=sideways", "pickup elbow=any,up,down",
-    "pickup approach_yaw=1e18", "pickup approach_yaw=360deg", "pickup approach_yaw=" + "9" * 400 + "deg",
-    "pickup {a: 1}", "pickup [1]", "pickup !!python/object:x y", "pickup &a *a", "pickup 'red", 'pickup "red',
-    "pickup `red`", "pickup $(red)",
-    "pickup;red", "pickup/red", "../pickup red", "pickup a=1 b=2 c=3", "pickup red at " + "a " * 1000, "pickup "
-        + "a=b " * 10_000, "pickup " + "lift=5cm " * 2,
-    "pickup lift=5cm,5.0cm", "pickup red speed=0.5,0.50", "pickup 1", "pickup 1e999", "pickup r1 g1", "pickup table",
-    "pickup object=table", "pickup object=cam1",
-    "place red", "hold(r1)", "(pickup r1)", "pickup(r1)", "pickup:red", "pickup,red", "pickup\u00a0red",
-    "pickup\u3000red", "\ufeffpickup red", "pickup red\n\n\n",
-)  # fmt: skip
+TASKS = (*map(text_of, TABLE["tasks"]), "pickup \ud800", "pickup \udcff")
 """Tasks on the command line."""

@@ -6,9 +6,9 @@ import bz2
 import os
 import sqlite3
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from itertools import count
+from itertools import count, starmap
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -17,7 +17,7 @@ from unittest import mock
 import numpy as np
 
 from sqrp_cli.ros.bag import Bag, BagWriter, Packed, written
-from tests.damage.bombs import Bomb, edited, whole
+from tests.damage.bombs import ELSEWHERE, TABLE, Bomb, edited, whole
 from tests.damage.record_bombs import png
 
 STATES, IMAGE = "/joint_states", "/cam1/image_raw/compressed"
@@ -196,30 +196,13 @@ def _sparse(content: bytes, size: int) -> Bomb:
     return Bomb(f"sparse-{len(content)}-{size:.0e}", place)
 
 
-def _pipe(path: Path, _random: Random) -> None:
-    path.unlink()
-    os.mkfifo(path)
-
-
-def _device(path: Path, _random: Random) -> None:
-    path.unlink()
-    path.symlink_to("/dev/zero")
-
-
-def _folder(path: Path, _random: Random) -> None:
-    path.unlink()
-    path.mkdir()
-
-
 FILES = (
-    Bomb("pipe", _pipe),
-    Bomb("device", _device),
-    Bomb("folder", _folder),
+    *ELSEWHERE,
     edited("half", lambda content, _: content[: len(content) // 2]),
     edited("without-last-byte", lambda content, _: content[:-1]),
     edited("twice", lambda content, _: content + content),
     whole("empty", b""),
-    whole("text", "hello\n"),
+    whole("text", b"hello\n"),
     whole("gzip", b"\x1f\x8b" + bytes(1000)),
     whole("other-sqlite", lambda: _database("CREATE TABLE x(y)")),
 )
@@ -334,7 +317,7 @@ def _database(*statements: str) -> bytes:
         return database.serialize()
 
 
-def _sql(name: str, *statements: str) -> Bomb:
+def _sql(name: str, statements: Sequence[str]) -> Bomb:
     """A bomb that is a change of a database."""
 
     def place(path: Path, _random: Random) -> None:
@@ -349,26 +332,4 @@ def _sql(name: str, *statements: str) -> Bomb:
     return Bomb(f"sql-{name}", place)
 
 
-SQLITE = (
-    *FILES,
-    _sql("no-messages", "DELETE FROM messages"),
-    _sql("no-topics", "DELETE FROM topics"),
-    _sql("text-as-data", "UPDATE messages SET data = 'x'"),
-    _sql("number-as-data", "UPDATE messages SET data = 7 WHERE id % 3 = 0"),
-    _sql("text-as-time", "UPDATE messages SET timestamp = 'x' WHERE id % 3 = 0"),
-    _sql("time-of-1e300", "UPDATE messages SET timestamp = 1e300 WHERE id % 3 = 0"),
-    _sql("negative-times", "UPDATE messages SET timestamp = -timestamp"),
-    _sql("blob-as-name", "UPDATE topics SET name = x'ff00'"),
-    _sql("number-as-type", "UPDATE topics SET type = 7"),
-    _sql("other-types", "UPDATE topics SET type = 'foo_msgs/msg/Foo'"),
-    _sql("other-format", "UPDATE topics SET serialization_format = 'json'"),
-    _sql("qos", "UPDATE topics SET offered_qos_profiles = '{{{'"),
-    _sql("qos-nested", "UPDATE topics SET offered_qos_profiles = printf('%.5000c', '[')"),
-    _sql("schema-99", "UPDATE schema SET schema_version = 99"),
-    _sql("no-definitions", "DELETE FROM message_definitions"),
-    _sql("zeros-of-a-gigabyte",
-         "CREATE TABLE m(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,"
-         " data BLOB AS (zeroblob(900000000)))",
-         "INSERT INTO m(topic_id, timestamp) SELECT topic_id, timestamp FROM messages",
-         "DROP TABLE messages", "ALTER TABLE m RENAME TO messages"),
-)  # fmt: skip
+SQLITE = (*FILES, *starmap(_sql, TABLE["sql"].items()))
