@@ -28,7 +28,7 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_392),
-    "files": ("files", 2_230),
+    "files": ("files", 2_188),
     "robot": ("robot", 2_831),
     "camera": ("camera", 1_967),
     "cell": ("cell", 3_365),
