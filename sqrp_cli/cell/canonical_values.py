@@ -96,7 +96,8 @@ def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN
             for urdf in value.urdfs:
                 yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
                 yield from ((f"link {one.name}", "", one) for one in urdf.links.values() if one.inertial is not None)
-            joints = {"": value.limits, "stop": value.stop_limits, "home": value.home}
+            stops = {name: {"acceleration": of.acceleration, "jerk": of.jerk} for name, of in value.stop_limits.items()}
+            joints = {"": value.limits, "stop": stops, "home": value.home}
             joints |= {} if value.fingers is None else {"open": value.fingers.open, "closed": value.fingers.closed}
             yield from ((f"joint {joint}", what, of) for what, values in joints.items() for joint, of in values.items())
             yield from ((f"link {link}", "marker", marker) for link, marker in value.markers.items())

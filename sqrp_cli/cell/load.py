@@ -152,11 +152,9 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
     digest.add("workspace", file_path, document.content)
-    robot_reader = RobotReader(document=document, digest=digest, entry=file.robot)
-    robot = robot_reader.read()
-    cell = CellReader(document=document, digest=digest, roots=robot_reader.roots, file=file, links=robot_reader.links)
+    reader = CellReader(document=document, digest=digest, entry=file.robot, file=file)
+    robot, problems = reader.read_robot(), reader.problems
     skills: dict[str, Skill] = {}
-    problems: list[Problem] = []
     for index, stated in enumerate(file.skills):
         place = document.value_place(("skills", index))
         folder = skill_folder(from_folder(document.path.parent, stated), fingers=file.robot.fingers is not None)
@@ -168,24 +166,22 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
             skills[called] = read_skill(folder, place, digest)
         except InputError as error:
             problems.extend(error.problems)
-    cameras, objects = cell.cameras(), cell.objects()
-    problems = [*robot_reader.problems, *problems, *cell.problems]
+    cameras, objects = reader.cameras(), reader.objects()
     if problems:
         raise InputError(*problems)
     if not skills and (file.state or file.tasks):
         message = "the workspace lists no skills, which give facts and tasks their meaning"
         raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    facts, detectors = cell.facts(domain) if domain else {}, cell.detectors(cameras, robot.markers, objects)
-    problems += cell.problems
+    facts, detectors = reader.facts(domain) if domain else {}, reader.detectors(cameras, robot.markers, objects)
     for skill in skills.values():
-        problems += check_skill(skill, robot_reader.links, objects, list(file.detectors))
+        problems += check_skill(skill, reader.links, objects, list(file.detectors))
     problems += check_tasks(document, file.tasks, list(skills), list(objects))
     if problems:
         raise InputError(*problems)
     objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
-    warnings = [*unusual_values(document, WORKSPACE), *robot_reader.warnings, *cell.warnings]
-    warnings += [*words_of_two_meanings(document, file, robot_reader, skills.values()), *taken_as_held]
+    warnings = [*unusual_values(document, WORKSPACE), *reader.warnings]
+    warnings += [*words_of_two_meanings(document, file, reader, skills.values()), *taken_as_held]
     warnings += [warning for skill in skills.values() for warning in skill.warnings]
     return Workspace(
         name=workspace_name(file_path),

@@ -16,7 +16,7 @@ from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.cell.mesh import read_mesh
-from sqrp_cli.cell.read_robot import EntryReader
+from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
 from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
@@ -43,11 +43,10 @@ _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
 
 @dataclass(kw_only=True)
-class CellReader(EntryReader):
-    """Reads the parts of a workspace file besides the robot and the skills. links: of robot and tool."""
+class CellReader(RobotReader):
+    """Reads also the other parts of a workspace file, but not the skills."""
 
     file: WorkspaceFile
-    links: Sequence[str]
 
     def cameras(self) -> dict[str, Camera]:
         """The cameras by name; those with problems are left out."""
@@ -120,7 +119,8 @@ class CellReader(EntryReader):
         if (*path, "convention") not in self.document.keys and "optical" not in found.camera_frame:
             message = f"the pose is that of `{found.camera_frame}`, which does not sound like an optical frame"
             mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
-            self._warn("doubtful-axes", message, self.document.value_place(key), mend)
+            place = self.document.value_place(key)
+            self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
         return found
 
     def objects(self) -> dict[str, SceneObject]:

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
@@ -31,79 +30,24 @@ from sqrp_cli.shapes import Mesh, Part
 MAX_ARM_JOINTS = 20  # most joints that move the tool frame; each makes inverse kinematics and motion slower
 
 
-class RobotDescription(NamedTuple):
-    """The file of a URDF or SRDF, and what else it is made of."""
-
-    file: Path
-    source: RobotSource
-
-
 @dataclass(kw_only=True)
-class EntryReader:
-    """Reads entries of a workspace file, adds the files that they name to the digest, and collects all problems.
-
-    roots: folders for `package://`.
-    """
-
-    document: SourceDocument
-    digest: ContentDigest
-    roots: tuple[Path, ...] = ()
-    problems: list[Problem] = field(default_factory=list)
-    warnings: list[Problem] = field(default_factory=list)
-
-    @contextmanager
-    def _collecting(self) -> Iterator[None]:
-        """Adds the problems of an InputError to those that were found; what could not be read is left out."""
-        try:
-            yield
-        except InputError as error:
-            self.problems.extend(error.problems)
-
-    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
-        self.problems.append(self.document.problem(code, path, message, mend))
-
-    def _warn(self, code: str, message: str, place: Place, mend: str) -> None:
-        self.warnings.append(Problem(code, message, place, severity="warning", mend=mend))
-
-    def _resolve(self, reference: str, place: Place) -> Path:
-        """The file that is named at a place. Raises InputError where there is none."""
-        return packages.resolve(reference, self.document.folder, self.roots, place)
-
-    def _described(self, entry: XacroEntry | str, path: KeyPath) -> RobotDescription:
-        """The file of a URDF or SRDF that the entry at `path` names, and what else it is made of."""
-        if isinstance(entry, str):
-            entry = XacroEntry(xacro=entry)
-        else:
-            path = (*path, "xacro")
-        file = self._resolve(entry.xacro, self.document.value_place(path))
-        return RobotDescription(file, RobotSource((*self.roots, self.document.folder), entry.args))
-
-    def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
-        """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
-        try:
-            self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
-            read_mesh(mesh.path, mesh.scale)
-        except InputError as error:
-            named = [replace(one, message=f"{one.message}; {place} names this file") for one in error.problems]
-            raise InputError(*named) from error
-        except OSError as error:
-            raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
-
-
-@dataclass(kw_only=True)
-class RobotReader(EntryReader):
-    """Reads the `robot` entry of a workspace file.
+class RobotReader:
+    """Reads the `robot` entry of a workspace file, adds the files that it names to the digest, and collects problems.
 
     URDF and SRDF are read first: their InputError is raised at once, because nothing can be checked without them.
     """
 
+    document: SourceDocument
+    digest: ContentDigest
     entry: robot.RobotEntry
+    problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
     _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         entry, folder = self.entry, self.document.folder
         stated = [folder / root for root in entry.package_roots]
-        self.roots = packages.package_roots(stated)
+        self.roots = packages.package_roots(stated)  # folders for `package://`
         for index, root in enumerate(stated):
             if not root.is_dir():
                 self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
@@ -132,21 +76,64 @@ class RobotReader(EntryReader):
         if entry.tool_frame is None and (entry.tool is None or entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
             raise bad_input("missing-key", message, self.document.key_place(("robot",)))
+        self.links = (*self.urdf.links, *(self.tool.links if self.tool else ()))  # of robot and tool
         tip_name = TOOL_TIP if entry.tool is None else entry.tool.prefix + TOOL_TIP
         self.tool_frame = link_called(entry.tool_frame or tip_name, self.links)
 
-    @property
-    def links(self) -> tuple[str, ...]:
-        """The links of robot and tool."""
-        return (*self.urdf.links, *(self.tool.links if self.tool else ()))
+    @contextmanager
+    def _collecting(self) -> Iterator[None]:
+        """Adds the problems of an InputError to those that were found; what could not be read is left out."""
+        try:
+            yield
+        except InputError as error:
+            self.problems.extend(error.problems)
 
-    def read(self) -> robot.Robot:
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _resolve(self, reference: str, place: Place) -> Path:
+        """The file that is named at a place. Raises InputError where there is none."""
+        return packages.resolve(reference, self.document.folder, self.roots, place)
+
+    def _described(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
+        """The file of a URDF or SRDF that the entry at `path` names, and what else it is made of."""
+        if isinstance(entry, str):
+            entry = XacroEntry(xacro=entry)
+        else:
+            path = (*path, "xacro")
+        file = self._resolve(entry.xacro, self.document.value_place(path))
+        return file, RobotSource((*self.roots, self.document.folder), entry.args)
+
+    def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
+        """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
+        try:
+            self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
+            read_mesh(mesh.path, mesh.scale)
+        except InputError as error:
+            named = [replace(one, message=f"{one.message}; {place} names this file") for one in error.problems]
+            raise InputError(*named) from error
+        except OSError as error:
+            raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
+
+    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
+        urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
+        self.warnings += urdf.warnings
+        self.digest.add(dotted(path), urdf.path, urdf.content)
+        parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
+        self._parts += parts
+        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
+        for part, piece in zip(parts, pieces, strict=True):
+            if isinstance(part.shape, Mesh):
+                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
+        return urdf
+
+    def read_robot(self) -> robot.Robot:
         """The robot; meaningful only if `problems` is empty afterwards."""
         entry = self.entry
         tool = self._tool()
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
         arm = self._arm(joints)
-        limits = self._limits(joints)
+        limits, stop_limits = self._limits(joints)
         usual = robot.ANGLE_TOLERANCE if len(arm) < robot.AXES_OF_A_POSE else 0.0
         markers, carriers = {}, dict[tuple[str, int], str]()
         for named, marker in entry.markers.items():
@@ -172,7 +159,7 @@ class RobotReader(EntryReader):
             tool_frame=self.tool_frame,
             home=home or {},
             limits=limits,
-            stop_limits=self._stop_limits(limits, joints),
+            stop_limits=stop_limits,
             angle_tolerance=usual if entry.angle_tolerance is None else entry.angle_tolerance,
             geometry=entry.geometry,
             parts=tuple(self._parts),
@@ -180,18 +167,6 @@ class RobotReader(EntryReader):
             fingers=self._fingers([joint for joint in joints if joint.mimic is None and joint not in arm]),
             markers=markers,
         )
-
-    def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
-        urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
-        self.warnings += urdf.warnings
-        self.digest.add(dotted(path), urdf.path, urdf.content)
-        parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
-        self._parts += parts
-        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
-        for part, piece in zip(parts, pieces, strict=True):
-            if isinstance(part.shape, Mesh):
-                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
-        return urdf
 
     def _tool(self) -> robot.Tool | None:
         entry = self.entry.tool
@@ -288,56 +263,64 @@ class RobotReader(EntryReader):
                 )
         return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
-    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, robot.JointLimits[float]]:
-        """The limits of every joint: stated here, else by MoveIt, else by the URDF, else assumed, with a warning."""
-        names = [joint.name for joint in joints]
-        limits, assumptions = dict[str, dict[str, float]](), list[str]()
-        for limit in ("velocity", "acceleration", "jerk"):
+    def _limits(
+        self, joints: Sequence[UrdfJoint]
+    ) -> tuple[dict[str, robot.JointLimits[float]], dict[str, robot.JointLimits[float]]]:
+        """The limits of every joint: stated here, else by MoveIt, else by the URDF, else assumed, with a warning.
+
+        And those while the robot stops to protect itself and others.
+        """
+        names, moveit = [joint.name for joint in joints], self.moveit
+        strange = [] if moveit is None else [joint for joint in moveit.joints if joint not in names]
+        if strange and moveit is not None:
+            more = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
+            message = (
+                f"unknown joint `{strange[0]}`{more}; {expected_names(strange[0], names)}; their limits are left out"
+            )
+            place = next(place for path, place in moveit.document.keys.items() if path[-1] == strange[0])
+            mend = "check that the file is of this robot"
+            self.warnings.append(Problem("unknown-joint", message, place, severity="warning", mend=mend))
+        limits: dict[str, dict[str, float]] = {name: {} for name in names}
+        stops, assumptions = dict[str, dict[str, float]](), list[str]()
+        for limit, (_, _, assumed) in robot.LIMITS.items():
             found = {joint.name: joint.velocity for joint in joints if joint.velocity} if limit == "velocity" else {}
-            if self.moveit is not None:
-                strange = self.moveit.unknown(tuple(names))
-                if strange is not None and strange not in self.warnings:
-                    self.warnings.append(strange)
+            if moveit is not None:
                 factor: float | None = getattr(self.entry.limits, f"{limit}_scaling", None)
-                scale = self.moveit.scaling.get(limit, 1.0) if factor is None else factor
-                of_files = {**found, **self.moveit.stated[limit]}
+                scale = moveit.scaling.get(limit, 1.0) if factor is None else factor
+                of_files = {**found, **moveit.stated[limit]}
                 found = {name: scale * value for name, value in of_files.items() if name in names}
             found |= self._values(limit, joints)
-            assumed = robot.LimitsEntry.kind(limit).assumed
             if lacking := [name for name in names if name not in found]:
                 owners = "all joints" if len(lacking) == len(joints) else ", ".join(lacking)
                 assumptions.append(f"{limit} ({assumed:g} for {owners})")
-            limits[limit] = {name: found.get(name, assumed) for name in names}
+            for name in names:
+                limits[name][limit] = found.get(name, assumed)
+            if limit != "velocity":
+                stops[limit] = stop = self._values(f"stop_{limit}", joints)
+                gentle = next((name for name in stop if name in limits and stop[name] < limits[name][limit]), None)
+                if gentle is not None:  # a stop gentler than the motion could end after the motion
+                    usual = limits[gentle][limit]
+                    message = f"{stop[gentle]:g} is less than the {usual:g} of every motion of `{gentle}`"
+                    mend = f"leave it out to stop with the {limit} of every motion"
+                    self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
         if assumptions:
             message = f"limits are not stated (or are 0) and assumed, in rad or m and s: {', '.join(assumptions)}"
             mend = "state them under `robot.limits`; times depend on them"
-            self._warn("assumed-limit", message, self.document.key_place(("robot", "limits")), mend)
-        return {
-            joint.name: robot.JointLimits(
-                lower=joint.lower, upper=joint.upper, **{limit: values[joint.name] for limit, values in limits.items()}
-            )
-            for joint in joints
+            place = self.document.key_place(("robot", "limits"))
+            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
+        of = {one.name: robot.JointLimits(one.lower, one.upper, **limits[one.name]) for one in joints}
+        stopping = {
+            name: replace(usual, **{limit: values[name] for limit, values in stops.items() if name in values})
+            for name, usual in of.items()
         }
-
-    def _stop_limits(
-        self, limits: Mapping[str, robot.JointLimits[float]], joints: Sequence[UrdfJoint]
-    ) -> dict[str, robot.StopLimits]:
-        stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}
-        for limit, values in stops.items():
-            usual = {name: getattr(every, limit) for name, every in limits.items()}
-            gentle = next((name for name in values if name in usual and values[name] < usual[name]), None)
-            if gentle is not None:  # a stop gentler than the motion could end after the motion
-                message = f"{values[gentle]:g} is less than the {usual[gentle]:g} of every motion of `{gentle}`"
-                mend = f"leave it out to stop with the {limit} of every motion"
-                self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
-            stops[limit] = usual | values
-        return {name: robot.StopLimits(**{limit: values[name] for limit, values in stops.items()}) for name in limits}
+        return of, stopping
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
         """The stated values of one limit by joint. A single value applies to every joint that its unit fits."""
         entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
         path: KeyPath = ("robot", "limits", limit)
-        dimensions = {joint.name: robot.LimitsEntry.kind(limit).of(joint) for joint in joints}
+        turning, sliding, _ = robot.LIMITS[limit.removeprefix("stop_")]
+        dimensions = {joint.name: sliding if joint.type == "prismatic" else turning for joint in joints}
         if entry is None:
             return {}
         if isinstance(entry, Quantity):

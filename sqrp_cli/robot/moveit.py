@@ -26,17 +26,6 @@ from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.robot.urdf import UrdfModel
 
 
-@dataclass(frozen=True)
-class EndEffector:
-    """What a gripper is to the arm that carries it."""
-
-    name: str
-    parent_link: str
-    """The link of the arm that it is fixed to."""
-    group: str  # its own joints and links
-    parent_group: str | None  # the arm's group; None if it is not stated
-
-
 @dataclass(frozen=True, kw_only=True)
 class SrdfModel:
     """The content of an SRDF."""
@@ -45,7 +34,9 @@ class SrdfModel:
     tips: Mapping[str, str]  # the last link of each group whose links are in one line
     states: Mapping[str, Mapping[str, float]]
     """Named positions [rad or m] of joints; of two states of one name, for different groups, all joints."""
-    end_effectors: tuple[EndEffector, ...]  # in file order
+    grippers: frozenset[str]  # the groups of end effectors
+    tool_links: Mapping[str, str]
+    """The link of the arm that carries the first end effector, for each group that is stated as an arm with one."""
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
     content: bytes = b""  # what it was read from: the file, or what its xacro stands for
@@ -80,11 +71,11 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         for child in element.all("joint"):
             if (name := known(child, "name", "joint")) is not None:
                 positions[name] = child.number("value")
-    end_effectors = []
+    grippers, tool_links = set[str](), dict[str, str]()
     for element in robot.all("end_effector"):
         if (link := known(element, "parent_link", "link")) is not None:
-            parent = element.attributes.get("parent_group", "").strip() or None
-            end_effectors.append(EndEffector(element.text("name"), link, element.text("group"), parent))
+            grippers.add(element.text("group"))
+            tool_links.setdefault(element.attributes.get("parent_group", "").strip(), link)
     pairs = set()
     for element in robot.all("disable_collisions"):
         first, second = (known(element, key, "link") for key in ("link1", "link2"))
@@ -101,7 +92,8 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         groups=groups,
         tips=_tips(robot, urdf),
         states=states,
-        end_effectors=tuple(end_effectors),
+        grippers=frozenset(grippers),
+        tool_links=tool_links,
         disabled_pairs=frozenset(pairs),
         content=xml.content,
         expanded=xml.expanded,
@@ -195,16 +187,6 @@ class MoveitLimits:
     positions: Mapping[str, tuple[float, float]]  # position limits by joint
     scaling: Mapping[str, float]  # factor of each kind of `SCALED`; 1 where none is stated
     joints: tuple[str, ...]  # all joints that it names
-
-    def unknown(self, known: tuple[str, ...]) -> Problem | None:
-        """A warning about joints that the robot lacks; None if there are none."""
-        strange = [joint for joint in self.joints if joint not in known]
-        if not strange:
-            return None
-        more = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
-        message = f"unknown joint `{strange[0]}`{more}; {expected_names(strange[0], known)}; their limits are left out"
-        place = next(place for path, place in self.document.keys.items() if path[-1] == strange[0])
-        return Problem("unknown-joint", message, place, severity="warning", mend="check that the file is of this robot")
 
 
 def read_moveit_limits(path: Path) -> MoveitLimits:

@@ -149,8 +149,7 @@ def _geometry(element: Element) -> urdf.LinkGeometry:
         x, y, z = shape.numbers("scale", 3, (1.0, 1.0, 1.0))
         if 0.0 in (x, y, z):
             raise shape.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
-        mesh = urdf.MeshReference(shape.text("filename"), (x, y, z))
-        return urdf.LinkGeometry(name, mesh, _origin(element), shape.place)
+        return urdf.LinkGeometry(name, (shape.text("filename"), (x, y, z)), _origin(element), shape.place)
     if shape.tag not in FIGURES:
         expected = expected_names(shape.tag, (*FIGURES, "mesh"))
         raise shape.error("unknown-shape", f"unknown shape {shape}; {expected}")

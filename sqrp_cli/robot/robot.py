@@ -16,10 +16,9 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.camera.markers import Marker as Marker
 from sqrp_cli.files import units
 from sqrp_cli.files.entries import AnyQuantity, DescriptionEntry, Entry, Extents, In, MappingOr, Pose, Size, Text
-from sqrp_cli.files.units import Dimension
 from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.robot.urdf import UrdfModel
 from sqrp_cli.shapes import Geometry, Part
 
 Limit = TypeVar("Limit", float, Array)
@@ -37,14 +36,6 @@ class JointLimits(Generic[Limit]):
     velocity: Limit
     acceleration: Limit
     jerk: Limit
-
-
-@dataclass(frozen=True)
-class StopLimits:
-    """Limits of one joint during a protective stop, in rad (or m for a prismatic joint) and seconds."""
-
-    acceleration: float
-    jerk: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +97,8 @@ class Robot(RobotTraits):
     tool: Tool | None
     limits: Mapping[str, JointLimits[float]]
     """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
-    stop_limits: Mapping[str, StopLimits]  # of the same joints while the robot stops to protect itself and others
+    stop_limits: Mapping[str, JointLimits[float]]
+    """Of the same joints while the robot stops to protect itself and others."""
     parts: tuple[Part, ...]  # that geometry, of the robot's links and then of the tool's
     disabled_pairs: frozenset[tuple[str, str]]
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
@@ -179,22 +171,13 @@ class FingersEntry(Entry):
     """Clear width between open fingers, for skills that open them by a width."""
 
 
-@dataclass(frozen=True)
-class LimitKind:
-    """Marks a joint limit with its dimensions and default."""
-
-    turning: Dimension  # of a joint that turns
-    sliding: Dimension  # of a joint that slides
-    assumed: float  # the limit where neither the workspace nor the URDF states one, in rad (or m) and s
-
-    def of(self, joint: UrdfJoint) -> Dimension:
-        """Its dimension for a joint."""
-        return self.sliding if joint.type == "prismatic" else self.turning
-
-
-_Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED, assumed=1.0)
-_Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assumed=5.0)
-_Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
+LIMITS = {
+    "velocity": (units.ANGULAR_SPEED, units.SPEED, 1.0),
+    "acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION, 5.0),
+    "jerk": (units.ANGULAR_JERK, units.JERK, 50.0),
+}
+"""Limits of joints: the dimension for one that turns and for one that slides, and what is assumed where neither the
+workspace nor the URDF states one, in rad (or m) and s."""
 
 
 PerJoint = MappingOr[dict[str, AnyQuantity], AnyQuantity]  # a limit of joints by name, or of all of them
@@ -215,13 +198,13 @@ class LimitsEntry(Entry):
     """Of velocities of that file and the URDF; default: as the file says, else 1."""
     acceleration_scaling: Factor | None = None
     """Of accelerations of that file; default: as the file says, else 1."""
-    velocity: Annotated[PerJoint | None, _Velocity] = Field(default=None, description="Default: the URDF's.")
-    acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    velocity: PerJoint | None = Field(default=None, description="Default: the URDF's.")
+    acceleration: PerJoint | None = None
     """Default: 5 rad/s^2 or m/s^2."""
-    jerk: Annotated[PerJoint | None, _Jerk] = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
-    stop_acceleration: Annotated[PerJoint | None, _Acceleration] = None
+    jerk: PerJoint | None = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
+    stop_acceleration: PerJoint | None = None
     """Of a stop because nobody watches any more. Default, and least: as of every motion."""
-    stop_jerk: Annotated[PerJoint | None, _Jerk] = None
+    stop_jerk: PerJoint | None = None
     """Of such a stop. Default, and least: as of every motion."""
 
     @model_validator(mode="after")
@@ -229,11 +212,6 @@ class LimitsEntry(Entry):
         if self.moveit is None and (self.velocity_scaling or self.acceleration_scaling):
             raise PydanticCustomError("conflicting-keys", "scaling has a meaning only together with `moveit`")
         return self
-
-    @classmethod
-    def kind(cls, limit: str) -> LimitKind:
-        """The kind of one of the limits."""
-        return next(mark for mark in cls.model_fields[limit].metadata if isinstance(mark, LimitKind))
 
 
 class RobotEntry(Entry):

@@ -15,7 +15,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.records import dataclass
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Part, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -23,12 +23,8 @@ Resolve = Callable[[str, Path], Path]
 """Finds the file of a mesh reference: (reference, URDF that has it) -> path; raises InputError if there is none."""
 
 
-@dataclass(frozen=True)
-class MeshReference:
-    """A mesh as the URDF names it."""
-
-    reference: str  # `package://...`, `file://...` or a path relative to the URDF
-    scale: tuple[float, float, float]  # along x, y, z
+MeshReference = tuple[str, tuple[float, float, float]]
+"""A mesh as the URDF names it, `package://...`, `file://...` or a path relative to it, and its scale along x, y, z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +36,6 @@ class LinkGeometry:
     X_LG: Array
     """Its pose in the link, shape (4, 4)."""
     place: Place
-
-    def resolved_shape(self, urdf: Path, resolve: Resolve) -> Shape:
-        """The shape with its mesh found. Raises InputError, at this piece's line, if `resolve` finds none."""
-        if not isinstance(self.shape, MeshReference):
-            return self.shape
-        try:
-            return Mesh(resolve(self.shape.reference, urdf), self.shape.scale)
-        except InputError as error:
-            first = error.problems[0]
-            raise bad_input(first.code, first.message, self.place, mend=first.mend) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +121,12 @@ class UrdfModel:
 
     def prefixed(self, prefix: str) -> UrdfModel:
         """The same description with a prefix before the name of every link, joint and piece of geometry."""
-
-        def named(pieces: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
-            return tuple(replace(piece, name=piece.name and prefix + piece.name) for piece in pieces)
-
         links, joints = {}, {}
         for link in self.links.values():
-            collision, visual = named(link.collision), named(link.visual)
+            collision, visual = (
+                tuple(replace(piece, name=piece.name and prefix + piece.name) for piece in pieces)
+                for pieces in (link.collision, link.visual)
+            )
             links[prefix + link.name] = replace(link, name=prefix + link.name, collision=collision, visual=visual)
         for joint in self.joints.values():
             name, parent, child = prefix + joint.name, prefix + joint.parent, prefix + joint.child
@@ -215,7 +200,13 @@ class UrdfModel:
                     numbered = (f"{link.name}_{number}" for number in count(index + 1))
                     name = own or next(other for other in numbered if other not in taken)
                 taken.add(name)
-                parts.append(Part(name, link.name, piece.resolved_shape(self.path, resolve), piece.X_LG))
+                try:
+                    meant = piece.shape
+                    shape = Mesh(resolve(meant[0], self.path), meant[1]) if isinstance(meant, tuple) else meant
+                except InputError as error:
+                    first = error.problems[0]
+                    raise bad_input(first.code, first.message, piece.place, mend=first.mend) from error
+                parts.append(Part(name, link.name, shape, piece.X_LG))
         return tuple(parts)
 
 

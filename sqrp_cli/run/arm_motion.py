@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import ProgramPrimitive
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.robot import JointLimits, StopLimits
+from sqrp_cli.robot.robot import JointLimits
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
@@ -49,7 +49,11 @@ class ArmMotion:
     """
 
     def __init__(
-        self, joints: Sequence[str], limits: Sequence[JointLimits[float]], protective: Sequence[StopLimits], q: Array
+        self,
+        joints: Sequence[str],
+        limits: Sequence[JointLimits[float]],
+        protective: Sequence[JointLimits[float]],
+        q: Array,
     ) -> None:
         """joints: names of the n joints, with their limits in motion and in a protective stop.
 

@@ -33,7 +33,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.moveit import MoveitLimits, SrdfModel, read_moveit_limits, read_srdf, with_position_limits
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource
-from sqrp_cli.robot.urdf import MeshReference, UrdfModel
+from sqrp_cli.robot.urdf import UrdfModel
 from sqrp_cli.starter.layout import file_text
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
@@ -191,7 +191,7 @@ def _named(path: Path, folder: Path) -> str:
 def _missing_roots(urdf: UrdfModel, stated: tuple[Path, ...], around: tuple[Path, ...]) -> list[Path]:
     """Folders with packages of the URDF, its xacro and its meshes that a workspace would find nowhere else."""
     pieces = [piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)]
-    references = [piece.shape.reference for piece in pieces if isinstance(piece.shape, MeshReference)]
+    references = [piece.shape[0] for piece in pieces if isinstance(piece.shape, tuple)]
     named = [package_and_path(name)[0] for name in references if name.startswith("package://")]
     own = package_around(urdf.path)
     known = ((own,) if own else ()) + package_roots()
@@ -316,18 +316,17 @@ def _arm_tip(config: MoveitConfig, srdf: SrdfModel, urdf: UrdfModel) -> str | No
     for key in ("/**", "ros__parameters", "robot_description_kinematics"):
         solvers = solvers[key] if isinstance(solvers.get(key), dict) else solvers
     solvers = {group: entry for group, entry in solvers.items() if isinstance(entry, dict)}
-    grippers = {end.group for end in srdf.end_effectors}
     arms = [
         group
         for group, joints in srdf.groups.items()
         if joints
-        and group not in grippers
+        and group not in srdf.grippers
         and {*joints} <= {joint.name for joint in urdf.chain(urdf.joints[joints[-1]].child)}
     ]
     for group in sorted(arms, key=lambda group: (group not in solvers, -len(srdf.groups[group]))):
         tips = [str(solvers[group][key]) for key in _TIP_KEYS if group in solvers and solvers[group].get(key)]
-        ends = [end.parent_link for end in srdf.end_effectors if end.parent_group == group]
-        link = next((name for name in (*tips[-1:], *ends, srdf.tips.get(group)) if name in urdf.links), None)
+        named = (*tips[-1:], srdf.tool_links.get(group), srdf.tips.get(group))
+        link = next((name for name in named if name in urdf.links), None)
         if link is not None:
             return link
     return None

@@ -9,13 +9,13 @@ import pytest
 
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import ProgramGuard, ProgramPrimitive
-from sqrp_cli.robot.robot import JointLimits, StopLimits
+from sqrp_cli.robot.robot import JointLimits
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.trajectory import Trajectory
 
 VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
 LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
-STOP = StopLimits(5 * ACCELERATION, 10 * JERK)
+STOP = JointLimits(-7, 7, VELOCITY, 5 * ACCELERATION, 10 * JERK)
 Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
 
 

@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import ProgramResponse
-from sqrp_cli.robot.robot import JointLimits, StopLimits
+from sqrp_cli.robot.robot import JointLimits
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt
 from sqrp_cli.run.record.events import MovingOn
@@ -34,7 +34,8 @@ class Trial:
         move = joint_move(np.zeros(1), np.array([1.8]), limits)
         entry = step([], predicted, move.duration).model_copy(update={"primitives": (played(move),)})
         nominal = FixedNominalStep(entry, {})
-        self.motion = ArmMotion(("a",), [JointLimits(-9, 9, 0.2, 1.0, 10.0)], [StopLimits(1.0, 10.0)], np.zeros(1))
+        limits = [JointLimits(-9.0, 9.0, 0.2, 1.0, 10.0)]
+        self.motion = ArmMotion(("a",), limits, limits, np.zeros(1))
         self.motion.play(entry.primitives, 0.0)
         self.motion.keep = lambda joints, t: self.done.append(("keep", *joints, t))
         self.fingers = SimpleNamespace(open={"finger": 0.04})
