@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -37,6 +37,17 @@ class JointStates(NamedTuple):
     """[rad/s or m/s]."""
     accelerations: Array
     """[rad/s^2 or m/s^2]."""
+
+
+class ArmReference(Protocol):
+    """The motion that an arm is to follow."""
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names of the n joints that it moves: those of the arm, and the fingers of a gripper where it has some."""
+
+    def states(self, t: Array) -> JointStates:
+        """The joints at times t [s] of the cell's clock, (m,); shape (m, n) each."""
 
 
 class ArmMotion:

@@ -13,14 +13,14 @@ from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program.check import SAME_TIME
 from sqrp_cli.program.record import ProgramPrimitive, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt, predicted_delay
 from sqrp_cli.run.perception.streams import ImageStreams, Streams
-from sqrp_cli.run.record.events import EventPublisher, FaultHappened, FaultInjected, FaultSeen
+from sqrp_cli.run.record.events import EventPublisher
 from sqrp_cli.run.record.report import FaultRecord, MonitoringLost
 
 if TYPE_CHECKING:
-    from sqrp_cli.run.cell.simulated_cell import SimulatedCell  # MuJoCo is not needed to command a real cell
+    from sqrp_cli.run.cell import RunnableCell
+    from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 
 FaultKind = Literal[
     "slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash", "joints-loss", "joints-frozen",
@@ -306,7 +306,7 @@ class FaultTracker:
         if fault.kind in PHYSICAL:
             self._open.append(record)
             attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
-        self._publisher.publish(FaultInjected(t=t, fault=fault.text))
+        self._publisher.publish("injected", t, fault=fault.text)
 
     @property
     def is_open(self) -> bool:
@@ -333,7 +333,7 @@ class FaultTracker:
                     for record in self._open:
                         if record.happened is None:
                             record.happened, record.predicted_delay = t, delay
-                            self._publisher.publish(FaultHappened(t=t, fault=record.name))
+                            self._publisher.publish("happened", t, fault=record.name)
                     return
 
     def seen(self, alarm: Alarm, t: float) -> None:
@@ -345,7 +345,7 @@ class FaultTracker:
             self._open += unseen
         for record in unseen:
             record.name, record.detected = alarm.name, t
-        self._publisher.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
+        self._publisher.publish("fault", t, name=alarm.name, text=alarm.text, response=alarm.response.action)
 
     def dropped(self) -> None:
         """At the end a part lies where it should not: no formula asks about when it slipped, but it did."""

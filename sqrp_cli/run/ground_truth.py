@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,22 +18,14 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
 from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.cell.interface import CellState, RunnableCell
-from sqrp_cli.run.monitor.nominal_step import NominalStep, Situation, holds, planned_joints
+from sqrp_cli.run.monitor.nominal_step import NominalStep, in_boxes, planned_joints
 from sqrp_cli.run.monitor.step_monitor import Attempt, StepMonitor
 from sqrp_cli.run.record.bag_recorder import BagRecorder
-from sqrp_cli.run.record.events import (
-    AskedBox,
-    Event,
-    EventPublisher,
-    EvidenceSeen,
-    PrimitiveBegan,
-    RunEnded,
-    ShownAtom,
-    StepBegan,
-    WholeState,
-)
+from sqrp_cli.run.record.events import AskedBox, Event, EventPublisher, ShownAtom, event
 from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell import RunnableCell
 
 RATE = 25.0
 """States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
@@ -54,59 +47,63 @@ class GroundTruth:
         """What the robot is at."""
         self.now = 0.0
         """The time to which the cell was advanced last [s]."""
-        self._number = 0
-        self._last: WholeState | None = None
+        self._number, self._told = 0, -float("inf")
+        self._last: Mapping[str, Any] | None = None
 
     def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
         """The present value of each atom that an attempt monitors; in a real cell as planned for a time tau [s]."""
         targets = attempt.step.targets
         if (truth := self._cell.truth()) is None:
             return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in targets}
-        is_open = self._body.closure(truth.joints) <= OPEN_SHARE
-        starts, when_open = attempt.step.before.X_WO, attempt.when_open
-        situation = Situation(self._body.link_poses(truth.joints), truth.X_WO, starts, truth.held, is_open)
-        return {atom: holds(atom, target, situation, when_open=when_open[atom]) for atom, target in targets.items()}
+        is_open, X_WL = self._body.closure(truth.joints) <= OPEN_SHARE, self._body.link_poses(truth.joints)
+        found = {}
+        for atom, target in targets.items():
+            inside = in_boxes(atom, target, X_WL, truth.X_WO, attempt.step.before.X_WO, truth.held)
+            found[atom] = attempt.when_open[atom] == is_open if inside is None else inside
+        return found
 
     def advance(self, t: float, reference: ArmMotion) -> float:
         """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
         while self._publisher is not None and (due := self._number / RATE) <= t + 1e-9:
             self.now = self._cell.advance(due, reference)
-            self._publish(due)
+            self.publish(due)
             self._number += 1
         self.now = self._cell.advance(t, reference)
         return self.now
 
-    def finish(self) -> None:
-        """Publish the state at the end."""
-        if self._publisher is not None:
-            self._publish(None)
-
-    def _publish(self, t: float | None) -> None:
+    def publish(self, t: float | None = None) -> None:
         """Publish the state now, at time t [s]; without, that at the end unless it is known."""
-        truth = self._cell.truth()
-        if truth is None:
-            attempt, joints, X_WO, held = self.attempt, self._cell.measured_joints(), self._world.X_WO, self._world.held
-            if attempt is not None:
-                tau = 0.0 if attempt.start is None else self.now - attempt.start
-                now = [one for one in attempt.step.primitives if one.start <= tau]
-                X_WO, held = attempt.beliefs(tau), now[-1].held if now and not attempt.failed else None
-            truth = CellState(self.now, X_WO, held, joints)
-        if t is None and self._last is not None and truth.t <= self._last.t + 1e-9:
+        if self._publisher is None:
             return
-        state = WholeState(
-            t=truth.t if t is None else t,
-            joints=list(truth.joints),
-            q=[_rounded(q) for q in truth.joints.values()],
-            held=truth.held,
-            objects={name: _logged_pose(X) for name, X in truth.X_WO.items()},
-        )
-        assert self._publisher is not None  # noqa: S101 - else nobody wants it
-        self._publisher.publish(state if self._last is None else state.since(self._last))
+        if (truth := self._cell.truth()) is not None:
+            now, X_WO, held, joints = truth
+        else:
+            now, attempt, X_WO, held = self.now, self.attempt, self._world.X_WO, self._world.held
+            joints = self._cell.measured_joints()
+            if attempt is not None:
+                tau = 0.0 if attempt.start is None else now - attempt.start
+                begun = [one for one in attempt.step.primitives if one.start <= tau]
+                X_WO, held = attempt.beliefs(tau), begun[-1].held if begun and not attempt.failed else None
+        if t is None and now <= self._told + 1e-9:
+            return
+        q = [_rounded(q) for q in joints.values()]
+        state = {"joints": list(joints), "q": q, "held": held, "objects": _logged_poses(X_WO)}
+        self._told = now if t is None else t
+        self._publisher.publish("state", self._told, **_changes(state, self._last))
         self._last = state
 
 
-def step_began(step: Step, number: int, t: float) -> StepBegan:
-    """The event that an attempt at a step begins at time t [s], with the boxes in which its images are judged, by atom.
+def _changes(state: Mapping[str, Any], before: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """The fields of a state that are not as they were before, all of the first one; of objects nothing without any."""
+    if before is None:
+        return {key: value for key, value in state.items() if value or key != "objects"}
+    moved = {name: X for name, X in state["objects"].items() if before["objects"].get(name) != X}
+    changed = {key: state[key] for key in ("q", "held") if state[key] != before[key]}
+    return {**changed, "objects": moved} if moved else changed
+
+
+def step_began(step: Step, number: int) -> Mapping[str, Any]:
+    """The fields of the event that an attempt at a step begins, with the boxes in which its images are judged, by atom.
 
     The frame of each is a link of the robot, or the world for a box at `object@start`. A box that moves with a carried
     object is left out: images are searched for it where the robot believes it is, not where the object is or was.
@@ -121,7 +118,7 @@ def step_began(step: Step, number: int, t: float) -> StepBegan:
         pose = [[_rounded(x) for x in row] for row in X_FB.tolist()]
         boxes[atom].append(AskedBox(frame=frame, size=list(box.size), pose=pose))
     parameters, time = dict(step.parameters), round(step.time, 6)
-    return StepBegan(t=t, number=number, skill=step.skill, parameters=parameters, time=time, boxes=boxes)
+    return {"number": number, "skill": step.skill, "parameters": parameters, "time": time, "boxes": boxes}
 
 
 def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
@@ -129,18 +126,18 @@ def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
     begin, last = 0.0, None
     for number, step in enumerate(program.steps, 1):
         nominal = NominalStep(step, program.joints, body)
-        yield step_began(step, number, begin)
+        yield event("step", begin, **step_began(step, number))
         t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
         q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
         literals: Mapping[str, ShownAtom] = {}
         for now, positions in zip(t.tolist(), q.tolist(), strict=True):
             while due and due[0].start <= now + 1e-9:
                 primitive = due.pop(0)
-                yield PrimitiveBegan(t=begin + primitive.start, name=primitive.name)
-            objects = {name: _logged_pose(X) for name, X in nominal.object_poses(now).items()}
+                yield event("primitive", begin + primitive.start, name=primitive.name)
             held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
-            state = WholeState(t=begin + now, joints=list(program.joints), q=positions, held=held, objects=objects)
-            yield state if last is None else state.since(last)
+            objects = _logged_poses(nominal.object_poses(now))
+            state = {"joints": list(program.joints), "q": positions, "held": held, "objects": objects}
+            yield event("state", begin + now, **_changes(state, last))
             last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
             for atom in step.targets:
                 value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
@@ -148,10 +145,10 @@ def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
                 shown = value if covered else Truth.UNKNOWN
                 seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
             if seen != literals:
-                yield EvidenceSeen(t=begin + now, exposed=begin + now, step_time=now, literals=seen)
+                yield event("evidence", begin + now, exposed=begin + now, step_time=now, literals=seen)
                 literals = seen
         begin += step.time
-    yield RunEnded(t=begin, event="done")
+    yield event("done", begin)
 
 
 def write_planned_run(path: Path, program: Program, workspace: Workspace) -> None:
@@ -160,13 +157,15 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
     with written(path) as writer:
         recorder = BagRecorder(writer, workspace, body)
         recorder.tell_planned(0.0, planned=True)
-        for event in planned_events(program, body):
-            recorder(event)
+        for found in planned_events(program, body):
+            recorder(found)
 
 
-def _logged_pose(X_WO: Array) -> list[float]:
-    """A pose (4, 4) as the log has it: x, y, z [m] and a quaternion x, y, z, w."""
-    return [_rounded(float(x)) for x in (*X_WO[:3, 3], *matrix_to_quaternion(X_WO[:3, :3]))]
+def _logged_poses(X_WO: Mapping[str, Array]) -> dict[str, list[float]]:
+    """Poses (4, 4) as the log has them: x, y, z [m] and a quaternion x, y, z, w."""
+    return {
+        name: [_rounded(float(x)) for x in (*X[:3, 3], *matrix_to_quaternion(X[:3, :3]))] for name, X in X_WO.items()
+    }
 
 
 def _rounded(value: float) -> float:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import groupby
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,15 +16,17 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker
 from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, EvidenceBuffer, Exposure, FusedTruth
 from sqrp_cli.run.perception.streams import Streams
-from sqrp_cli.run.record.events import ContactFelt, EventPublisher, EvidenceSeen, ShownAtom, Stopping
+from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.run.record.report import TRUTH_SPACING, StopTimes
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell import RunnableCell
 
 MOST_COMMANDS = 20
 """Most commands to the tool that are remembered."""
@@ -143,8 +145,8 @@ class EvidenceCollector:
                     for atom, fused in evidence.atoms.items()
                 }
                 at = None if tau is None else round(tau, 6)
-                told = EvidenceSeen(t=now, exposed=round(exposure.t, 6), step_time=at, literals=shown)
-                self._publisher.publish(told)
+                exposed = round(exposure.t, 6)
+                self._publisher.publish("evidence", now, exposed=exposed, step_time=at, literals=shown)
                 self._published[exposure.t] = evidence.atoms
             if evidence.complete:
                 self._published.pop(exposure.t, None)
@@ -193,7 +195,7 @@ class Lockstep:
         self.attempt = self._truth.attempt = attempt
         self.now = self.collector.streams.present(self.now, resume=True)
         self.collector.watch(attempt, number, self.now)
-        self.publisher.publish(step_began(attempt.step, number, self.now))
+        self.publisher.publish("step", self.now, **step_began(attempt.step, number))
 
     @property
     def present(self) -> float:
@@ -250,7 +252,7 @@ class Lockstep:
         limit = motion.force_limit(self.now)
         if limit is not None and (force := self.cell.tool_force()) >= limit:  # a guarded move meets what it looks for
             motion.halt_primitive(self.now)
-            self.publisher.publish(ContactFelt(t=self.now, force=round(force, 1)))
+            self.publisher.publish("contact", self.now, force=round(force, 1))
         if self.faults.is_pending and self.attempt is not None:
             tau = self._tau(self.now)
             self.faults.look(self.now, tau, self.attempt, self._truth.atoms(self.attempt, tau))
@@ -282,4 +284,4 @@ class Lockstep:
         self.now = self.present
         self.last_stop = StopTimes(self.now)
         self.publisher.doing = "stops"
-        self.publisher.publish(Stopping(t=self.now, reason=reason))
+        self.publisher.publish("stopping", self.now, reason=reason)

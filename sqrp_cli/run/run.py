@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.cell.interface import RunnableCell
 from sqrp_cli.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
 from sqrp_cli.run.ground_truth import GroundTruth
 from sqrp_cli.run.lockstep import SAME_INSTANT, EvidenceCollector, Lockstep
@@ -31,10 +31,13 @@ from sqrp_cli.run.monitor.step_monitor import (
     condition_value,
 )
 from sqrp_cli.run.perception.streams import Streams
-from sqrp_cli.run.record.events import EventPublisher, Listener, MovingOn, PrimitiveBegan, Retrying, RunEnded, listed
+from sqrp_cli.run.record.events import EventPublisher, Listener, listed
 from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped
 from sqrp_cli.run.robot_body import RobotBody
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell import RunnableCell
 
 LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
@@ -114,7 +117,7 @@ class Run:
             outcome, reason = "stopped", str(stopped)
             self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
             lockstep.halt(str(stopped))
-        self._truth.finish()
+        self._truth.publish()
         if outcome == "done" and (truth := self._cell.truth()) is not None:
             meant = self._program.steps[-1].after.X_WO
             lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
@@ -132,8 +135,8 @@ class Run:
         if report.missed and outcome == "done":
             named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
             outcome, reason = "missed", f"no image showed {named}"
-        self._publisher.publish(RunEnded(t=lockstep.now, event=outcome, reason=reason))
-        wall = {**self._publisher.wall, "all": self._publisher.elapsed()}
+        self._publisher.publish(outcome, lockstep.now, reason=reason)
+        wall = {**self._publisher.wall, "all": time.perf_counter() - self._publisher.began}
         wall["perception (in parallel)"] = self._streams.seconds
         return replace(report, outcome=outcome, reason=reason, wall=wall)
 
@@ -168,7 +171,7 @@ class Run:
             record.attempts += 1
             tracker.acted(lockstep.now)
             of, planned = response.retries, round(step.time, 6)
-            self._publisher.publish(Retrying(t=lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned))
+            self._publisher.publish("retry", lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned)
         record.end, record.unseen = round(lockstep.now, 6), attempt.unseen
         tracker.recovered(lockstep.now)
 
@@ -222,7 +225,7 @@ class Run:
 
     def _begin(self, primitive: str, does: str | None) -> None:
         self._publisher.doing = primitive
-        self._publisher.publish(PrimitiveBegan(t=self._lockstep.now, name=primitive, does=does))
+        self._publisher.publish("primitive", self._lockstep.now, name=primitive, does=does)
 
     def _inject(self, fault: InjectedFault) -> None:
         if self._lockstep.attempt is not None:
@@ -285,8 +288,8 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
         where = f" where {listed(cameras)} should see it" if cameras else " at the end of the motion"
         if stop_at > tau:
             began = lockstep.now
-            event = MovingOn(t=began, to_see=when, cameras=cameras, until=round(stop_at, 6))
-            lockstep.publisher.publish(event)
+            until = round(stop_at, 6)
+            lockstep.publisher.publish("moving on", began, to_see=when, cameras=cameras, until=until)
             if lockstep.fingers is not None:  # they stay, whatever the rest of the motion does with them
                 motion.keep(lockstep.fingers.open.keys(), began)
             while lockstep.now < began + stop_at - tau - 1e-9 and not is_seen():

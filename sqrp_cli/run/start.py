@@ -24,7 +24,7 @@ from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.perception.streams import ImageStreams, ReceivedStreams
-from sqrp_cli.run.record.events import VERSION, ProgramStep, RunBegan
+from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.run.run import Recording, Run
@@ -92,11 +92,12 @@ def slip_at(x: float, step: int = 1) -> InjectedFault:
     return InjectedFault("slip", f"{'' if step == 1 else f'{step}:'}slip@{x:.3f}", x, step=step)
 
 
-def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> RunBegan:
+def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> Event:
     """What a log begins with."""
     steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
-    return RunBegan(
-        t=0.0,
+    return event(
+        "run",
+        0.0,
         sqrp_log=VERSION,
         workspace=workspace.name,
         digest=workspace.digest,

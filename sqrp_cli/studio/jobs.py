@@ -250,36 +250,35 @@ class _Watching:
 
     def __call__(self, event: Any) -> None:  # noqa: ANN401 - an event of a run
         """Show what happens, not faster than it would."""
-        from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, RunEnded, StateChanged, WholeState
         from sqrp_cli.show.terminal.run_view import event_in_words
 
         now = time.monotonic()
         self._began = now - event.t if self._began is None else self._began
         if self._began + event.t > now:
             time.sleep(self._began + event.t - now)
-        match event:
-            case WholeState() | StateChanged():
-                whole = isinstance(event, WholeState)
-                if isinstance(event, WholeState):
+        match event.event:
+            case "state":
+                told = event.model_fields_set
+                if "joints" in told:
                     self._joints = event.joints
-                if whole or event.has("q"):
+                if "q" in told:
                     self._state["q"] = dict(zip(self._joints, event.q, strict=True))
-                if whole or event.has("held"):
+                if "held" in told:
                     self._state["held"] = event.held
                 self._state["objects"].update(event.objects)
                 if event.t - self._shown.get("", -1.0) >= STATE_SPACING - 1e-6:
                     self._shown[""] = event.t
                     self._say("run-state", t=event.t, **self._state)
-            case EvidenceSeen(literals=literals):
+            case "evidence":
                 shown = {}
-                for atom, one in literals.items():
+                for atom, one in event.literals.items():
                     cameras = {name: truth.word for name, truth in one.cameras.items()}
                     flags = {"asked": one.asked, "predicted": one.predicted}
                     shown[atom] = {"value": one.value.word, **flags, "cameras": cameras}
                 self._say("run-evidence", t=event.t, literals=shown)
-            case PrimitiveBegan():
+            case "primitive":
                 self._say("run-doing", t=event.t, text=event.does or event.name)
-            case RunEnded():
+            case "done" | "stopped" | "missed":
                 self._say("run-event", t=event.t, text=event.reason or event.event, kind=event.event)
             case _:
                 text = event_in_words(event)

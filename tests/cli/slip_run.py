@@ -9,7 +9,7 @@ from typing import Any
 from unittest import mock
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from tests.cells import shipped_cell, write_cell
 
 ROOT = Path(__file__).parents[2]
@@ -67,9 +67,9 @@ def quick_cell(sqrp: Callable[..., Any], folder: Path) -> Cell:
 def run_with_slip(sqrp: Callable[..., Any], cell: Cell) -> SlipRun:
     """Run the program and keep all that can be kept."""
     moments = {}
-    real = Physics.advance
+    real = SimulatedCell.advance
 
-    def advance(self: Physics, t: float, reference: object) -> float:
+    def advance(self: SimulatedCell, t: float, reference: object) -> float:
         passed = real(self, t, reference)
         moments[round(self.t, 6)] = _moment(self)
         return passed
@@ -77,12 +77,12 @@ def run_with_slip(sqrp: Callable[..., Any], cell: Cell) -> SlipRun:
     folder = cell.folder
     outputs = ("--log", folder / "run.jsonl", "--frames", folder / "frames", "--report", folder / "page.html")
     outputs += ("--record", folder / "run.mcap")
-    with mock.patch.object(Physics, "advance", advance):
+    with mock.patch.object(SimulatedCell, "advance", advance):
         outcome = sqrp("run", cell.program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
     return SlipRun(cell, outcome, [moments[t] for t in sorted(moments)])
 
 
-def _moment(physics: Physics) -> Moment:
+def _moment(physics: SimulatedCell) -> Moment:
     data = physics._data
     thing = data.body("g2")
     return Moment(

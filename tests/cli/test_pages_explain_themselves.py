@@ -6,7 +6,7 @@ import pytest
 
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
+from sqrp_cli.run.record.events import ShownAtom, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, page
 from sqrp_cli.show.pages.run_page import RunCell, story, write_run
@@ -167,8 +167,8 @@ def test_causes_differ_by_pattern_or_sign_and_not_only_by_colour(opened, scheme)
 
 def run_page(tmp_path, fault: FaultRecord | None, attempts: int = 1) -> tuple[RunReport, object]:
     shown = ShownAtom(value=Truth.TRUE, asked=True, cameras={"cam1": Truth.TRUE}, true=True)
-    events = [PrimitiveBegan(t=0.0, name="a4", does="lift")]
-    events += [EvidenceSeen(t=t, exposed=t, literals={"hold(g1)": shown}) for t in (0.0, 5.0, 10.0)]
+    events = [event("primitive", 0.0, name="a4", does="lift")]
+    events += [event("evidence", t, exposed=t, literals={"hold(g1)": shown}) for t in (0.0, 5.0, 10.0)]
     step = StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0, 18.15, attempts)
     report = RunReport("done", None, 18.15, [step], [] if fault is None else [fault])
     path = tmp_path / "run.html"

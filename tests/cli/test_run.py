@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from sqrp_cli.run.record.events import Event, StepBegan
+from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import FaultRecord, RunReport
 from sqrp_cli.run.start import Simulation
 from sqrp_cli.show.terminal.run_view import LiveView
@@ -230,7 +230,7 @@ def test_ctrl_c_in_the_second_step_keeps_the_first(
     sqrp: Callable[..., Any], two_steps: Cell, monkeypatch: pytest.MonkeyPatch, *, as_json: bool
 ) -> None:
     def interrupted(_: LiveView, event: Event) -> None:
-        if isinstance(event, StepBegan) and event.number == 2:
+        if event.event == "step" and event.number == 2:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(LiveView, "__call__", interrupted)

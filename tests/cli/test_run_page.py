@@ -15,7 +15,7 @@ import pytest
 
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.record.events import EvidenceSeen, PrimitiveBegan, ShownAtom
+from sqrp_cli.run.record.events import Event, ShownAtom, event
 from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.run_page import RunCell, write_run
 from tests.cli.browser import Opened, click_at_random
@@ -23,17 +23,17 @@ from tests.cli.slip_run import Moment, SlipRun
 from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
 
-def evidence(t: float, value: Truth, **cameras: Truth) -> EvidenceSeen:
+def evidence(t: float, value: Truth, **cameras: Truth) -> Event:
     atom = ShownAtom(value=value, asked=True, cameras=cameras, true=t < 1.45)
     other = ShownAtom(value=Truth.TRUE, asked=False, cameras={})
-    return EvidenceSeen(t=t + 0.05, exposed=t, literals={"hold(g1)": atom, "open": other})
+    return event("evidence", t + 0.05, exposed=t, literals={"hold(g1)": atom, "open": other})
 
 
 @pytest.fixture(scope="module")
 def opened(browser, tmp_path_factory):
     """A run of 4 s: `hold(g1)` is true for 2 s, lost at 2 s, then unseen by all for 1 s."""
     path = tmp_path_factory.mktemp("run") / "page.html"
-    events = [PrimitiveBegan(t=0.0, name="a1"), PrimitiveBegan(t=1.0, name="a2")]
+    events = [event("primitive", 0.0, name="a1"), event("primitive", 1.0, name="a2")]
     events += [evidence(0.1 * i, Truth.TRUE, cam1=Truth.TRUE, cam2=Truth.TRUE) for i in range(21)]
     events += [evidence(0.1 * i, Truth.FALSE, cam1=Truth.FALSE) for i in range(21, 31)]
     events += [evidence(0.1 * i, Truth.UNKNOWN) for i in range(31, 41)]
@@ -100,8 +100,8 @@ def test_what_an_image_shows_counts_from_when_it_was_taken(opened):
 def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_path):
     path, atom = tmp_path / "page.html", f"hold({HOSTILE})"
     shown = ShownAtom(value=Truth.TRUE, asked=True, cameras={HOSTILE: Truth.TRUE}, true=True)
-    events = [PrimitiveBegan(t=0.0, name=HOSTILE)]
-    events += [EvidenceSeen(t=t, exposed=t, literals={atom: shown}) for t in (0.1, 1.0, 2.0)]
+    events = [event("primitive", 0.0, name=HOSTILE)]
+    events += [event("evidence", t, exposed=t, literals={atom: shown}) for t in (0.1, 1.0, 2.0)]
     fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)
     report = RunReport("stopped", HOSTILE, 2.0, [StepRecord(HOSTILE, {"object": HOSTILE}, HOSTILE, 0.0)], [fault])
     report = replace(report, prediction=[{atom: {HOSTILE: Confusion(tp=1)}}])

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from sqrp_cli.run.record import events
+from sqrp_cli.run.record.events import event
 from sqrp_cli.show.terminal import console, progress_lines
 from sqrp_cli.show.terminal.run_view import LiveView
 from sqrp_cli.study import pipeline
@@ -241,7 +241,7 @@ def test_a_run_says_how_far_it_is_where_stderr_is_no_terminal(monkeypatch):
     monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
     with LiveView(["cam1"], planned=13.87) as view:
         for t in (0.4, 1.2, 2.9, 5.1):
-            view(events.Stopping(t=t))
+            view(event("stopping", t))
         time.sleep(0.2)
     assert out.getvalue().splitlines()[0].startswith("Running, seconds of the motion: 5 of 14 after 0 s")
 

@@ -15,7 +15,7 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.program.file import load_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 
 CELLS = Path(__file__).parents[1] / "cases" / "contact"
 LOOK = 0.004
@@ -45,7 +45,7 @@ def ranked(name: str, task: str, folder: Path) -> tuple[Workspace, Program]:
 
 def played(workspace: Workspace, program: Program, world: World) -> Iterator[Played]:
     """The program as a run commands it, with the force at the tool looked at as often."""
-    physics, robot, joints = Physics(workspace, world), workspace.robot, program.joints
+    physics, robot, joints = SimulatedCell(workspace, world), workspace.robot, program.joints
     limits, stops = [robot.limits[name] for name in joints], [robot.stop_limits[name] for name in joints]
     motion, start = ArmMotion(joints, limits, stops, np.array([world.joints[name] for name in joints])), 0.0
     for step in program.steps:
@@ -65,7 +65,7 @@ def played(workspace: Workspace, program: Program, world: World) -> Iterator[Pla
                     contact = now - start - primitive.start
             if primitive.action == "Release":
                 physics.release()
-            yield Played(primitive.name, peak, contact, physics.held(), physics.object_poses())
+            yield Played(primitive.name, peak, contact, physics.held(), physics.truth().X_WO)
         start += step.time
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,13 @@ import pytest
 from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.run.cell.simulated_cell import CellState
 from sqrp_cli.run.ground_truth import GroundTruth, step_began
-from sqrp_cli.run.record.events import Event, EventPublisher, PrimitiveBegan
+from sqrp_cli.run.record.events import Event, EventPublisher, event
 from sqrp_cli.run.record.log import Track
 from tests.run.steps import box, step
 
-BEGAN = PrimitiveBegan(t=0.0, name="a1")
+BEGAN = event("primitive", 0.0, name="a1")
 
 
 @dataclass
@@ -36,9 +36,7 @@ class Falling:
         thing = pose(axis_rotation(2, 0.3), (0.0, 0.0, height))
         still = pose(position=(1.0, 2.0, 3.0))
         held = "thing" if self.t < 0.05 else None
-        return SimpleNamespace(
-            t=self.t, joints={"a": min(self.t, 0.1), "b": 0.0}, X_WO={"thing": thing, "table": still}, held=held
-        )
+        return CellState(self.t, {"thing": thing, "table": still}, held, {"a": min(self.t, 0.1), "b": 0.0})
 
 
 @pytest.fixture
@@ -49,7 +47,7 @@ def told() -> tuple[Falling, list[Event]]:
     witness = GroundTruth(cell, None, None, EventPublisher([events.append]))  # type: ignore[arg-type]
     for t in (0.0, 0.013, 0.041, 0.16, 0.17):
         witness.advance(t, None)  # type: ignore[arg-type]
-    witness.finish()
+    witness.publish()
     return cell, events
 
 
@@ -99,10 +97,8 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
     before = replace(plain.before, X_WO={"cube": X_WO, "tray": X_WO})
     (primitive,) = plain.primitives
     carrying = primitive.model_copy(update={"held": "cube"})
-    began = step_began(
-        plain.model_copy(update={"targets": targets, "before": before, "primitives": (carrying,)}), 1, 0.0
-    )
-    found = began.boxes
+    moved = {"targets": targets, "before": before, "primitives": (carrying,)}
+    found = step_began(plain.model_copy(update=moved), 1)["boxes"]
     assert found["beside"] == []
     for atom, (frame, X) in {
         "in_tool": ("tip", X_OB),

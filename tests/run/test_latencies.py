@@ -17,7 +17,7 @@ from sqrp_cli.run.lockstep import EvidenceCollector, Moment
 from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, StepMonitor, predicted_delay
 from sqrp_cli.run.perception.detections import BoxDetection, Detection
 from sqrp_cli.run.perception.streams import ImageStreams
-from sqrp_cli.run.record.events import EventPublisher, EvidenceSeen
+from sqrp_cli.run.record.events import Event, EventPublisher
 from tests.run.steps import FixedNominalStep, formula, step
 
 TOTAL, START = 2.0, 0.5
@@ -179,7 +179,7 @@ def test_a_fault_is_told_once_whether_the_other_cameras_confirm_it_or_not() -> N
 
 def test_the_log_tells_what_is_known_of_a_time_again_where_a_late_image_changes_it() -> None:
     cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.12)}
-    events: list[EvidenceSeen] = []
+    events: list[Event] = []
     list(watched(cameras, lambda name, t: U if name == "quick" else T if t < 1.95 else F, events=events))
     told = [(event.t, event.literals["held"].value) for event in events if event.exposed == 1.0]
     assert told == [(1.05, U), (1.12, T)]

@@ -13,7 +13,6 @@ from sqrp_cli.program.record import ProgramResponse
 from sqrp_cli.robot.robot import JointLimits
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt
-from sqrp_cli.run.record.events import MovingOn
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.run.run import LOOK_AGAIN, prepare_retry
 from tests.run.steps import FixedNominalStep, played, step
@@ -87,8 +86,8 @@ class Trial:
     def moved_on(self, seconds: float) -> None:
         self.done.append(("moved on", round(seconds, 3)))
 
-    def publish(self, event: MovingOn) -> None:
-        self.done.append((event.event, tuple(event.cameras)))
+    def publish(self, kind: str, _t: float, *, cameras: list[str], **_: object) -> None:
+        self.done.append((kind, tuple(cameras)))
 
     def measured_joints(self) -> dict[str, float]:
         return {"a": float(self.motion.state(self.now)[0][0])}

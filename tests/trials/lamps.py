@@ -24,7 +24,7 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.run.cell.renderer import Renderer
-from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.perception.vision import color_mask
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
@@ -75,8 +75,8 @@ def lamps(seed: int, folder: Path) -> dict[str, Any]:
     states = SceneStates(1, {**cell.model.link_poses(q), "world": pose()[None], **X_WO})
     parts = [obj for obj in workspace.objects.values() if not obj.fixed and hue_of(obj.color) is not None]
     found = cell.observer.verdicts([_target(cell, obj) for obj in parts], states)
-    model = Physics(workspace, cell.initial_world).model
-    positions = Physics(workspace, cell.initial_world).positions
+    model = SimulatedCell(workspace, cell.initial_world).model
+    positions = SimulatedCell(workspace, cell.initial_world).positions
     for name, value in joints.items():
         positions[model.joint(name).qposadr[0]] = value
     renderer = Renderer(model, tuple(workspace.cameras.values()), 0)

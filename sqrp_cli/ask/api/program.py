@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.run.faults import InjectedFault
     from sqrp_cli.run.record.bag_recorder import BagRecorder
-    from sqrp_cli.run.record.events import Event, Listener, ProgramStep, RunBegan
+    from sqrp_cli.run.record.events import Event, Listener, ProgramStep
     from sqrp_cli.run.record.images import ImageRecorder, Screen
     from sqrp_cli.run.record.report import RunReport, SweepDocument
     from sqrp_cli.run.run import Recording, Spectator
@@ -262,7 +262,6 @@ class OpenProgram:
         from sqrp_cli.ask.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.program.file import made_for, save_program
-        from sqrp_cli.run.record.events import FaultInjected
         from sqrp_cli.run.record.log import LogWriter
         from sqrp_cli.show.pages.run_page import RunCell
 
@@ -290,8 +289,8 @@ class OpenProgram:
                 save_program(made_for(self.program, ask.frames / PROGRAM, workspace), ask.frames / PROGRAM)
             report = perform(Recording(heard, gallery, states=states, spectator=spectator))
             if writer is not None:
-                writer.finish(report)
-        happened = Counter(event.fault for event in events if isinstance(event, FaultInjected))
+                writer.close(report)
+        happened = Counter(event.fault for event in events if event.event == "injected")
         return SimulatedRun(
             **vars(report),
             cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
@@ -373,19 +372,17 @@ class LoggedRun:
     """
 
     log: Path
-    header: RunBegan
+    header: Event
     events: Iterator[Event]
     program: OpenProgram | None = None
 
     @classmethod
     def read(cls, log: Path, opened: OpenProgram | None = None) -> LoggedRun:
         """Raises InputError for anything but a log, or a program whose steps are not those of the log."""
-        from sqrp_cli.run.record.events import RunBegan
         from sqrp_cli.run.record.log import read_log
 
         events = read_log(log)
         header = next(events)
-        assert isinstance(header, RunBegan)  # noqa: S101 - as `read_log` makes sure
         logged = cls(log, header, events, opened)
         if opened is not None and header.steps:
             opened.check_ran(header.steps, "this log is", Place(log, 1), logged._replay)
@@ -394,12 +391,11 @@ class LoggedRun:
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
         """The run, None if it was interrupted; listeners: called with each event."""
         from sqrp_cli.ask.api.run_results import SimulatedRun
-        from sqrp_cli.run.record.events import RunReported
         from sqrp_cli.show.pages.run_page import RunCell
 
         report, kept = None, []
         for event in self.events:
-            if isinstance(event, RunReported):
+            if event.event == "report":
                 report = event.report
                 continue
             kept.append(event)

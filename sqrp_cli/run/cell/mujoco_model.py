@@ -85,12 +85,12 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
     _light(spec, workspace, objects)
-    builder, robot = _ModelBuilder(spec), workspace.robot
-    builder.add_urdf(robot.urdf, robot, spec.worldbody, robot.X_WB)
+    robot = workspace.robot
+    _add_urdf(spec, robot.urdf, robot, spec.worldbody, robot.X_WB)
     if robot.tool is not None:
-        builder.add_urdf(robot.tool.urdf, robot, spec.body(robot.tool.link), robot.tool.X_LT)
+        _add_urdf(spec, robot.tool.urdf, robot, spec.body(robot.tool.link), robot.tool.X_LT)
     for link, marker in robot.markers.items():
-        builder.add_marker(spec.body(link), marker, pose())
+        _add_marker(spec, spec.body(link), marker, pose())
     tip = spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)
     tip.size[0], tip.mass, tip.group = TIP_RADIUS, 0.0, FELT
     tip.contype = tip.conaffinity = 0
@@ -100,10 +100,10 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
         body = spec.worldbody.add_body(name=name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
         color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
         for part in obj.parts:
-            builder.add_part(body, part, DRAWN, color)
-            builder.add_part(body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
+            _add_part(spec, body, part, DRAWN, color)
+            _add_part(spec, body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
         if obj.printed_marker is not None:
-            builder.add_marker(body, obj.printed_marker, pose(position=(0.0, 0.0, obj.size[2] / 2)))
+            _add_marker(spec, body, obj.printed_marker, pose(position=(0.0, 0.0, obj.size[2] / 2)))
         if obj.fixed:
             lowest = min(lowest, X_WO[2, 3] - obj.size[2] / 2)
             continue
@@ -125,95 +125,96 @@ def quaternion(X: Array) -> Array:
     return wxyz
 
 
-class _ModelBuilder:
-    """Adds what a cell is made of to a specification."""
+def _add_urdf(spec: mujoco.MjSpec, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
+    """A URDF whose root link has the pose X_PR in a body."""
+    root = parent.add_body(name=urdf.root, pos=X_PR[:3, 3], quat=quaternion(X_PR))
+    bodies = {urdf.root: root}
+    for joint in urdf.joints.values():
+        body = bodies[joint.parent].add_body(name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ))
+        bodies[joint.child] = body
+        if not joint.movable:
+            continue
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.type == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE
+        added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
+        if joint.mimic is not None:
+            follow = spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
+            follow.name1, follow.name2 = joint.name, joint.mimic.joint
+            follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
+            follow.solref[:] = _STIFF
+            continue
+        if np.isfinite([joint.lower, joint.upper]).all():
+            added.limited, added.range[:] = True, (joint.lower, joint.upper)
+            added.solref_limit[:] = _STIFF
+        motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        if joint.effort is not None:
+            added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
+    resolve = partial(resolve_mesh, robot.package_roots)
+    for part in urdf.parts("visual", resolve):
+        _add_part(spec, bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
+    for part in urdf.parts("collision", resolve):
+        inertial = urdf.links[part.parent].inertial
+        density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
+        _add_part(spec, bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
+    for name, body in bodies.items():
+        _set_inertia(body, urdf.links[name])
 
-    def __init__(self, spec: mujoco.MjSpec) -> None:
-        self._spec = spec
-        self._meshes: dict[tuple[Mesh, int], str] = {}
 
-    def add_urdf(self, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
-        """A URDF whose root link has the pose X_PR in a body."""
-        root = parent.add_body(name=urdf.root, pos=X_PR[:3, 3], quat=quaternion(X_PR))
-        bodies = {urdf.root: root}
-        for joint in urdf.joints.values():
-            body = bodies[joint.parent].add_body(name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ))
-            bodies[joint.child] = body
-            if not joint.movable:
-                continue
-            kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.type == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE
-            added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
-            if joint.mimic is not None:
-                follow = self._spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
-                follow.name1, follow.name2 = joint.name, joint.mimic.joint
-                follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
-                follow.solref[:] = _STIFF
-                continue
-            if np.isfinite([joint.lower, joint.upper]).all():
-                added.limited, added.range[:] = True, (joint.lower, joint.upper)
-                added.solref_limit[:] = _STIFF
-            motor = self._spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-            if joint.effort is not None:
-                added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
-        resolve = partial(resolve_mesh, robot.package_roots)
-        for part in urdf.parts("visual", resolve):
-            self.add_part(bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
-        for part in urdf.parts("collision", resolve):
-            inertial = urdf.links[part.parent].inertial
-            density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
-            self.add_part(bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
-        for name, body in bodies.items():
-            _set_inertia(body, urdf.links[name])
+def _add_part(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    part: Part,
+    group: int,
+    color: Rgb,
+    *,
+    touches: int = 0,
+    density: float = 0.0,
+) -> None:
+    """Add a part of a link or an object, to be drawn or felt; every mesh file is one asset for each."""
+    kinds, inertias, mesh = mujoco.mjtGeom, mujoco.mjtMeshInertia, part.shape
+    geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
+    match mesh:
+        case Box(size):
+            geom.type, geom.size[:] = kinds.mjGEOM_BOX, np.array(size) / 2
+        case Sphere(radius):
+            geom.type, geom.size[0] = kinds.mjGEOM_SPHERE, radius
+        case Cylinder(radius, length):
+            geom.type, geom.size[:2] = kinds.mjGEOM_CYLINDER, (radius, length / 2)
+        case Capsule(radius, length):
+            geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
+        case Mesh():
+            geom.type, geom.meshname = kinds.mjGEOM_MESH, f"{mesh.path} {mesh.scale} {group}"
+            if spec.mesh(geom.meshname) is None:
+                triangles = read_mesh(mesh.path, mesh.scale)
+                asset = spec.add_mesh(name=geom.meshname)
+                asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
+                # A drawn mesh may be open or flat; one that collides does so as its convex hull.
+                asset.inertia = inertias.mjMESH_INERTIA_SHELL if group == DRAWN else inertias.mjMESH_INERTIA_CONVEX
+    geom.group, geom.density = group, density
+    geom.friction[:], geom.condim = FRICTION, 4
+    geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
+    geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
 
-    def add_part(
-        self, body: mujoco.MjsBody, part: Part, group: int, color: Rgb, *, touches: int = 0, density: float = 0.0
-    ) -> None:
-        """Add a part of a link or an object, to be drawn or felt; every mesh file is one asset for each."""
-        kinds, inertias, mesh = mujoco.mjtGeom, mujoco.mjtMeshInertia, part.shape
-        geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
-        match mesh:
-            case Box(size):
-                geom.type, geom.size[:] = kinds.mjGEOM_BOX, np.array(size) / 2
-            case Sphere(radius):
-                geom.type, geom.size[0] = kinds.mjGEOM_SPHERE, radius
-            case Cylinder(radius, length):
-                geom.type, geom.size[:2] = kinds.mjGEOM_CYLINDER, (radius, length / 2)
-            case Capsule(radius, length):
-                geom.type, geom.size[:2] = kinds.mjGEOM_CAPSULE, (radius, length / 2)
-            case Mesh():
-                if (mesh, group) not in self._meshes:
-                    triangles = read_mesh(mesh.path, mesh.scale)
-                    self._meshes[mesh, group] = name = f"mesh{len(self._meshes)}"
-                    asset = self._spec.add_mesh(name=name)
-                    asset.uservert, asset.userface = triangles.vertices.ravel(), triangles.faces.ravel()
-                    # A drawn mesh may be open or flat; one that collides does so as its convex hull.
-                    asset.inertia = inertias.mjMESH_INERTIA_SHELL if group == DRAWN else inertias.mjMESH_INERTIA_CONVEX
-                geom.type, geom.meshname = kinds.mjGEOM_MESH, self._meshes[mesh, group]
-        geom.group, geom.density = group, density
-        geom.friction[:], geom.condim = FRICTION, 4
-        geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
-        geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
 
-    def add_marker(self, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
-        """A marker with its margin on a face whose middle is at X_BF with z outwards."""
-        name, side, modules = f"{marker.dictionary} {marker.id}", marker.side, DICTIONARIES[marker.dictionary].modules
-        if self._spec.material(name) is None:
-            dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(marker.dictionary)))
-            pixels, kind = modules * _MARKER_PIXELS, mujoco.mjtTexture.mjTEXTURE_2D
-            gray = cv2.aruco.generateImageMarker(dictionary, marker.id, pixels, borderBits=1)
-            texture = self._spec.add_texture(name=name, type=kind, width=pixels, height=pixels, nchannel=3)
-            texture.data = np.repeat(gray[:, :, None], 3, axis=2).tobytes()
-            material = self._spec.add_material(name=name, specular=0.0, shininess=0.0)
-            material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
-        margin = body.add_geom(rgba=(*COLORS["white"], 1.0))
-        margin.size[:] = (*(side / 2 * (1.0 + 2.0 / modules),) * 2, MARKER_DEPTH)
-        black = body.add_geom(material=name)
-        black.size[:] = side / 2, side / 2, 2 * MARKER_DEPTH
-        for geom in (margin, black):
-            geom.type, geom.group, geom.mass = mujoco.mjtGeom.mjGEOM_BOX, DRAWN, 0.0
-            geom.pos, geom.quat = X_BF[:3, 3], quaternion(X_BF)
-            geom.contype = geom.conaffinity = 0
+def _add_marker(spec: mujoco.MjSpec, body: mujoco.MjsBody, marker: Marker, X_BF: Array) -> None:
+    """A marker with its margin on a face whose middle is at X_BF with z outwards."""
+    name, side, modules = f"{marker.dictionary} {marker.id}", marker.side, DICTIONARIES[marker.dictionary].modules
+    if spec.material(name) is None:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(marker.dictionary)))
+        pixels, kind = modules * _MARKER_PIXELS, mujoco.mjtTexture.mjTEXTURE_2D
+        gray = cv2.aruco.generateImageMarker(dictionary, marker.id, pixels, borderBits=1)
+        texture = spec.add_texture(name=name, type=kind, width=pixels, height=pixels, nchannel=3)
+        texture.data = np.repeat(gray[:, :, None], 3, axis=2).tobytes()
+        material = spec.add_material(name=name, specular=0.0, shininess=0.0)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    margin = body.add_geom(rgba=(*COLORS["white"], 1.0))
+    margin.size[:] = (*(side / 2 * (1.0 + 2.0 / modules),) * 2, MARKER_DEPTH)
+    black = body.add_geom(material=name)
+    black.size[:] = side / 2, side / 2, 2 * MARKER_DEPTH
+    for geom in (margin, black):
+        geom.type, geom.group, geom.mass = mujoco.mjtGeom.mjGEOM_BOX, DRAWN, 0.0
+        geom.pos, geom.quat = X_BF[:3, 3], quaternion(X_BF)
+        geom.contype = geom.conaffinity = 0
 
 
 def _set_inertia(body: mujoco.MjsBody, link: UrdfLink) -> None:

@@ -12,7 +12,6 @@ from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.program.record import ProgramTarget, Step
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.skill.target_box import object_of
 
@@ -20,39 +19,30 @@ SPACING = 0.02
 """Sampling period of the nominal motion [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Situation:
-    """Where everything is at one moment."""
+def in_boxes(
+    atom: str,
+    target: ProgramTarget,
+    X_WL: Mapping[str, Array],
+    X_WO: Mapping[str, Array],
+    starts: Mapping[str, Array],
+    held: str | None,
+) -> bool | None:
+    """Whether an object is in each of the boxes that decide an atom; None for one that is about the gripper's fingers.
 
-    X_WL: Mapping[str, Array]
-    """Pose of each link, (4, 4)."""
-    X_WO: Mapping[str, Array]
-    """Of each object."""
-    starts: Mapping[str, Array]
-    """Of each object when the step began."""
-    held: str | None
-    """The object in the tool."""
-    open: bool
-    """Whether the fingers of a gripper are open."""
-
-
-def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: bool) -> bool:
-    """Whether an atom is true: its object is in each box that is for one.
-
-    It is in a box that moves with the robot if the tool holds it, in any other if its centre is inside. An atom without
-    an object is about the gripper's fingers. when_open: the value of such an atom while they are open.
+    It is in a box that moves with the robot if the tool holds it, in any other if its centre is inside. X_WL, X_WO,
+    starts: the pose of each link, of each object, and of that when the step began, (4, 4). held: in the tool.
     """
-    named = [(name, box) for box in target.boxes if (name := object_of(atom, box, situation.X_WO)) is not None]
+    named = [(name, box) for box in target.boxes if (name := object_of(atom, box, X_WO)) is not None]
     for name, box in named:
-        if box.frame in situation.X_WL:
-            inside = situation.held == name
+        if box.frame in X_WL:
+            inside = held == name
         else:
-            X_WB = frame_poses({}, situation.X_WO, situation.starts)[box.frame] @ box.X_FB
-            offset = (situation.X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
+            X_WB = frame_poses({}, X_WO, starts)[box.frame] @ box.X_FB
+            offset = (X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
             inside = bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
         if not inside:
             return False
-    return bool(named) or when_open == situation.open
+    return True if named else None
 
 
 def values_when_open(step: Step) -> dict[str, bool]:
@@ -95,9 +85,9 @@ class NominalStep:
         for i in range(len(t)):
             now_X_WL = {link: X[i] for link, X in X_WL.items()}
             now_X_WO = {name: X[i if len(X) > 1 else 0] for name, X in self._X_WO.items()}
-            now = Situation(now_X_WL, now_X_WO, before.X_WO, held[i], held[i] is None)
             for atom, target in step.targets.items():
-                self._holds[atom][i] = holds(atom, target, now, when_open=when_open[atom])
+                inside = in_boxes(atom, target, now_X_WL, now_X_WO, before.X_WO, held[i])
+                self._holds[atom][i] = when_open[atom] == (held[i] is None) if inside is None else inside
 
     def _index(self, t: float) -> int:
         return min(round(max(t, 0.0) / SPACING), len(self.times) - 1)

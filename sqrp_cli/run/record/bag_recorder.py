@@ -31,7 +31,7 @@ from sqrp_cli.robot.urdf import UrdfModel
 from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.ros.messages import Message, MessageTypes, pose_message, transform_message
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.record import events
+from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.packed_image import jpeg_of
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -77,40 +77,51 @@ class BagRecorder:
             info = camera_info(self._types, camera, _at(0.0))
             self._writer.add(f"/{camera.name}/camera_info", _at(0.0), info, latched=True)
 
-    def __call__(self, event: events.Event) -> None:
+    def __call__(self, event: Event) -> None:
         """Keep an event."""
-        match event:
-            case events.WholeState() | events.StateChanged():
+        t, said, warns = event.t, "", True
+        match event.event:
+            case "state":
                 self._add_state(event)
-            case events.StepBegan(t=t):
-                wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
+            case "step":
+                color, alpha = _SHOWN[Truth.UNKNOWN], _ALPHA
                 self._boxes = {
-                    atom: [self._box(t, (atom, number), box) for number, box in enumerate(boxes)]
+                    atom: [
+                        self._marker(t, (atom, i), box.frame, np.array(box.pose), Box(tuple(box.size)), color, alpha)
+                        for i, box in enumerate(boxes)
+                    ]
                     for atom, boxes in event.boxes.items()
                 }
+                wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
                 self._add_markers("/boxes", t, [wiped, *(one for found in self._boxes.values() for one in found)])
-                self._say(t, f"step {event.number}: {event.skill}")
-            case events.EvidenceSeen():
+                said, warns = f"step {event.number}: {event.skill}", False
+            case "evidence":
                 self._judge(event)
-            case events.PrimitiveBegan():
-                self._say(event.t, event.name)
-            case events.FaultSeen(name=name, text=text):
-                self._say(event.t, f"fault: {name} ({text})" if text else f"fault: {name}", warns=True)
-            case events.MovingOn():
-                self._say(event.t, f"moving on to see {event.to_see}", warns=True)
-            case events.Stopping():
-                self._say(event.t, f"stopping: {event.reason}", warns=True)
-            case events.Retrying():
-                self._say(event.t, f"retry {event.attempt} of {event.of}", warns=True)
-            case events.RunEnded(event=outcome, reason=reason):
+            case "primitive":
+                said, warns = event.name, False
+            case "fault":
+                said = f"fault: {event.name} ({event.text})" if event.text else f"fault: {event.name}"
+            case "moving on":
+                said = f"moving on to see {event.to_see}"
+            case "stopping":
+                said = f"stopping: {event.reason}"
+            case "retry":
+                said = f"retry {event.attempt} of {event.of}"
+            case "done" | "stopped" | "missed" as outcome:
                 self._holds_run = True
-                self._say(event.t, outcome if reason is None else f"{outcome}: {reason}", warns=True)
+                said = outcome if event.reason is None else f"{outcome}: {event.reason}"
+        if said:
+            ros2, level = self._types.ros == 2, _LOG_LEVELS[self._types.ros][warns]
+            kind = "rcl_interfaces/msg/Log" if ros2 else "rosgraph_msgs/msg/Log"
+            when = {"stamp": self._types.time(_at(t))} if ros2 else {"header": self._types.header(_at(t))}
+            self._add("/rosout", t, kind, **when, level=level, name="sqrp", msg=said)
 
     def add(self, frame: CameraImage, *, planned: bool) -> None:
         """Keep an image; planned: whether all went as the program says when it was taken."""
         self._holds_run = True
         self.tell_planned(frame.t, planned=planned)
-        topic, header = f"/{frame.camera}/image_raw/compressed", self._header(frame.t, optical_frame(frame.camera))
+        topic = f"/{frame.camera}/image_raw/compressed"
+        header = self._types.header(_at(frame.t), optical_frame(frame.camera))
         data = np.frombuffer(jpeg_of(frame.image), np.uint8)
         self._add(topic, frame.t, "sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
 
@@ -131,37 +142,29 @@ class BagRecorder:
         """Write a message of a type."""
         self._writer.add(topic, _at(t), self._types.make(kind, **fields), latched=latched)
 
-    def _header(self, t: float, frame: str = "") -> Message:
-        return self._types.header(_at(t), frame)
-
     def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
         transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
         self._add(topic, t, "tf2_msgs/msg/TFMessage", latched=latched, transforms=transforms)
 
-    def _add_state(self, state: events.State) -> None:
-        names = getattr(state, "joints", list(self._joints))
+    def _add_state(self, state: Event) -> None:
+        t, names = state.t, state.joints if "joints" in state.model_fields_set else list(self._joints)
         if state.q:
             self._joints = dict(zip(names, state.q, strict=True))
-        joints, position, header = list(self._joints), np.array(list(self._joints.values())), self._header(state.t)
-        self._add("/joint_states", state.t, "sensor_msgs/msg/JointState", header=header, name=joints, position=position)
+        joints, position = list(self._joints), np.array(list(self._joints.values()))
+        header = self._types.header(_at(t))
+        self._add("/joint_states", t, "sensor_msgs/msg/JointState", header=header, name=joints, position=position)
         X_WL = self._body.link_poses(self._joints)
         moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
-        self._add_frames("/tf", state.t, moved)
+        self._add_frames("/tf", t, moved)
         markers = []
         for name, (x, y, z, *quaternion) in state.objects.items():
             obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
             color = COLORS.get((obj.color or "").lower(), _PLAIN)
             for number, part in enumerate(obj.parts):
-                markers.append(self._marker(state.t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
-        self._add_markers("/objects", state.t, markers)
+                markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
+        self._add_markers("/objects", t, markers)
 
-    def _box(self, t: float, name: tuple[str, int], box: events.AskedBox) -> Message:
-        shape, color = Box((box.size[0], box.size[1], box.size[2])), _SHOWN[Truth.UNKNOWN]
-        marker = self._marker(t, name, box.frame, np.array(box.pose), shape, color, alpha=_ALPHA)
-        marker.frame_locked = True
-        return marker
-
-    def _judge(self, event: events.EvidenceSeen) -> None:
+    def _judge(self, event: Event) -> None:
         make, status = self._types.make, []
         for atom, shown in event.literals.items():
             values = {"asked": str(shown.asked), "predicted": str(shown.predicted)}
@@ -176,25 +179,18 @@ class BagRecorder:
                 )
             )
             for marker in self._boxes.get(atom, ()):
-                marker.header = self._header(event.t, marker.header.frame_id)
+                marker.header = self._types.header(_at(event.t), marker.header.frame_id)
                 marker.color = self._color(_SHOWN[shown.value], _ALPHA)
-        header = self._header(event.exposed)
+        header = self._types.header(_at(event.exposed))
         self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
         self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
-
-    def _say(self, t: float, text: str, *, warns: bool = False) -> None:
-        said: dict[str, Message] = {"level": _LOG_LEVELS[self._types.ros][warns], "name": "sqrp", "msg": text}
-        if self._types.ros == 2:
-            self._add("/rosout", t, "rcl_interfaces/msg/Log", stamp=self._types.time(_at(t)), **said)
-        else:
-            self._add("/rosout", t, "rosgraph_msgs/msg/Log", header=self._header(t), **said)
 
     def _add_markers(self, topic: str, t: float, markers: list[Message]) -> None:
         if markers:
             self._add(topic, t, "visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(
-        self, t: float, name: tuple[str, int], frame: str, X: Array, shape: Shape, color: Rgb, *, alpha: float = 1.0
+        self, t: float, name: tuple[str, int], frame: str, X: Array, shape: Shape, color: Rgb, alpha: float = 1.0
     ) -> Message:
         mesh = ""
         match shape:
@@ -211,7 +207,7 @@ class BagRecorder:
         x, y, z = map(float, scale)
         return self._types.make(
             "visualization_msgs/msg/Marker",
-            header=self._header(t, frame),
+            header=self._types.header(_at(t), frame),
             ns=name[0],
             id=name[1],
             type=kind,
@@ -219,6 +215,7 @@ class BagRecorder:
             scale=self._types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
             color=self._color(color, alpha),
             mesh_resource=mesh,
+            frame_locked=alpha < 1.0,  # boxes move with their frames, objects are where they are told to be
         )
 
     def _color(self, rgb: Rgb, alpha: float) -> Message:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.files.input_file import open_input
@@ -20,7 +20,7 @@ from sqrp_cli.files.units import LARGEST
 from sqrp_cli.geometry import Array
 from sqrp_cli.platform.files import naming
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import KINDS, VERSION, Event, RunBegan, RunReported, State, StateChanged, WholeState
+from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, RunReported
 from sqrp_cli.run.record.report import Confusion, RunReport
 
 MAX_BYTES = 200_000_000
@@ -34,7 +34,7 @@ SLACK = 0.01
 class LogWriter:
     """Writes the events of a run as they happen."""
 
-    def __init__(self, path: Path, header: RunBegan) -> None:
+    def __init__(self, path: Path, header: Event) -> None:
         """header: what was run and how."""
         self._path = path
         with naming(path):  # line by line, so that nothing is lost where a run is interrupted
@@ -46,12 +46,10 @@ class LogWriter:
         with naming(self._path):
             self._file.write(json.dumps(event.line(), allow_nan=False) + "\n")
 
-    def finish(self, report: RunReport) -> None:
-        """Write the report as the last line."""
-        self(RunReported(t=report.time, report=report))
-
-    def close(self) -> None:
-        """Write nothing more."""
+    def close(self, report: RunReport | None = None) -> None:
+        """Write nothing more, but for the report of a run that has ended."""
+        if report is not None:
+            self(RunReported(t=report.time, report=report))
         with naming(self._path):
             self._file.close()
 
@@ -61,77 +59,66 @@ def read_log(path: Path) -> Iterator[Event]:
 
     Raises InputError, with the line, for anything but a log.
     """
-    before, joints, number = 0.0, None, 0
-    for number, text in _lines(path):
-        place = Place(path, number)
-        try:
-            fields = _fields(text, place)
-        except InputError as error:
-            if number > 1 and not text.endswith("\n") and error.problems[0].code == "json-syntax":
-                return  # cut off as it was written
-            raise
+    before, joints, place = 0.0, None, None
+    for place, fields in _lines(path):
         t, kind = float(fields["t"]), fields["event"]
-        if number == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
+        if place.line == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
             raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
-        model = KINDS.get(kind)
         event: Event | None = None
         try:
-            if model is RunReported:
+            if kind == "report":
                 event = RunReported(t=t, report=_report(fields, place))
-            elif model is not None:
-                event = (WholeState if model is StateChanged and joints is None else model).model_validate(fields)
+            elif kind in KINDS:
+                event = (WHOLE_STATE if kind == "state" and joints is None else KINDS[kind]).model_validate(fields)
         except ValidationError as error:
             raise _no_log(f"this `{kind}` is no event of a log: {_first_words(error)}", place) from None
-        if isinstance(event, WholeState):
-            joints = len(event.joints)
-        if isinstance(event, State) and event.has("q") and len(event.q) != joints:
-            raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
+        if event is not None and kind == "state":
+            joints = len(event.joints) if joints is None else joints
+            if "q" in event.model_fields_set and len(event.q) != joints:
+                raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
         if t < before - SLACK:
             raise _no_log(f"this event is at {t:g} s, before that of the line above", place)
         before = max(before, t)
         if event is not None:
             yield event
-    if number == 0:
+    if place is None:
         raise _no_log("this log is empty", Place(path))
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines of a log, from 1, one at a time."""
+def _lines(path: Path) -> Iterator[tuple[Place, Mapping[str, Any]]]:
+    """The fields of each line of a log, with its time `t` [s] and kind `event`; one that was cut off ends it."""
     with open_input(path, MAX_BYTES) as file:
         for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
+            place = Place(path, number)
             if len(line) > MAX_LINE or number > MAX_LINES:
                 message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
-                raise bad_input("file-too-large", message, Place(path, number))
+                raise bad_input("file-too-large", message, place)
             try:
-                yield number, line.decode("utf-8")
+                document = parse_json(path, line.decode("utf-8"), number)
             except UnicodeDecodeError as error:
-                message = "this is no log of `sqrp run --log`: it is not UTF-8 text"
-                raise _no_log(message, Place(path, number)) from error
-
-
-def _fields(text: str, place: Place) -> Mapping[str, Any]:
-    """The fields of a line, with its time `t` [s] and kind `event`."""
-    try:
-        document = parse_json(place.file, text, place.line or 1)
-    except InputError as error:
-        if place.line != 1:
-            raise
-        raise _no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
-    if not isinstance(document, dict):
-        raise _no_log(f"this line is no event of a log: found {describe(document)}, expected a mapping", place)
-    t, kind = document.get("t"), document.get("event")
-    if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
-        raise _no_log(f"this line is no event of a log: `t` is {describe(t)}, expected a number of seconds", place)
-    if not isinstance(kind, str):
-        raise _no_log(f"this line is no event of a log: `event` is {describe(kind)}, expected its kind", place)
-    return document
+                raise _no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", place) from error
+            except InputError as error:
+                if number == 1:
+                    raise _no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
+                if not line.endswith(b"\n") and error.problems[0].code == "json-syntax":
+                    return
+                raise
+            what = "this line is no event of a log"
+            if not isinstance(document, dict):
+                raise _no_log(f"{what}: found {describe(document)}, expected a mapping", place)
+            t, kind = document.get("t"), document.get("event")
+            if isinstance(t, bool) or not isinstance(t, int | float) or abs(t) > LARGEST:
+                raise _no_log(f"{what}: `t` is {describe(t)}, expected a number of seconds", place)
+            if not isinstance(kind, str):
+                raise _no_log(f"{what}: `event` is {describe(kind)}, expected its kind", place)
+            yield place, document
 
 
 def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
     try:
         # Logs of earlier versions have the times of the last stop each for itself.
         stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
-        report = TypeAdapter(RunReport).validate_python({"stop": stop, **fields, "wall": {}})
+        report = RunReported.model_validate({"t": 0.0, "report": {"stop": stop, **fields, "wall": {}}}).report
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
     if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
@@ -153,7 +140,7 @@ def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
 def _first_words(error: ValidationError) -> str:
     """The first that is wrong, with the field."""
     first = error.errors()[0]
-    place, message = json_name(first["loc"]), first["msg"]
+    place, message = json_name(first["loc"]).removeprefix("report."), first["msg"]
     return f"`{place}`: {message[0].lower()}{message[1:]}"
 
 
@@ -182,22 +169,19 @@ class Track:
     @classmethod
     def of(cls, events: Iterable[Event]) -> Track | None:
         """What a run published of it, from all its events; None if it published none."""
-        states = [event for event in events if isinstance(event, State)]
+        states = [event for event in events if event.event == "state"]
         if not states:
             return None
-        first, *others = states
-        assert isinstance(first, WholeState)  # noqa: S101 - as a run publishes and `read_log` makes sure
-        q, held = [first.q], [first.held]
-        for state in others:
-            q.append(state.q if state.has("q") else q[-1])
-            held.append(state.held if state.has("held") else held[-1])
+        q, held = list[Sequence[float]](), list[str | None]()
         poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
-        for index, state in enumerate(states):
+        for index, state in enumerate(states):  # the first is whole
+            q.append(state.q if "q" in state.model_fields_set else q[-1])
+            held.append(state.held if "held" in state.model_fields_set else held[-1])
             for name, pose in state.objects.items():
                 poses.setdefault(name, []).append((index, tuple(pose)))
         return cls(
             np.array([state.t for state in states]),
-            tuple(first.joints),
+            tuple(states[0].joints),
             np.array(q, dtype=float).reshape(len(states), -1),
             tuple(held),
             {name: tuple(found) for name, found in poses.items()},

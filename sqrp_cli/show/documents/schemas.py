@@ -21,7 +21,7 @@ from sqrp_cli.cell.workspace import WorkspaceFile
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.run.cell.robot_file import RobotFile
-from sqrp_cli.run.record.events import Event
+from sqrp_cli.run.record.events import LINE
 from sqrp_cli.show.documents import KINDS, record_of
 from sqrp_cli.skill.skill import SkillFile
 
@@ -45,7 +45,7 @@ DOCUMENTS: Mapping[str, Any] = {
 }
 """What each command prints with `--json`."""
 
-RECORDS: Mapping[str, Any] = {"log": Event}  # the content of each line of a file that commands write
+RECORDS: Mapping[str, Any] = {"log": LINE}  # the content of each line of a file that commands write
 NAMES = (*FILES, *DOCUMENTS, *RECORDS)  # everything that has a schema
 
 
@@ -81,6 +81,8 @@ def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
         for hidden in (part.name for part in fields(record) if part.metadata.get("live")):
             schema["properties"].pop(hidden)
     for name, value in schema.get("properties", {}).items():
+        if "description" in value:
+            continue
         owners = [base for base in record.__mro__ if name in inspect.get_annotations(base)]
         text = next((texts[name] for texts in map(_texts, owners) if name in texts), None)
         if text is not None:

@@ -9,17 +9,7 @@ from pathlib import Path
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import (
-    AskedBox,
-    ContactFelt,
-    Event,
-    EvidenceSeen,
-    MovingOn,
-    PrimitiveBegan,
-    Retrying,
-    StepBegan,
-    Stopping,
-)
+from sqrp_cli.run.record.events import AskedBox, Event
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.show.documents.explanation import Span
@@ -59,7 +49,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     track = Track.of(events)
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
-    watched = any(isinstance(event, EvidenceSeen) for event in events)
+    watched = any(event.event == "evidence" for event in events)
     figures, noted = [], []
     for fault in report.faults:
         if fault.delay is not None:
@@ -127,7 +117,7 @@ def _detail(
             spans.append({"kind": "handled", "start": fault.detected, "end": acted, "text": text})
         marks += [{"label": label, "spans": spans}] if spans else []
     # What the images of each time showed. The last ones count for as long as any before them, then none.
-    seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
+    seen = {event.exposed: event for event in events if event.event == "evidence"}
     times = sorted(seen)
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
@@ -161,16 +151,12 @@ def track_shown(track: Track) -> Mapping[str, object]:
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
     """The primitives, and in words what the robot does between them."""
     starts: list[tuple[float, str, str | None]] = []
+    between = {"step": "looks", "moving on": "moves on to look", "stopping": "stops"}
     for event in events:
-        match event:
-            case PrimitiveBegan(t=t, name=name, does=does):
-                starts.append((t, name, does))
-            case StepBegan(t=t):
-                starts.append((t, "looks", None))
-            case MovingOn(t=t):
-                starts.append((t, "moves on to look", None))
-            case Stopping(t=t):
-                starts.append((t, "stops", None))
+        if event.event == "primitive":
+            starts.append((event.t, event.name, event.does))
+        elif event.event in between:
+            starts.append((event.t, between[event.event], None))
     ends = [*(t for t, _, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
     return [Span(name=name, does=does, start=start, end=to) for (start, name, does), to in spans if to > start]
@@ -178,7 +164,7 @@ def _doings(events: Sequence[Event], end: float) -> list[Span]:
 
 def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
     """The boxes of each atom, with the times `from` and `to` between which they count: each attempt has its own."""
-    starts = [event for event in events if isinstance(event, StepBegan)]
+    starts = [event for event in events if event.event == "step"]
     ends = [*(event.t for event in starts), end + 1.0][1:]
     spans: dict[str, list[tuple[AskedBox, float, float]]] = {}
     for event, until in zip(starts, ends, strict=True):
@@ -207,20 +193,20 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[Mapping[str, ob
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
     words = {
-        MovingOn: "the robot moves on to look",
-        Stopping: "the robot stops",
-        ContactFelt: "the tool feels contact",
-        Retrying: "the robot tries again",
+        "moving on": "the robot moves on to look",
+        "stopping": "the robot stops",
+        "contact": "the tool feels contact",
+        "retry": "the robot tries again",
     }
     for event in events:
-        if type(event) in words:
-            happens.setdefault(event.t, []).append(words[type(event)])
+        if event.event in words:
+            happens.setdefault(event.t, []).append(words[event.event])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
     return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
 
 
-def _sample(cameras: Sequence[str], event: EvidenceSeen) -> Mapping[str, object]:
+def _sample(cameras: Sequence[str], event: Event) -> Mapping[str, object]:
     """What the images of a time showed of the required literals; it counts until the next ones."""
 
     def shown(value: Truth, blind: str) -> dict[str, object]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import first_names
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.record import events
+from sqrp_cli.run.record.events import Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal.console import (
@@ -56,7 +56,7 @@ class LiveView:
         self._show: Show | None = None
         self._advance: Advance | None = None
         self._doing, self._last, self._t = "looks", "", 0.0
-        self._literals: Mapping[str, events.ShownAtom] = {}
+        self._literals: Mapping[str, ShownAtom] = {}
 
     def __enter__(self) -> LiveView:
         self._show = self._stack.enter_context(live())
@@ -67,24 +67,24 @@ class LiveView:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def __call__(self, event: events.Event) -> None:
+    def __call__(self, event: Event) -> None:
         """Show an event."""
         if self._advance is not None:
             self._advance(int(event.t) - int(self._t))
             self._t = event.t
-        if self._show is None or isinstance(event, events.State):
+        if self._show is None or event.event == "state":
             return
         if self._pace and event.t > self._t:
             time.sleep((event.t - self._t) / _REPLAY_SPEED)
         self._t = event.t
-        match event:
-            case events.PrimitiveBegan(name=name):
-                self._doing = name
-            case events.EvidenceSeen(literals=literals):
-                self._literals = literals
-            case events.Stopping():
+        match event.event:
+            case "primitive":
+                self._doing = event.name
+            case "evidence":
+                self._literals = event.literals
+            case "stopping":
                 self._doing = "stops"
-            case events.MovingOn():
+            case "moving on":
                 self._doing = "moves on to look"
         if (happens := event_in_words(event)) is not None:
             self._last = f"{event.t:.2f} s: {happens}"
@@ -117,10 +117,10 @@ class FinishedSteps:
     def __str__(self) -> str:
         return f"{self._t:.2f} s of the run, when {len(self._ends)} of {len(self._tasks)} steps were finished"
 
-    def __call__(self, event: events.Event) -> None:
+    def __call__(self, event: Event) -> None:
         """Take note of an event."""
         self._t = event.t
-        if isinstance(event, events.StepBegan) and event.number > len(self._ends) + 1:  # the one before is done
+        if event.event == "step" and event.number > len(self._ends) + 1:  # the one before is done
             self._ends.append(event.t)
         if (happens := event_in_words(event)) is not None:
             self._told.append(f"{event.t:.2f} s: {happens}")
@@ -133,19 +133,19 @@ class FinishedSteps:
             say(line)
 
 
-def event_in_words(event: events.Event) -> str | None:
+def event_in_words(event: Event) -> str | None:
     """The event in words; None if the view shows it elsewhere."""
-    match event:
-        case events.FaultInjected(fault=fault):
-            return f"{fault} is made to happen"
-        case events.FaultHappened(fault=fault):
-            return f"{fault} has happened"
-        case events.FaultSeen(name=name):
-            return f"{name} is seen"
-        case events.MovingOn(to_see=condition):
-            return f"moves on to where `{condition}` can be seen"
-        case events.Retrying(attempt=attempt, of=of):
-            return f"tries again ({attempt} of {of})"
+    match event.event:
+        case "injected":
+            return f"{event.fault} is made to happen"
+        case "happened":
+            return f"{event.fault} has happened"
+        case "fault":
+            return f"{event.name} is seen"
+        case "moving on":
+            return f"moves on to where `{event.to_see}` can be seen"
+        case "retry":
+            return f"tries again ({event.attempt} of {event.of})"
     return None
 
 
@@ -168,7 +168,7 @@ def print_run(found: RunReport) -> None:
         if step.end is not None and step.unseen:  # what no camera saw at its end, so that a fault may be unnoticed
             end = "the motion" if len(found.steps) == 1 else f"step {number}"
             last = {atom: "never before" if t is None else f"last at {t:.2f} s" for atom, t in step.unseen.items()}
-            atoms = events.listed([f"{atom} ({when})" for atom, when in last.items()])
+            atoms = listed([f"{atom} ({when})" for atom, when in last.items()])
             then = "" if found.missed else ": a fault after that would not be noticed by then"
             say(f"At the end of {end} no image shows {atoms}{then}.", "yellow")
     if found.faults:
@@ -365,7 +365,7 @@ def print_audit(found: AuditDocument) -> None:
         say(f"All images of {name} are, by their stamps, {when} or more: its clock is not the robot's.", "red")
     if found.missing:
         them = "them" if found.missing[1:] else "it"
-        said = f"There are no images of {events.listed(found.missing)}: what was predicted of {them} is left out."
+        said = f"There are no images of {listed(found.missing)}: what was predicted of {them} is left out."
         if topics := found.other_topics:  # whose images may be theirs
             said += f" Images of no camera are on {first_names(topics)}: --topic {found.missing[0]}={topics[0]}"
         say(said, "yellow")
@@ -390,7 +390,7 @@ def print_audit(found: AuditDocument) -> None:
         since = f"From {one.t:.2f} s of step {one.step} on, `{one.atom}` is false in each of the {one.images} images"
         say(f"{since} that show it: perhaps the part was lost there, and its detector is right.", "yellow")
     say()
-    wrong = f" Not passed: {events.listed(found.not_as_stated)}." if found.not_as_stated else ""
+    wrong = f" Not passed: {listed(found.not_as_stated)}." if found.not_as_stated else ""
     if found.precision is None:
         say(f"No image was predicted to show anything, so there is nothing to confirm.{wrong}")
     else:
@@ -428,11 +428,11 @@ def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> No
     if moved:
         verb, them = ("has", "it is") if len(moved) == 1 else ("have", "they are")
         how = "" if written else f" --patch FILE writes where {them} into the workspace."
-        say(f"{events.listed(moved)} {verb} moved.{how}", "red")
+        say(f"{listed(moved)} {verb} moved.{how}", "red")
     blind = [name for name, one in cameras.items() if one.pose is None]
     if blind:
         it, has = ("it is", "it has") if len(blind) == 1 else ("they are", "they have")
-        little = f"Images of {events.listed(blind)} show too little of the cell to tell where {it}"
+        little = f"Images of {listed(blind)} show too little of the cell to tell where {it}"
         say(f"{little}, or {has} moved by more than can be found out.", "yellow")
 
 

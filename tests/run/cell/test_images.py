@@ -23,7 +23,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.render_pool import RenderPool
 from sqrp_cli.run.cell.renderer import Renderer
-from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.perception.vision import find_markers
 from sqrp_cli.shapes import Sphere
 from tests.run.cell.scenes import TABLE, camera, cell, empty, thing, workspace, world
@@ -46,7 +46,7 @@ def drawing(
 ) -> Iterator[Renderer]:
     """A renderer of some things, with the robot of a workspace at home."""
     base = cell(base or empty(), things, cameras)
-    physics = Physics(base, world(base))
+    physics = SimulatedCell(base, world(base))
     renderer = Renderer(physics.model, cameras, seed)
     renderer.move(physics.positions)
     try:
@@ -104,7 +104,7 @@ def test_a_camera_on_a_link_moves_with_it() -> None:
     point_C = np.array([0.06, -0.04, 0.35])
     ball = thing("ball", transform(X_WC, point_C[None])[0].tolist(), (0.02,) * 3, shape=Sphere(0.01), fixed=True)
     there = cell(base, [ball], [eye])
-    physics = Physics(there, world(there, dict(zip(model.arm, q, strict=True))))
+    physics = SimulatedCell(there, world(there, dict(zip(model.arm, q, strict=True))))
     renderer = Renderer(physics.model, [eye], 0)
     renderer.move(physics.positions)
     (seen,) = blobs(renderer.image("cam", 0.0))
@@ -127,7 +127,7 @@ def test_processes_draw_what_one_process_draws() -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
     names = [eye.name for eye in cameras]
-    physics = Physics(base, world(base))
+    physics = SimulatedCell(base, world(base))
     pool = RenderPool(physics.model, cameras, 7)
     try:
         apart = [pool.images(names, physics.positions, t) for t in (0.0, 0.1)]

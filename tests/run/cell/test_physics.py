@@ -17,7 +17,7 @@ from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.run.cell.mujoco_model import mujoco
-from sqrp_cli.run.cell.simulated_cell import Physics, SimulatedCell
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.shapes import Mesh
 from sqrp_cli.sight.solids import load_solid
 from tests.run.cell.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
@@ -46,20 +46,26 @@ def suction_cell(*things: SceneObject) -> Workspace:
     return cell(workspace("workspaces/tabletop"), [TABLE, CUBE, *things])
 
 
-def started(base: Workspace, X_WT: Array) -> tuple[Physics, dict[str, float]]:
-    """Physics with the tool at a pose, and the joint positions."""
+def started(base: Workspace, X_WT: Array) -> tuple[SimulatedCell, dict[str, float]]:
+    """SimulatedCell with the tool at a pose, and the joint positions."""
     q = at_pose(base, X_WT)
-    return Physics(base, world(base, q)), q
+    return SimulatedCell(base, world(base, q)), q
+
+
+def torques(physics: SimulatedCell) -> Array:
+    """What each motor gave in the last time step [Nm or N]."""
+    model = physics.model
+    return physics._data.qfrc_actuator[model.jnt_dofadr[model.actuator_trnid[:, 0]]]
 
 
 def test_the_arm_follows_a_fast_motion_within_a_tenth_of_a_millimetre() -> None:
     base = workspace("workspaces/tabletop")
-    physics = Physics(base, world(base))
+    physics = SimulatedCell(base, world(base))
     home = dict(base.robot.home)
     there = {name: value + 1.2 * (-1) ** k for k, (name, value) in enumerate(home.items())}
     physics.advance(2.5, Quintic(home, there, 0.2, 2.0))  # up to 1.1 rad/s, 1.7 rad/s^2
-    assert np.sqrt(physics.squared_error / physics.steps) < 1e-4
-    assert physics.joints() == pytest.approx(there, abs=1e-4)
+    assert physics.tracking_error() < 1e-4
+    assert physics.measured_joints() == pytest.approx(there, abs=1e-4)
 
 
 def test_the_tool_is_where_the_kinematics_of_the_arm_says() -> None:
@@ -73,13 +79,13 @@ def test_the_tool_is_where_the_kinematics_of_the_arm_says() -> None:
 def test_torque_stays_within_the_effort_that_the_urdf_states() -> None:
     """A jump of the reference by 1 rad asks for thousands of newton metres."""
     base = workspace("workspaces/tabletop")
-    physics = Physics(base, world(base))
+    physics = SimulatedCell(base, world(base))
     away = {name: value + 1.0 for name, value in base.robot.home.items()}
     effort = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
     for k in range(1, 30):
         physics.advance(0.01 * k, Rest(away))
-        assert (np.abs(physics.torques()) <= effort + 1e-9).all()
-    assert (np.abs(physics.torques()) >= 0.9 * effort).any()
+        assert (np.abs(torques(physics)) <= effort + 1e-9).all()
+    assert (np.abs(torques(physics)) >= 0.9 * effort).any()
 
 
 def test_suction_holds_only_what_it_touches() -> None:
@@ -99,20 +105,20 @@ def test_suction_carries_a_thing_rigidly_and_loses_it_for_good() -> None:
     physics, q = started(base, above(CUBE_TOP))
     physics.advance(0.2, Rest(q))
     physics.grasp()
-    X_TO = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    X_TO = inverse(physics.tool_pose()) @ physics.truth().X_WO["cube"]
     lifted = at_pose(base, above((0.45, 0.05, 0.19)))
     physics.advance(1.5, Quintic(q, lifted, 0.2, 1.2))
-    now = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    now = inverse(physics.tool_pose()) @ physics.truth().X_WO["cube"]
     assert now[:3, 3] == pytest.approx(X_TO[:3, 3], abs=3e-4)
     assert now[:3, :3] == pytest.approx(X_TO[:3, :3], abs=3e-3)
-    before = physics.object_poses()["cube"][2, 3]
+    before = physics.truth().X_WO["cube"][2, 3]
     physics.slip()
     assert physics.held() is None
     physics.advance(1.5 + 0.1, Rest(lifted))
-    fallen = before - physics.object_poses()["cube"][2, 3]
+    fallen = before - physics.truth().X_WO["cube"][2, 3]
     assert fallen == pytest.approx(9.81 / 2 * 0.1**2, rel=0.05)
     physics.advance(2.5, Rest(lifted))
-    assert physics.object_poses()["cube"][2, 3] == pytest.approx(0.02, abs=5e-4)
+    assert physics.truth().X_WO["cube"][2, 3] == pytest.approx(0.02, abs=5e-4)
 
 
 def test_the_arm_knows_the_weight_that_it_holds() -> None:
@@ -133,10 +139,10 @@ def test_a_cell_may_begin_with_something_in_the_tool() -> None:
     X_TO = pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
     start = world(base, q)
     elsewhere = {name: X for name, X in start.X_WO.items() if name != "cube"}
-    physics = Physics(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
+    physics = SimulatedCell(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
     physics.advance(1.0, Rest(q))
     assert physics.held() == "cube"
-    assert physics.object_poses()["cube"] == pytest.approx(X_WT @ X_TO, abs=5e-4)
+    assert physics.truth().X_WO["cube"] == pytest.approx(X_WT @ X_TO, abs=5e-4)
 
 
 def test_the_same_calls_give_the_same_bytes() -> None:
@@ -201,10 +207,10 @@ def gripper_cell(*things: SceneObject) -> Workspace:
 OPEN, TOUCHING = {"left_finger_joint": 0.04}, {"left_finger_joint": 0.0201}
 
 
-def grasped(base: Workspace) -> tuple[Physics, dict[str, float]]:
+def grasped(base: Workspace) -> tuple[SimulatedCell, dict[str, float]]:
     """The gripper around the cube, closed with a force."""
     arm = at_pose(base, above((0.4, 0.1, 0.02)))
-    physics = Physics(base, world(base, arm | OPEN))
+    physics = SimulatedCell(base, world(base, arm | OPEN))
     physics.advance(1.0, Quintic(arm | OPEN, arm | TOUCHING, 0.0, 0.8))
     assert physics.held() is None
     physics.grasp()
@@ -216,31 +222,31 @@ def test_fingers_hold_by_friction_while_the_arm_moves_and_let_go() -> None:
     base = gripper_cell()
     physics, q = grasped(base)
     assert physics.held() == "cube"
-    X_TO = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    X_TO = inverse(physics.tool_pose()) @ physics.truth().X_WO["cube"]
     lifted = q | at_pose(base, above((0.42, 0.05, 0.2)))
     physics.advance(4.0, Quintic(q, lifted, 1.3, 1.2))
-    now = inverse(physics.tool_pose()) @ physics.object_poses()["cube"]
+    now = inverse(physics.tool_pose()) @ physics.truth().X_WO["cube"]
     assert physics.held() == "cube"
     assert now[:3, 3] == pytest.approx(X_TO[:3, 3], abs=1e-3)
     physics.release()
     physics.advance(4.7, Quintic(lifted, lifted | OPEN, 4.0, 0.5))  # released fingers follow the reference
     assert physics.held() is None
-    assert physics.joints()["left_finger_joint"] == pytest.approx(0.04, abs=5e-4)
-    assert physics.joints()["right_finger_joint"] == pytest.approx(0.04, abs=5e-4)
+    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.04, abs=5e-4)
+    assert physics.measured_joints()["right_finger_joint"] == pytest.approx(0.04, abs=5e-4)
 
 
 def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
     base = gripper_cell()
     arm = at_pose(base, above((0.4, 0.1, 0.02)))
-    physics = Physics(base, world(base, arm | OPEN))
+    physics = SimulatedCell(base, world(base, arm | OPEN))
     physics.grasp()
     for k in range(1, 7):
         physics.advance(0.05 * k, Rest(arm | OPEN))
         assert physics.held() is None
-        assert physics.joints()["left_finger_joint"] > 0.04 - 0.05 * 0.05 * k
+        assert physics.measured_joints()["left_finger_joint"] > 0.04 - 0.05 * 0.05 * k
     physics.advance(0.6, Rest(arm | OPEN))
     assert physics.held() == "cube"
-    assert physics.joints()["left_finger_joint"] == pytest.approx(0.02, abs=5e-4)
+    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.02, abs=5e-4)
 
 
 def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
@@ -251,9 +257,9 @@ def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
     physics.slip()
     assert physics.held() is None
     physics.advance(3.5, Rest(lifted))
-    assert physics.object_poses()["cube"][2, 3] == pytest.approx(0.02, abs=1e-3)
-    assert physics.joints()["left_finger_joint"] == pytest.approx(0.0, abs=1e-3)
-    assert physics.joints()["right_finger_joint"] == pytest.approx(0.0, abs=1e-3)
+    assert physics.truth().X_WO["cube"][2, 3] == pytest.approx(0.02, abs=1e-3)
+    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.0, abs=1e-3)
+    assert physics.measured_joints()["right_finger_joint"] == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", REAL_ARMS)
@@ -261,10 +267,10 @@ def test_real_arms_stand_where_they_are_told_to(name: str) -> None:
     path, tool_frame = REAL_ARMS[name]
     arm = robot(ROBOTS / path, tool_frame)
     base = replace(cell(workspace("workspaces/tabletop"), []), robot=arm)
-    physics = Physics(base, World(frozenset(), {}, None, None, {}))
-    start = physics.joints()
+    physics = SimulatedCell(base, World(frozenset(), {}, None, None, {}))
+    start = physics.measured_joints()
     physics.advance(0.5, Rest({name: start[name] for name in RobotModel.load(arm).arm}))
-    assert physics.joints() == pytest.approx(start, abs=1e-3)
+    assert physics.measured_joints() == pytest.approx(start, abs=1e-3)
 
 
 LED_ARM = """<robot name="led">
@@ -285,10 +291,10 @@ def test_a_motor_bears_the_weight_of_the_joints_that_mimic_it(tmp_path: Path, ef
     urdf = tmp_path / "led.urdf"
     urdf.write_text(LED_ARM.replace('upper="2"/>', f'upper="2"{limit}/>'))
     base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
-    physics = Physics(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
+    physics = SimulatedCell(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
     physics.advance(2.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 2.0))
-    assert physics.joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
-    assert effort is None or np.abs(physics.torques()).max() < 31.4 / 2 + effort
+    assert physics.measured_joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
+    assert effort is None or np.abs(torques(physics)).max() < 31.4 / 2 + effort
 
 
 BARE_ARM = """<robot name="bare">
@@ -309,9 +315,9 @@ def test_a_robot_without_inertia_or_effort_moves_too(tmp_path: Path) -> None:
     urdf.write_text(BARE_ARM)
     base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "tip"))
     start = {"one": 0.0, "two": 0.1}
-    physics = Physics(base, World(frozenset(), {}, None, None, start))
+    physics = SimulatedCell(base, World(frozenset(), {}, None, None, start))
     physics.advance(1.5, Quintic(start, {"one": 1.0, "two": 0.4}, 0.0, 1.0))
-    assert physics.joints() == pytest.approx({"one": 1.0, "two": 0.4}, abs=1e-3)
+    assert physics.measured_joints() == pytest.approx({"one": 1.0, "two": 0.4}, abs=1e-3)
 
 
 def test_meshes_are_as_large_as_the_planner_takes_them() -> None:

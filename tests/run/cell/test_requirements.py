@@ -14,7 +14,7 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.cell import requirements
 from sqrp_cli.run.cell.requirements import check_simulator
-from sqrp_cli.run.record.events import VERSION, RunBegan
+from sqrp_cli.run.record.events import VERSION, event
 from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import RunReport
 
@@ -122,9 +122,8 @@ def test_without_the_extra_only_what_needs_it_says_so(
     tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
 ) -> None:
     log = tmp_path / "log"
-    writer = LogWriter(log, RunBegan(t=0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
-    writer.finish(RunReport())
-    writer.close()
+    writer = LogWriter(log, event("run", 0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
+    writer.close(RunReport())
     # The program itself is not what this is about.
     script = (
         f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import runs\n"

@@ -23,7 +23,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.cell.mujoco_model import quaternion
 from sqrp_cli.run.cell.renderer import Renderer
-from sqrp_cli.run.cell.simulated_cell import Physics
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import ImageDetector
@@ -47,7 +47,7 @@ class Stage:
 
     def __init__(self, base: Workspace) -> None:
         self.knowledge = CellModel.of(base, RobotBody.load(base.robot))
-        self._physics = Physics(base, world(base))
+        self._physics = SimulatedCell(base, world(base))
         self._renderer = Renderer(self._physics.model, tuple(base.cameras.values()), 0)
         self._positions = self._physics.positions
 

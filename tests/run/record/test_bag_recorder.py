@@ -17,7 +17,7 @@ from sqrp_cli.ros.bag import Bag, BagWriter
 from sqrp_cli.ros.messages import message_types
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.bag_recorder import BagRecorder
-from sqrp_cli.run.record.events import EvidenceSeen, FaultSeen, ShownAtom, StepBegan, WholeState
+from sqrp_cli.run.record.events import AskedBox, ShownAtom, event
 from sqrp_cli.run.robot_body import RobotBody
 
 ROOT = Path(__file__).parents[3]
@@ -36,16 +36,15 @@ def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, workspace:
     body = RobotBody.load(workspace.robot)
     recorder = BagRecorder(BagWriter(path), workspace, body)
     joints = dict(workspace.robot.home)
-    box = {"frame": "world", "size": [0.04, 0.04, 0.04], "pose": np.eye(4).tolist()}
+    box = AskedBox(frame="world", size=[0.04, 0.04, 0.04], pose=np.eye(4).tolist())
     shown = ShownAtom(value=Truth.UNKNOWN, asked=True, cameras={"cam1": Truth.FALSE})
     image = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
     g1 = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]
-    recorder(StepBegan(t=0.0, skill="pickup", boxes={"hold(g1)": [box]}))
-    state = {"joints": list(joints), "q": list(joints.values()), "held": None, "objects": {"g1": g1}}
-    recorder(WholeState.model_validate({"t": 0.5, **state}))
+    recorder(event("step", 0.0, skill="pickup", boxes={"hold(g1)": [box]}))
+    recorder(event("state", 0.5, joints=list(joints), q=list(joints.values()), held=None, objects={"g1": g1}))
     recorder.add(CameraImage("cam1", 0.6, image), planned=True)
-    recorder(EvidenceSeen(t=0.7, exposed=0.6, literals={"hold(g1)": shown}))
-    recorder(FaultSeen(t=0.8, name="slip", text="g1 fell"))
+    recorder(event("evidence", 0.7, exposed=0.6, literals={"hold(g1)": shown}))
+    recorder(event("fault", 0.8, name="slip", text="g1 fell"))
     recorder.close()
     return path
 
@@ -139,7 +138,7 @@ def test_a_recording_appears_when_it_is_whole(tmp_path: Path) -> None:
 def test_a_run_that_ends_before_its_first_image_leaves_an_older_recording(tmp_path: Path, workspace: Workspace) -> None:
     (tmp_path / "run.mcap").write_bytes(b"an older one")
     recorder = BagRecorder(BagWriter(tmp_path / "run.mcap"), workspace, RobotBody.load(workspace.robot))
-    recorder(StepBegan(t=0.0, skill="pickup", boxes={}))
+    recorder(event("step", 0.0, skill="pickup", boxes={}))
     recorder.close()
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"an older one"]
 
