@@ -27,17 +27,13 @@ from sqrp_cli.trajectory import JointSpan, Trajectory
 
 
 class _ElsewhereStage(Stage):
-    """The stage of a motion with its joints at other positions."""
+    """The stage of a motion with its joints elsewhere: at q, (m, n) of the driven ones, at the samples to come."""
 
     def __init__(self, stage: Stage, q: Array) -> None:
-        """q: positions of the driven joints at the samples to come, shape (m, n)."""
         super().__init__(stage.model, stage.motion, stage.pieces, stage.X_WO)
         self._q = q
 
-    def positions(self, samples: Samples) -> Array:
-        """Those given, whatever the samples."""
-        if len(samples) != len(self._q):
-            raise ValueError(f"there are positions for {len(self._q)} samples, not {len(samples)}")
+    def positions(self, samples: Samples) -> Array:  # noqa: ARG002 - whatever they are
         return self._q
 
 
@@ -163,21 +159,13 @@ POPULATION = 12
 """Paths tried at once."""
 
 
-@dataclass(frozen=True)
-class Closeness:
-    """How closely a path is looked at."""
+Closeness = tuple[float, int, int]
+"""How closely a path is looked at: the time between looks [s], about, and the fewest and most looks at one path."""
 
-    step: float
-    """Time between looks [s], about."""
-    fewest: int
-    most: int
-    """Looks at one path."""
-
-
-ROUGHLY, FINELY = Closeness(1.0, 8, 16), Closeness(0.3, 24, 48)
+ROUGHLY, FINELY = (1.0, 8, 16), (0.3, 24, 48)
 """For all of a population, and for the better half of it."""
 
-EXACTLY = Closeness(0.0, 100, 100)
+EXACTLY = (0.0, 100, 100)
 """For paths that seem to be the best, and those that are left in the end."""
 
 PATH_COST = 10
@@ -205,10 +193,15 @@ class SeenPath:
         """Its duration [s]."""
         return self.trajectory.duration
 
+    @property
+    def cost(self) -> float:
+        """What the search minimises [s], rounded, so that rounding does not order equal paths."""
+        return round(SEARCH_WEIGHT * self.blind + self.time, COST_DECIMALS)
 
-@dataclass(frozen=True, eq=False)
-class MoveSpace:
-    """The paths that a joint move may take."""
+
+@dataclass(eq=False, kw_only=True)
+class MoveSearch:
+    """The paths that a joint move may take, and the evolution of their vias."""
 
     move: WatchedMove
     q0: Array
@@ -222,14 +215,53 @@ class MoveSpace:
     """Its path in the direct way."""
     longest: float
     """Longest duration of interest [s]."""
+    seed: int
 
-    def cost(self, path: SeenPath) -> float:
-        """What the search minimises [s], rounded, so that rounding does not order equal paths."""
-        return round(SEARCH_WEIGHT * path.blind + path.time, COST_DECIMALS)
+    def __post_init__(self) -> None:
+        """The direct path is the first that is known."""
+        self.best, self._found, self._begun, self._left = self.direct, [self.direct], 0, 0
 
-    def path(self, vias: Array) -> SeenPath:
-        """The path that bends around vias, shape (k, n)."""
-        return SeenPath(vias, motion_through(self.q0, vias, self.q1, self.limits))
+    @property
+    def is_settled(self) -> bool:
+        """Whether hardly anything can be won."""
+        return self.best.cost - self.direct.time < SETTLED
+
+    def advance(self, observer: Observer) -> int:
+        """One generation: all paths are looked at roughly, then the better half again; gives the work, in looks."""
+        if self._left == 0:
+            kind, self._left = PHASES[self._begun % len(PHASES)]
+            vias, middle = self.best.vias, 0.5 * (self.q0 + self.q1)[None]
+            mean = middle if kind == "middle" or not len(vias) else vias
+            if kind == "split" and len(mean) == 1:
+                mean = np.concatenate([2 * mean + self.q0, 2 * mean + self.q1]) / 3
+            deviation = {"middle": DEVIATION, "near": FINE_DEVIATION, "split": 0.5 * DEVIATION}[kind]
+            reach = np.tile(DETOUR * self.direct.time * self.limits.velocity, len(mean))
+            self._low, self._high = (np.tile(bound, len(mean)) for bound in self.bounds)
+            seed = self.seed + self._begun
+            self._evolution = Evolution(mean.reshape(-1), np.minimum(deviation, reach), POPULATION, seed)
+            self._begun += 1
+        self._left -= 1
+        drawn = np.clip(self._evolution.population(), self._low, self._high)
+        paths, worth = self._paths(drawn.reshape(POPULATION, -1, len(self.q0)))
+        work = self.look(observer, worth, ROUGHLY)
+        better = sorted(worth, key=lambda path: path.cost)[: POPULATION // 2]
+        work += self.look(observer, better, FINELY) + self._take(observer, better)
+        self._evolution.learn(drawn, np.array([np.inf if path.free is False else path.cost for path in paths]))
+        return work + PATH_COST * len(paths)
+
+    def try_others(self, observer: Observer, vias: Sequence[Array]) -> int:
+        """Try the vias that other searches found best: moves of one candidate pass the same places; gives the work."""
+        _, worth = self._paths(vias)
+        return self.look(observer, worth, FINELY) + self._take(observer, worth)
+
+    def look(self, observer: Observer, paths: Sequence[SeenPath], closeness: Closeness) -> int:
+        """Find the blind times of paths; gives the number of looks."""
+        step, fewest, most = closeness
+        looks = int(np.clip(self.direct.time / step if step else np.inf, fewest, most))
+        times = self.move.blind_times(observer, [path.trajectory for path in paths], looks)
+        for path, blind in zip(paths, times.tolist(), strict=True):
+            path.blind = blind
+        return len(paths) * looks
 
     def is_free(self, path: SeenPath) -> bool:
         """Whether a path keeps every clearance."""
@@ -237,67 +269,10 @@ class MoveSpace:
             path.free = self.scene.is_free(path.trajectory.path)
         return path.free
 
-
-class MoveSearch:
-    """Evolution of the vias of one joint move."""
-
-    def __init__(self, space: MoveSpace, seed: int) -> None:
-        self.space, self.best = space, space.direct
-        self._found, self._seed, self._begun, self._left = [space.direct], seed, 0, 0
-
-    @property
-    def best_cost(self) -> float:
-        """Of the best path so far [s]."""
-        return self.space.cost(self.best)
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether hardly anything can be won."""
-        return self.best_cost - self.space.direct.time < SETTLED
-
-    def advance(self, observer: Observer) -> int:
-        """One generation: all paths are looked at roughly, then the better half again; gives the work, in looks."""
-        space = self.space
-        if self._left == 0:
-            kind, self._left = PHASES[self._begun % len(PHASES)]
-            vias, middle = self.best.vias, 0.5 * (space.q0 + space.q1)[None]
-            mean = middle if kind == "middle" or not len(vias) else vias
-            if kind == "split" and len(mean) == 1:
-                mean = np.concatenate([2 * mean + space.q0, 2 * mean + space.q1]) / 3
-            deviation = {"middle": DEVIATION, "near": FINE_DEVIATION, "split": 0.5 * DEVIATION}[kind]
-            reach = np.tile(DETOUR * space.direct.time * space.limits.velocity, len(mean))
-            self._low, self._high = (np.tile(bound, len(mean)) for bound in space.bounds)
-            seed = self._seed + self._begun
-            self._evolution = Evolution(mean.reshape(-1), np.minimum(deviation, reach), POPULATION, seed)
-            self._begun += 1
-        self._left -= 1
-        drawn = np.clip(self._evolution.population(), self._low, self._high)
-        paths = [space.path(vias) for vias in drawn.reshape(POPULATION, -1, len(space.q0))]
-        worth = list(filter(self._is_worth_a_look, paths))
-        work = self.look(observer, worth, ROUGHLY)
-        better = sorted(worth, key=space.cost)[: POPULATION // 2]
-        work += self.look(observer, better, FINELY) + self._take(observer, better)
-        costs = [np.inf if path.free is False else space.cost(path) for path in paths]
-        self._evolution.learn(drawn, np.array(costs))
-        return work + PATH_COST * len(paths)
-
-    def try_others(self, observer: Observer, vias: Sequence[Array]) -> int:
-        """Try the vias that other searches found best: moves of one candidate pass the same places; gives the work."""
-        paths = [path for path in map(self.space.path, vias) if self._is_worth_a_look(path)]
-        return self.look(observer, paths, FINELY) + self._take(observer, paths)
-
-    def look(self, observer: Observer, paths: Sequence[SeenPath], closeness: Closeness) -> int:
-        """Find the blind times of paths; gives the number of looks."""
-        wanted = self.space.direct.time / closeness.step if closeness.step else np.inf
-        looks = int(np.clip(wanted, closeness.fewest, closeness.most))
-        times = self.space.move.blind_times(observer, [path.trajectory for path in paths], looks)
-        for path, blind in zip(paths, times.tolist(), strict=True):
-            path.blind = blind
-        return len(paths) * looks
-
-    def _is_worth_a_look(self, path: SeenPath) -> bool:
-        """Whether a path would be better than the best, if it were seen throughout."""
-        return path.time < min(self.best_cost, self.space.longest)
+    def _paths(self, vias: Sequence[Array] | Array) -> tuple[list[SeenPath], list[SeenPath]]:
+        """The paths that bend around vias, (k, n) each, and those that would be the best if they were always seen."""
+        paths = [SeenPath(some, motion_through(self.q0, some, self.q1, self.limits)) for some in vias]
+        return paths, [path for path in paths if path.time < min(self.best.cost, self.longest)]
 
     def _take(self, observer: Observer, paths: Sequence[SeenPath]) -> int:
         """Remember paths; gives the number of looks.
@@ -305,11 +280,11 @@ class MoveSearch:
         The first free one that seems to be the best so far is looked at once more: luck between few looks must not
         decide.
         """
-        better = (path for path in sorted(paths, key=self.space.cost) if self.space.cost(path) < self.best_cost)
-        hopeful = list(islice(filter(self.space.is_free, better), 1))
+        better = (path for path in sorted(paths, key=lambda path: path.cost) if path.cost < self.best.cost)
+        hopeful = list(islice(filter(self.is_free, better), 1))
         looks = self.look(observer, hopeful, EXACTLY)
         self._found += [path for path in paths if path.free is not False]
-        self.best = min([self.best, *hopeful], key=self.space.cost)
+        self.best = min([self.best, *hopeful], key=lambda path: path.cost)
         return looks
 
     def left(self, weight: float, most: int) -> list[SeenPath]:
@@ -322,7 +297,7 @@ class MoveSearch:
             if not kept or path.blind < kept[-1].blind:
                 kept.append(path)
         others = sorted((path for path in kept if len(path.vias)), key=lambda path: weight * path.blind + path.time)
-        return [self.space.direct, *others[: most - 1]]
+        return [self.direct, *others[: most - 1]]
 
 
 def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:

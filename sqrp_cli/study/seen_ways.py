@@ -5,7 +5,7 @@ Which joint moves may take other paths, what limits them, and ends that no path 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -25,7 +25,6 @@ from sqrp_cli.study.move_search import (
     COST_DECIMALS,
     EXACTLY,
     MoveSearch,
-    MoveSpace,
     SeenPath,
     WatchedMove,
     exchange,
@@ -48,25 +47,24 @@ def open_moves(scene: PlannedMotion, names: Collection[str]) -> list[WatchedMove
     return [move for move in moves if move.is_monitored]
 
 
-def move_spaces(
-    cell: Cell, scene: PlannedMotion, moves: Mapping[int, WatchedMove], spare: float
-) -> Iterator[MoveSpace]:
-    """What the paths of moves depend on, by the moves' indices. spare: longest time beyond that of the direct way [s].
+def move_searches(cell: Cell, scene: PlannedMotion, names: Collection[str], spare: float) -> Iterator[MoveSearch]:
+    """Searches for paths of the named joint moves during which formulas apply; moves by home have none.
 
-    Moves by home have none.
+    spare: longest time beyond that of the direct way [s].
     """
     model = cell.model
     grounded = ground_primitives(skill_use(cell, scene.candidate, scene.world), cell.collision)
     if isinstance(grounded, Infeasible):
         raise ValueError(f"{scene.candidate.name} was feasible a moment ago")
-    for index, move in moves.items():
-        primitive, timed = grounded.primitives[index], scene.motion.primitives[index].trajectory
+    seed = cell.seed
+    for move in open_moves(scene, names):
+        primitive, timed = grounded.primitives[move.primitive], scene.motion.primitives[move.primitive].trajectory
         if primitive.via_home:
             continue
         arm = slice(len(model.arm))
         direct = Trajectory(JointPath(timed.path.breaks, timed.path.coefficients[:, :, arm]), timed.law)
         q0, q1 = direct.path.positions([0.0, 1.0])
-        yield MoveSpace(
+        yield MoveSearch(
             move=move,
             q0=q0,
             q1=q1,
@@ -75,7 +73,9 @@ def move_spaces(
             scene=cell.collision.placed(primitive.world, primitive.allowed),
             direct=SeenPath(np.zeros((0, len(q0))), direct, free=True),
             longest=direct.duration + spare,
+            seed=seed,
         )
+        seed += 1000
 
 
 def blind_ends(study: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
@@ -149,11 +149,11 @@ def seen_ways(
         return []
     everyone, work = [search for runner in runners for search in runner.searches], 0
     for number, generations in ROUNDS:
-        runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:number]
+        runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost()))[:number]
         work += exchange(cell.observer, _searches(runners), everyone)
         for _ in range(generations):
             work += sum(search.advance(cell.observer) for search in _searches(runners))
-    runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:1]
+    runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost()))[:1]
     work += exchange(cell.observer, _searches(runners), everyone)
     while work < MOST_WORK and (searches := _searches(runners)):
         work += sum(search.advance(cell.observer) for search in searches)
@@ -183,96 +183,66 @@ class _Runner:
     weight: float
     """Seconds of motion that a blind second counts for."""
 
-    @property
-    def cost(self) -> float:
-        """What is minimised, with the best paths so far [s]."""
-        return self.cost_with([search.best for search in self.searches])
-
-    def cost_with(self, paths: Sequence[SeenPath]) -> float:
-        """The same with one path for each search [s]."""
-        longer = sum(path.time - search.space.direct.time for search, path in zip(self.searches, paths, strict=True))
+    def cost(self, paths: Sequence[SeenPath] | None = None) -> float:
+        """What is minimised, with one path for each search, the best so far by default [s]."""
+        paths = [search.best for search in self.searches] if paths is None else paths
+        longer = sum(path.time - search.direct.time for search, path in zip(self.searches, paths, strict=True))
         blind = self.blind_elsewhere + sum(path.blind for path in paths)
-        return self.cost_of(blind, self.scene.motion.time + longer)
-
-    def cost_of(self, blind: float, time: float) -> float:
-        """The same of a motion of a duration, with a time in which the state is not covered [s]."""
-        return round(self.weight * blind + time, COST_DECIMALS)
+        return round(self.weight * blind + (self.scene.motion.time + longer), COST_DECIMALS)
 
 
-@dataclass(frozen=True, eq=False)
-class _Glance:
-    """What a few looks at a direct way show, for each of its p primitive actions."""
+def _glance(cell: Cell, scene: PlannedMotion) -> Array:
+    """How long the state is not covered, and not in events of interest, in each of p primitives, shape (2, p) [s].
 
-    scene: PlannedMotion
-    blind: Array
-    """How long the state is not covered, shape (p,) [s]."""
-    interest: Array
-    """How long it is not covered in events of interest, shape (p,) [s]."""
-
-    @classmethod
-    def of(cls, cell: Cell, scene: PlannedMotion) -> _Glance:
-        """Looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive."""
-        primitives, stage = scene.motion.primitives, scene.stage
-        counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
-        times = [
-            p.start + (p.end - p.start) * (np.arange(count) + 0.5) / count
-            for p, count in zip(primitives, counts, strict=True)
-        ]
-        t = np.concatenate(times)
-        samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
-        seen = look_at(cell.observer, stage, scene.targets, samples)
-        blind = seen.monitored & ~seen.states_covered
-        at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
-        step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
-        return cls(
-            scene,
-            blind=np.bincount(at, blind, len(primitives)) * step,
-            interest=np.bincount(at, blind & stage.of_interest(samples), len(primitives)) * step,
-        )
-
-    def elsewhere(self, moves: Sequence[int]) -> float:
-        """How long the state is not covered outside some primitive actions, by index [s]."""
-        return float(np.delete(self.blind, moves).sum())
-
-    def level(self, moves: Sequence[int]) -> int:
-        """The quality in events of interest if these primitive actions were seen, in steps of `LEVEL`."""
-        T_eoi = self.scene.T_eoi
-        return round((1.0 - np.delete(self.interest, moves).sum() / T_eoi) / LEVEL) if T_eoi > 0 else 0
+    By looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive of a direct way.
+    """
+    primitives, stage = scene.motion.primitives, scene.stage
+    counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
+    times = [
+        p.start + (p.end - p.start) * (np.arange(count) + 0.5) / count
+        for p, count in zip(primitives, counts, strict=True)
+    ]
+    t = np.concatenate(times)
+    samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
+    seen = look_at(cell.observer, stage, scene.targets, samples)
+    blind = seen.monitored & ~seen.states_covered
+    at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
+    step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
+    lost = (blind, blind & stage.of_interest(samples))
+    return np.stack([np.bincount(at, some, len(primitives)) * step for some in lost])
 
 
 def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, interest_first: bool) -> list[_Runner]:
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
-    open_of = {id(scene): open_moves(scene, scene.candidate.open_paths) for scene in scenes}
-    moves = {key: {move.primitive: move for move in of_way} for key, of_way in open_of.items()}
-    glances = [_Glance.of(cell, scene) for scene in scenes if moves[id(scene)]]
 
-    def promise(glance: _Glance) -> tuple[int, float]:
-        of_way = list(moves[id(glance.scene)])
-        level = glance.level(of_way) if interest_first else 0
-        return -level, weight * glance.elsewhere(of_way) + glance.scene.motion.time
+    def outlook(scene: PlannedMotion, lost: Array, moves: Sequence[WatchedMove]) -> tuple[int, float]:
+        """The level and the time not covered elsewhere [s] of a way if these moves were seen; lost: see `_glance`."""
+        elsewhere, interest = np.delete(lost, [move.primitive for move in moves], axis=1).sum(axis=1).tolist()
+        level = round((1.0 - interest / scene.T_eoi) / LEVEL) if interest_first and scene.T_eoi > 0 else 0
+        return level, elsewhere
 
-    def same(scene: PlannedMotion, other: PlannedMotion) -> bool:
-        same_branch = scene.candidate.branch == other.candidate.branch
-        return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
-
-    chosen: list[_Glance] = []
-    for glance in sorted(glances, key=promise):
-        if len(chosen) < ROUNDS[0][0] and not any(same(glance.scene, other.scene) for other in chosen):
-            chosen.append(glance)
+    found = []
+    for scene in scenes:
+        if moves := open_moves(scene, scene.candidate.open_paths):
+            lost = _glance(cell, scene)
+            level, elsewhere = outlook(scene, lost, moves)
+            found.append((-level, weight * elsewhere + scene.motion.time, scene, lost))
+    chosen: list[tuple[PlannedMotion, Array]] = []
+    for _, _, scene, lost in sorted(found, key=lambda one: one[:2]):
+        same_branch = (other for other, _ in chosen if other.candidate.branch == scene.candidate.branch)
+        known = any(abs(scene.motion.time - other.motion.time) < SAME_TIME for other in same_branch)
+        if len(chosen) < ROUNDS[0][0] and not known:
+            chosen.append((scene, lost))
     runners = []
-    for glance in chosen:
-        scene = glance.scene
-        spare = longest - scene.motion.time
-        spaces = list(move_spaces(cell, scene, moves[id(scene)], spare))
-        searches = [MoveSearch(space, cell.seed + 1000 * k) for k, space in enumerate(spaces)]
+    for scene, lost in chosen:
+        searches = list(move_searches(cell, scene, scene.candidate.open_paths, longest - scene.motion.time))
         for search in searches:
-            search.look(cell.observer, [search.space.direct], EXACTLY)
-        searched = tuple(search for search in searches if search.space.direct.blind > WORTH_SEARCHING)
-        left = [search.space.move.primitive for search in searches]
-        blind = glance.elsewhere(left) + sum(s.space.direct.blind for s in searches if s not in searched)
+            search.look(cell.observer, [search.direct], EXACTLY)
+        searched = tuple(search for search in searches if search.direct.blind > WORTH_SEARCHING)
+        level, elsewhere = outlook(scene, lost, [search.move for search in searches])
+        blind = elsewhere + sum(search.direct.blind for search in searches if search not in searched)
         if searched:
-            level = glance.level(left) if interest_first else 0
             runners.append(_Runner(scene, level, blind, searched, weight))
     return runners
 
@@ -289,18 +259,18 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     for search, paths_left in zip(runner.searches, left, strict=True):
         search.look(cell.observer, paths_left, EXACTLY)
     # A free path for each move, together of the least cost within the time.
-    spaces = [search.space for search in runner.searches]
-    most = sum(space.direct.time for space in spaces) + spare + ROUNDING
+    most = sum(search.direct.time for search in runner.searches) + spare + ROUNDING
     together = (paths for paths in product(*left) if sum(path.time for path in paths) <= most)
+    direct = tuple(search.direct for search in runner.searches)
     paths = next(
         (
             paths
-            for paths in sorted(together, key=runner.cost_with)
-            if all(space.is_free(path) for space, path in zip(spaces, paths, strict=True))
+            for paths in sorted(together, key=runner.cost)
+            if all(search.is_free(path) for search, path in zip(runner.searches, paths, strict=True))
         ),
-        tuple(space.direct for space in spaces),
+        direct,
     )
-    vias = {search.space.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
+    vias = {search.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
     vias = {name: found for name, found in vias.items() if len(found)}
     if not vias:
         return None
@@ -308,5 +278,4 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
     blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.timeline.T
-    direct = runner.cost_with([search.space.direct for search in runner.searches])
-    return found if runner.cost_of(blind, found.motion.time) < direct else None
+    return found if round(runner.weight * blind + found.motion.time, COST_DECIMALS) < runner.cost(direct) else None

@@ -19,7 +19,7 @@ from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.seen_ways import move_spaces, open_moves
+from sqrp_cli.study.seen_ways import move_searches
 from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.task import Candidate, read_task
 from sqrp_cli.trajectory import Trajectory
@@ -65,9 +65,8 @@ class Compared:
     def planned(self) -> Analysis:
         """The same way with the shortest paths that the planner finds, simplified and blended as ways around are."""
         direct, cell = self.direct, self.cell
-        moves = {move.primitive: move for move in open_moves(direct, self.candidate.open_paths)}
         others: dict[int, Trajectory] = {}
-        for space in move_spaces(cell, direct, moves, np.inf):
+        for space in move_searches(cell, direct, self.candidate.open_paths, np.inf):
             found = find_way_around(space.scene, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed)
             if found.trajectory is not None:
                 others[space.move.primitive] = found.trajectory

@@ -17,7 +17,7 @@ from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.seen_ways import blind_ends, move_spaces, open_moves, way_with_seen_paths
+from sqrp_cli.study.seen_ways import blind_ends, move_searches, way_with_seen_paths
 from sqrp_cli.task.feasibility import feasible_motion
 from tests.motion.cells import phase_samples
 from tests.random_cell import Crowd, random_cell
@@ -74,8 +74,7 @@ def assert_honest(compared: Compared) -> None:
 
 def assert_clear(compared: Compared) -> None:
     cell, seen = compared.cell, compared.seen
-    moves = {move.primitive: move for move in open_moves(seen, compared.candidate.open_paths)}
-    for space in move_spaces(cell, seen, moves, np.inf):
+    for space in move_searches(cell, seen, compared.candidate.open_paths, np.inf):
         path = space.direct.trajectory.path
         coarse = path.positions(np.linspace(0, 1, 200))
         far = float((np.abs(np.diff(coarse, axis=0)) @ space.scene.bound.radii).sum())
