@@ -21,7 +21,7 @@ from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
 from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
 from sqrp_cli.files.frames import TOOL, WORLD, WORLD_LINK, link_called
-from sqrp_cli.files.input_file import ContentDigest
+from sqrp_cli.files.input_file import SourceFile, source_file
 from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
@@ -150,8 +150,8 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     document = read_workspace_document(workspace_file(path), content)
     file_path = document.folder / document.path.name
     file = validate(document, WorkspaceFile)
-    digest = ContentDigest()
-    digest.add("workspace", file_path, document.content)
+    digest: dict[str, SourceFile] = {}
+    digest["workspace"] = source_file(file_path, document.content)
     reader = CellReader(document=document, digest=digest, entry=file.robot, file=file)
     robot, problems = reader.read_robot(), reader.problems
     skills: dict[str, Skill] = {}
@@ -195,7 +195,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         skills=skills,
         tasks=tuple(file.tasks),
         padding=file.padding,
-        files=digest.files,
+        files=digest,
         values=document.leaves,
         warnings=tuple(dict.fromkeys(warnings)),  # cameras may share a calibration file
         places=document.places,

@@ -23,6 +23,7 @@ from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, WORLD, link_called
+from sqrp_cli.files.input_file import source_file
 from sqrp_cli.files.source import KeyPath, dotted
 from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
@@ -62,7 +63,7 @@ class CellReader(RobotReader):
                     file = self._resolve(entry.calibration.file, self._place_of_file(at))
                     calibration = read_calibration(file, entry.calibration, dotted(at))
                     intrinsics = calibration.intrinsics
-                    self.digest.add(dotted(at), file, calibration.document.content)
+                    self.digest[dotted(at)] = source_file(file, calibration.document.content)
                     self.warnings.extend(unusual_values(calibration.part, CALIBRATION))
                     self.warnings.extend(doubtful_projection(calibration))
                 else:
@@ -105,7 +106,7 @@ class CellReader(RobotReader):
         file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, self._place_of_file(key))
         carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
         found = read_hand_eye(file, stated.camera, carriers, dotted(key))
-        self.digest.add(dotted(key), file, found.content)
+        self.digest[dotted(key)] = source_file(file, found.content)
         if found.document is not None:
             self.warnings.extend(unusual_values(found.document, HAND_EYE))
         if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
@@ -167,7 +168,7 @@ class CellReader(RobotReader):
             with self._collecting():
                 urdf = read_urdf(*self._described(entry.urdf, path))
                 found = urdf.parts("collision", partial(packages.resolve_mesh, self.roots))
-                self.digest.add(dotted(path), urdf.path, urdf.content)
+                self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
                 for part in found:
                     if isinstance(part.shape, Mesh):
                         self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, self.document.value_place(path))
@@ -211,7 +212,7 @@ class CellReader(RobotReader):
         """The objects of a scene or world, under their names as far as those are free."""
         file = self._resolve(entry.file, self.document.value_place(("fixtures", index, "file")))
         standing, warnings, content = read_fixtures(file, self.roots)
-        self.digest.add(f"fixtures.{index}", file, content)
+        self.digest[f"fixtures.{index}"] = source_file(file, content)
         self.warnings.extend(warnings)
         found: dict[str, SceneObject] = {}
         for one in standing:

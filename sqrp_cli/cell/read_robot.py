@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_name
 from sqrp_cli.files import packages, units
 from sqrp_cli.files.entries import Pose, XacroEntry
 from sqrp_cli.files.frames import link_called
-from sqrp_cli.files.input_file import ContentDigest
+from sqrp_cli.files.input_file import SourceFile, source_file
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.units import SMALLEST_LIMIT, Dimension, Quantity, expected_quantity
 from sqrp_cli.geometry import read_only
@@ -38,7 +38,7 @@ class RobotReader:
     """
 
     document: SourceDocument
-    digest: ContentDigest
+    digest: dict[str, SourceFile]
     entry: robot.RobotEntry
     problems: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
@@ -56,13 +56,13 @@ class RobotReader:
         if entry.limits.moveit is not None:
             file = self._resolve(entry.limits.moveit, self.document.value_place(("robot", "limits", "moveit")))
             self.moveit = read_moveit_limits(file)
-            self.digest.add("robot.limits.moveit", file, self.moveit.document.content)
+            self.digest["robot.limits.moveit"] = source_file(file, self.moveit.document.content)
             self.urdf = with_position_limits(self.urdf, self.moveit)
         self.srdf: SrdfModel | None = None
         if entry.srdf is not None:
             self.srdf_path, source = self._described(entry.srdf, ("robot", "srdf"))
             self.srdf = read_srdf(self.srdf_path, self.urdf, source)
-            self.digest.add("robot.srdf", self.srdf_path, self.srdf.content)
+            self.digest["robot.srdf"] = source_file(self.srdf_path, self.srdf.content)
             self.warnings += self.srdf.warnings
         self.tool: UrdfModel | None = None
         if entry.tool is not None and entry.tool.urdf is not None:
@@ -107,7 +107,7 @@ class RobotReader:
     def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
         """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
         try:
-            self.digest.add_file(role, mesh.path)  # first checks that this is a regular file
+            self.digest[role] = source_file(mesh.path)  # first checks that this is a regular file
             read_mesh(mesh.path, mesh.scale)
         except InputError as error:
             named = [replace(one, message=f"{one.message}; {place} names this file") for one in error.problems]
@@ -118,7 +118,7 @@ class RobotReader:
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
         urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
         self.warnings += urdf.warnings
-        self.digest.add(dotted(path), urdf.path, urdf.content)
+        self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         self._parts += parts
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))

@@ -224,7 +224,7 @@ class In:
             word, bound = ("least", self.least) if read.value < self.least else ("most", self.most)
             meant = units.meant_instead(value, self.dimension, self.least, self.most)
             message = f"{found}, expected a value of at {word} {units.in_unit(bound, self.dimension)}"
-            raise refused("wrong-value", message + (f"; {meant}" if meant else ""))
+            raise refused("wrong-value", message + (f"; {meant[0]}" if meant else ""))
         return read.value
 
 

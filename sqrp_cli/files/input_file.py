@@ -124,27 +124,19 @@ def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | N
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that a workspace was read from."""
+    """A file that a workspace was read from, as it plays a role in it, such as `cameras.cam1.calibration`."""
 
     path: Path
     digest: str
     """SHA-256 of its content."""
 
 
-class ContentDigest:
-    """Collects the files of a workspace by their roles, with a digest of the content of each."""
-
-    def __init__(self) -> None:
-        self.files: dict[str, SourceFile] = {}
-
-    def add(self, role: str, path: Path, content: bytes) -> None:
-        """Add the file that plays `role`, such as `cameras.cam1.calibration`, with its content."""
-        self.files[role] = SourceFile(path.absolute(), hashlib.sha256(content).hexdigest())
-
-    def add_file(self, role: str, path: Path) -> None:
-        """Add a file that is read elsewhere, such as a mesh. Raises as `open_input`."""
-        with open_input(path) as file:
-            self.files[role] = SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
+def source_file(path: Path, content: bytes | None = None) -> SourceFile:
+    """A file with its content, or with what is in it; raises as `open_input` then."""
+    if content is not None:
+        return SourceFile(path.absolute(), hashlib.sha256(content).hexdigest())
+    with open_input(path) as file:
+        return SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def digest_of(parts: Iterable[tuple[str, str]]) -> str:

@@ -10,7 +10,6 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 from urllib.parse import unquote
 
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, nearest, no_such
@@ -45,17 +44,10 @@ def package_around(path: Path) -> Path | None:
     return next((folder for folder in path.parents if (folder / MANIFEST).is_file()), None)
 
 
-class PackagePath(NamedTuple):
-    """A file of a package."""
-
-    package: str
-    path: str
-
-
-def package_and_path(reference: str) -> PackagePath:
-    """What `package://NAME/PATH` names; with a third slash, as some tools accept it, it means the same."""
+def package_and_path(reference: str) -> tuple[str, str]:
+    """The package and its file that `package://NAME/PATH` names; with a third slash, it means the same."""
     name, _, path = reference.removeprefix("package://").lstrip("/").partition("/")
-    return PackagePath(name, path)
+    return name, path
 
 
 def package_folder(name: str, roots: Sequence[Path], place: Place | None) -> Path:

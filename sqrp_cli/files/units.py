@@ -115,20 +115,8 @@ _OFTEN_MEANT: Mapping[Dimension, tuple[str, str]] = {
 """The unit that is often meant by a plain number too large in SI units, and its name."""
 
 
-@dataclass(frozen=True)
-class Meant:
-    """The probable meaning of a plain number: `stated` (with its unit), which is `value` in SI units."""
-
-    stated: str
-    name: str
-    value: float
-
-    def __str__(self) -> str:
-        return f"it looks like {self.name}: {self.stated} would be `{self.stated}` or {self.value:.4g}"
-
-
-def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> Meant | None:
-    """The probable meaning of a plain number beyond `most`, if that lies in the range.
+def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> tuple[str, str] | None:
+    """The probable meaning of a plain number beyond `most`, if that lies in the range, and how to write it.
 
     value: as in the file; least, most: the range in SI units. None for text with a unit, which is unambiguous.
     """
@@ -142,8 +130,9 @@ def meant_instead(value: object, dimension: Dimension | None, least: float, most
     ):
         return None
     unit, name = _OFTEN_MEANT[dimension]
-    meant = Meant(f"{read.value:g} {unit}", name, read.value * dimension.units[unit])
-    return meant if least <= meant.value <= most else None
+    stated, meant = f"{read.value:g} {unit}", read.value * dimension.units[unit]
+    better = f"`{stated}` or {meant:.4g}"
+    return (f"it looks like {name}: {stated} would be {better}", better) if least <= meant <= most else None
 
 
 def in_unit(value: float, dimension: Dimension | None) -> str:

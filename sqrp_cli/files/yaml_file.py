@@ -79,13 +79,12 @@ def parse_yaml(
         root = _compose(path, text)
         if root is None:
             raise bad_input("empty-file", "the file is empty, expected a mapping of keys to values", Place(path))
-        builder = _Values(path, text.splitlines(), tags)
-        data = builder.build(root, ())
-        if not isinstance(data, dict):
-            place = builder.values[()]
-            found = "text" if isinstance(data, str) else source.describe(data)
-            raise bad_input("not-a-mapping", f"found {found}, expected a mapping of keys to values", place)
-        return source.SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
+        document = _plain(root, path, text, tags)
+        if not isinstance(document.data, dict):
+            found = "text" if isinstance(document.data, str) else source.describe(document.data)
+            message = f"found {found}, expected a mapping of keys to values"
+            raise bad_input("not-a-mapping", message, document.values[()])
+        return replace(document, content=content)
     except InputError as error:
         if not keys or top_key(keys).search(text):
             raise
@@ -169,61 +168,32 @@ def _quoting(problem: Problem, path: Path, text: str, mark: Any) -> Problem:  # 
     return replace(problem, place=place, excerpt=source.excerpt(line, mark.column + 1))
 
 
-class _Values:
-    """Turns YAML nodes into plain values and records their places."""
+def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str]) -> source.SourceDocument:
+    """YAML nodes as plain values with their places; the data may be anything yet."""
+    keys: dict[source.KeyPath, Place] = {}
+    values: dict[source.KeyPath, Place] = {}
+    lines = text.splitlines()
 
-    def __init__(self, path: Path, lines: list[str], tags: frozenset[str]) -> None:
-        self.path = path
-        self.lines = lines
-        self.tags = tags
-        self.keys: dict[source.KeyPath, Place] = {}
-        self.values: dict[source.KeyPath, Place] = {}
+    def place_of(node: yaml.Node) -> Place:
+        return Place(path, node.start_mark.line + 1, node.start_mark.column + 1)
 
-    def build(self, node: yaml.Node, path: source.KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
-        if len(self.values) >= MAX_VALUES:
-            message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
-            raise bad_input("too-many-values", message, self._place(node))
-        if len(path) > MAX_DEPTH:
-            raise InputError(source.too_deep(self._place(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
-        self.values[path] = self._text_place(node)
-        explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
-        if explicit_tag and explicit_tag not in self.tags:
-            raise bad_input("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node))
-        if isinstance(node, yaml.MappingNode):
-            data: source.Data = {}
-            for key_node, value_node in self._pairs(node):
-                key, place = str(key_node.value), self._place(key_node)
-                if key in data:
-                    first = self.keys[(*path, key)]
-                    message = f"`{source.dotted((*path, key))}` is given twice, first in line {first.line}"
-                    raise bad_input("duplicate-key", message, place)
-                self.keys[(*path, key)] = place
-                data[key] = self.build(value_node, (*path, key))
-            return data
-        if isinstance(node, yaml.SequenceNode):
-            for index, child in enumerate(node.value):
-                self.keys[(*path, index)] = self._place(child)
-            return [self.build(child, (*path, index)) for index, child in enumerate(node.value)]
-        if not isinstance(node, yaml.ScalarNode):
-            return None
-        text = str(node.value)
-        if node.style:
-            return text
-        if text.lower() in _WORDS:
-            return _WORDS[text.lower()]
-        if _INTEGER.fullmatch(text) and len(text) < 20:
-            return int(text)
-        if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
-            raise InputError(source.not_finite(self._place(node), text))
-        return float(text) if _FLOAT.fullmatch(text) else text
+    def text_place(node: yaml.Node) -> Place:
+        """Where a scalar's text starts, behind its quote or block sign."""
+        place, style = place_of(node), node.style if isinstance(node, yaml.ScalarNode) else None
+        if style and style in "'\"":
+            return replace(place, column=node.start_mark.column + 2)
+        for number in range(node.start_mark.line + 1, len(lines)) if style else ():
+            if lines[number].strip():
+                return Place(path, number + 1, len(lines[number]) - len(lines[number].lstrip()) + 1)
+        return place
 
-    def _pairs(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
+    def pairs(node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
         """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""
         own: set[str] = set()
         merged: list[yaml.Node] = []
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise bad_input("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
+                raise bad_input("yaml-key", "a key must be a word, not a list or mapping", place_of(key_node))
             if key_node.value == "<<" and not key_node.style:
                 merged.append(value_node)
             else:
@@ -231,23 +201,42 @@ class _Values:
                 yield key_node, value_node
         for value_node in merged:
             if not isinstance(value_node, yaml.MappingNode) or value_node is node:
-                raise bad_input("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node))
-            for pair in value_node.value:
-                if pair[0].value not in own:
-                    yield pair
+                raise bad_input("yaml-key", "`<<` merges one mapping, such as `*base`", place_of(value_node))
+            yield from (pair for pair in value_node.value if pair[0].value not in own)
 
-    def _place(self, node: yaml.Node) -> Place:
-        return Place(self.path, node.start_mark.line + 1, node.start_mark.column + 1)
+    def build(node: yaml.Node, at: source.KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
+        if len(values) >= MAX_VALUES:
+            message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
+            raise bad_input("too-many-values", message, place_of(node))
+        if len(at) > MAX_DEPTH:
+            raise InputError(source.too_deep(place_of(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
+        values[at] = text_place(node)
+        explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
+        if explicit_tag and explicit_tag not in tags:
+            raise bad_input("yaml-tag", f"the tag `{explicit_tag}` is not accepted", place_of(node))
+        if isinstance(node, yaml.MappingNode):
+            data: source.Data = {}
+            for key_node, value_node in pairs(node):
+                key, place = str(key_node.value), place_of(key_node)
+                if key in data:
+                    first = keys[(*at, key)].line
+                    message = f"`{source.dotted((*at, key))}` is given twice, first in line {first}"
+                    raise bad_input("duplicate-key", message, place)
+                keys[(*at, key)] = place
+                data[key] = build(value_node, (*at, key))
+            return data
+        if isinstance(node, yaml.SequenceNode):
+            keys.update({(*at, index): place_of(child) for index, child in enumerate(node.value)})
+            return [build(child, (*at, index)) for index, child in enumerate(node.value)]
+        if not isinstance(node, yaml.ScalarNode) or node.style:
+            return str(node.value) if isinstance(node, yaml.ScalarNode) else None
+        word = str(node.value)
+        if word.lower() in _WORDS:
+            return _WORDS[word.lower()]
+        if _INTEGER.fullmatch(word) and len(word) < 20:
+            return int(word)
+        if _NOT_FINITE.fullmatch(word) or (_FLOAT.fullmatch(word) and abs(float(word)) == float("inf")):
+            raise InputError(source.not_finite(place_of(node), word))
+        return float(word) if _FLOAT.fullmatch(word) else word
 
-    def _text_place(self, node: yaml.Node) -> Place:
-        """Where a scalar's text starts, behind its quote or block sign."""
-        place = self._place(node)
-        if not isinstance(node, yaml.ScalarNode) or not node.style:
-            return place
-        if node.style in "'\"":
-            return Place(self.path, place.line, node.start_mark.column + 2)
-        for number in range(node.start_mark.line + 1, len(self.lines)):
-            if self.lines[number].strip():
-                indentation = len(self.lines[number]) - len(self.lines[number].lstrip())
-                return Place(self.path, number + 1, indentation + 1)
-        return place
+    return source.SourceDocument(path, b"", build(root, ()), keys, values)

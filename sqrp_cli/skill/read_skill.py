@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest, no_such
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.files.frames import TOOL
-from sqrp_cli.files.input_file import ContentDigest, decoded, read_input
+from sqrp_cli.files.input_file import SourceFile, decoded, read_input, source_file
 from sqrp_cli.files.source import KeyPath, SourceDocument, describe, dotted
 from sqrp_cli.files.units import Quantity
 from sqrp_cli.files.usual_values import SKILL, unusual_values
@@ -49,7 +49,7 @@ def skill_name(folder: Path) -> str:
     return folder.parent.name if folder.name == FINGERS else folder.name
 
 
-def read_skill(folder: Path, place: Place, digest: ContentDigest) -> skill.Skill:
+def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> skill.Skill:
     """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
     place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
@@ -68,9 +68,9 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> skill.Skill
     document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
     path = folder / f"{name}.pddl"
     content = read_input(path, MAX_BYTES)
-    digest.add(f"skills.{path.stem}.pddl", path, content)
+    digest[f"skills.{path.stem}.pddl"] = source_file(path, content)
     domain = parse_domain(decoded(path, content), path)
-    digest.add(f"skills.{name}.yaml", document.path, document.content)
+    digest[f"skills.{name}.yaml"] = source_file(document.path, document.content)
     if name not in domain.actions:
         message = f"no action `{name}`, named like its folder; {expected_names(name, domain.actions)}"
         meant = nearest(name, domain.actions) or next(iter(domain.actions), None)

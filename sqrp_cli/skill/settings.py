@@ -116,7 +116,7 @@ class Kind:
             return Complaint("wrong-value", f"found {found}, expected a value of at least {least}")
         message = f"found {found}, expected a value of at most {units.in_unit(self.most, dimension)}"
         meant = units.meant_instead(number if is_plain else None, dimension, self.least, self.most)
-        return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
+        return Complaint("wrong-value", message + (f"; {meant[0]}" if meant else ""))
 
 
 PATHS = Kind(words=(DIRECT, SEEN, ANY))  # the paths of joint moves
