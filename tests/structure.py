@@ -28,10 +28,10 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_392),
-    "files": ("files", 2_188),
+    "files": ("files", 2_124),
     "robot": ("robot", 2_781),
     "camera": ("camera", 1_967),
-    "cell": ("cell", 3_345),
+    "cell": ("cell", 3_346),
     "logic": ("logic", 2_419),
     "skill, program": ("skill program", 1_879),
     "task": ("task", 1_059),
