@@ -37,7 +37,7 @@ ROOMS = {
     "task": ("task", 1_059),
     "motion": ("motion", 2_881),
     "sight": ("kernel sight", 1_515),
-    "study": ("study", 4_481),
+    "study": ("study", 4_440),
     "search": ("search", 4_566),
     "checks": ("checks", 1_315),
     "run": ("run", 7_961),

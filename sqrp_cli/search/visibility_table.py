@@ -97,7 +97,7 @@ class VisibilityTable:
             for task, candidate in found:
                 scenes = (
                     impossible_start(cell, candidate, world)
-                    or self.plans.of(cell, candidate, world, fastest=question.fastest).scenes
+                    or self.plans.of(cell, candidate, world, fastest=question.fastest)[1]
                 )
                 advance(1)
                 if goal is not None and goal.time is not None and not isinstance(scenes, Infeasible):

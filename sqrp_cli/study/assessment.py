@@ -14,7 +14,6 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_input
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
@@ -49,7 +48,7 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     return FaultMetrics(
         delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
         delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
-        blind_longest=max(longest_gap(windows, TimeInterval(float(one.x[0]), float(one.x[-1]))) for one in onsets),
+        blind_longest=max(_longest_gap(windows, float(one.x[0]), float(one.x[-1])) for one in onsets),
         unseen=unseen,
         expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
@@ -69,13 +68,12 @@ def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[On
     return "so long take a frame and the latency of the camera that sees it"
 
 
-def longest_gap(windows: Sequence[Window], interval: TimeInterval) -> float:
-    """The longest stretch of an interval that no window contains [s]."""
-    found, until = 0.0, interval.start
+def _longest_gap(windows: Sequence[Window], start: float, end: float) -> float:
+    """The longest stretch between two times that no window contains [s]."""
+    found, until = 0.0, start
     for window in sorted(windows):
-        found = max(found, min(window.start, interval.end) - until)
-        until = max(until, window.end)
-    return max(found, interval.end - until)
+        found, until = max(found, min(window.start, end) - until), max(until, window.end)
+    return max(found, end - until)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +189,16 @@ def all_observed(
 
 def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
     """Motions with how late faults are noticed; as they are where that is known."""
-    return [one if isinstance(one, Analysis) else _study(cell, one, sampling) for one in watched]
+    done = []
+    for one in watched:
+        if not isinstance(one, Analysis):
+            windows = all_fault_windows(one, one.timeline, cell.observer, sampling)
+            starts = (pieces.fault_intervals(one.formulas, fault)[0].start for fault in one.timeline.faults)
+            recovery = recovery_over(one.motion, cell.model, min(starts, default=one.motion.time))
+            onsets = fault_onsets(one, cell.observer)
+            one = Analysis(**vars(one), recovery=recovery, windows=windows, onsets=onsets)
+        done.append(one)
+    return done
 
 
 def observed_again(cell: Cell, study: Analysis, sampling: Sampling, *, full: bool) -> Analysis:
@@ -199,10 +206,3 @@ def observed_again(cell: Cell, study: Analysis, sampling: Sampling, *, full: boo
     timeline = observe(study, cell.observer, sampling, full=full)
     windows = all_fault_windows(study, timeline, cell.observer, sampling)
     return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))
-
-
-def _study(cell: Cell, scene: Observed, sampling: Sampling) -> Analysis:
-    windows = all_fault_windows(scene, scene.timeline, cell.observer, sampling)
-    starts = (pieces.fault_intervals(scene.formulas, fault)[0].start for fault in scene.timeline.faults)
-    recovery = recovery_over(scene.motion, cell.model, min(starts, default=scene.motion.time))
-    return Analysis(**vars(scene), recovery=recovery, windows=windows, onsets=fault_onsets(scene, cell.observer))

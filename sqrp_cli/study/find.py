@@ -106,13 +106,13 @@ def find_way(
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
     plans = Plans() if plans is None else plans
-    planned = plans.of(cell, candidate, world, fastest=wanted.fastest)
-    scenes, longest = planned.scenes, inf
+    tried, scenes = plans.of(cell, candidate, world, fastest=wanted.fastest)
+    longest = inf
     if wanted.limit is not None and not isinstance(scenes, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
         longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
     if isinstance(scenes, Infeasible):
-        return replace(scenes, tried=planned.tried)
+        return replace(scenes, tried=tried)
     compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
     watched = plans.observed(cell, scenes, sampling, contending=compared)
     if candidate.open_paths:
@@ -129,7 +129,7 @@ def find_way(
         from sqrp_cli.study.seen_ways import blind_ends
 
         ends = blind_ends(chosen, candidate.open_paths)
-    found = WaysFound(tried=planned.tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
+    found = WaysFound(tried=tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
     return BestWay(chosen, best, found)
 
 
@@ -148,7 +148,7 @@ def studied_ways(
     Nothing if it cannot be done. plans: what is known of motions already.
     """
     plans = Plans() if plans is None else plans
-    scenes = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False).scenes
+    scenes = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False)[1]
     allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
     if isinstance(allowed, Infeasible):
         return
@@ -192,12 +192,8 @@ def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infe
     return next((motion for motion in motions if isinstance(motion, Motion)), first)
 
 
-@dataclass(frozen=True, eq=False)
-class _Planned:
-    """The ways that were tried, and those that can be done, or why none can."""
-
-    tried: int
-    scenes: Sequence[PlannedMotion] | Infeasible
+_Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
+"""How many ways were tried, and those that can be done, or why none can."""
 
 
 class Plans:
@@ -224,7 +220,7 @@ class Plans:
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
         """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""
         if (key := (id(candidate), fastest)) not in self._known:
-            self._known[key] = candidate, (_fastest if fastest else _planned)(cell, candidate, world)
+            self._known[key] = candidate, _planned(cell, candidate, world, fastest=fastest)
         return self._known[key][1]
 
 
@@ -248,15 +244,15 @@ def _contending(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling)
     return [found[number] for number in range(len(scenes))]
 
 
-def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
-    """The fastest branch of a candidate with its first grip, planned: its way with `--ways fastest`."""
-    way = first_grip(candidate)
-    motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
-    return _Planned(1, motion if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)])
+def _planned(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
+    """Every way of a candidate, planned; of the branch that it states, if any.
 
-
-def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
-    """Every way of a candidate, planned; of the branch that it states, if any."""
+    fastest: only the fastest branch with the first grip, which is its way with `--ways fastest`.
+    """
+    if fastest:
+        way = first_grip(candidate)
+        motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
+        return 1, motion if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)]
     tried, scenes = 0, []
     reasons: list[tuple[str, ...]] = []
     for grip in grips(cell, candidate, world):
@@ -269,7 +265,7 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
         ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
         scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
     none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
-    return _Planned(tried, scenes or none)
+    return tried, scenes or none
 
 
 def _seen(

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +23,8 @@ _VIEWS = 4000
 """Views to look at together, to bound the memory."""
 
 
-class HiddenView(NamedTuple):
-    """A box that a camera does not see in a sample because it is hidden, all by index."""
-
-    column: int
-    """Of the target."""
-    box: int
-    """Of the box of that target."""
-    row: int
-    """Of the sample."""
-    camera: int
-
-
-HiddenViews = Mapping[HiddenView, tuple[HidingPart, ...]]
-"""What hides each of several views, the largest share first."""
+HiddenViews = Mapping[tuple[int, int, int, int], tuple[HidingPart, ...]]
+"""What hides a box from a camera, the largest share first; by the indices of target, box of it, sample and camera."""
 
 
 def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> HiddenViews:
@@ -47,23 +34,23 @@ def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> Hi
         wanted[:] = False
         wanted[rows] = True
     observation = study.timeline.observation
-    views: list[HiddenView] = []  # neighbours are of one box and camera
+    views: list[tuple[int, int, int, int]] = []  # neighbours are of one box and camera
     for column, of_target in enumerate(observation.full_matrix):
         asked_for = (observation.required[:, column] & wanted)[:, None]
         for number, verdicts in enumerate(of_target):
             camera, row = np.nonzero(((verdicts.cause == Cause.HIDDEN) & asked_for).T)
-            views += [HiddenView(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
-    boxes = list(dict.fromkeys((view.column, view.box) for view in views))
+            views += [(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
+    boxes = list(dict.fromkeys(view[:2] for view in views))
     place = {key: number for number, key in enumerate(boxes)}
     sought = [study.targets[column].boxes[box] for column, box in boxes]
     states = study.stage.states(study.timeline.samples)
-    found: dict[HiddenView, tuple[HidingPart, ...]] = {}
+    found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, len(views), _VIEWS):
         some = views[start : start + _VIEWS]
         asked = BoxViews(
-            box=np.array([place[view.column, view.box] for view in some]),
-            camera=np.array([view.camera for view in some]),
-            state=np.array([view.row for view in some]),
+            box=np.array([place[view[:2]] for view in some]),
+            camera=np.array([camera for *_, camera in some]),
+            state=np.array([row for *_, row, _ in some]),
         )
         found.update(zip(some, cell.observer.occluders(sought, states, asked), strict=True))
     return found
@@ -79,7 +66,7 @@ def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenT
         for index, camera in enumerate(cell.observer.cameras):
             hidden = np.flatnonzero(first.cause[:, index] == Cause.HIDDEN)
             some = [
-                (float(weights[rows[at]]), views[HiddenView(column, int(first.box[at, index]), int(rows[at]), index)])
+                (float(weights[rows[at]]), views[column, int(first.box[at, index]), int(rows[at]), index])
                 for at in hidden.tolist()
             ]
             duration = sum(weight for weight, _ in some)
@@ -103,7 +90,7 @@ def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[ObjectToMo
     """
     weights, observation = sample_weights(study), study.timeline.observation
     lost = observation.required & ~observation.covered
-    some = [(float(weights[view.row]), parts) for view, parts in views.items() if lost[view.row, view.column]]
+    some = [(float(weights[row]), parts) for (column, _, row, _), parts in views.items() if lost[row, column]]
     parts = _mean(some, 1.0)
     total = sum(part.share for part in parts)
     if total <= 0.0:

@@ -115,10 +115,11 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
     """Instants of each primitive with no more movement and time between them than allowed."""
     primitives, longest = stage.motion.primitives, longest_step(observer.cameras)
     used = sorted({piece.primitive for piece in stage.pieces})
+    asked = {piece.primitive for piece in stage.pieces if piece.literals}
     t = {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
     for index, moved in _steps(stage, observer, targets, t).items():
         # About `_SPACING` is moved between two instants at most, and no more time passes than allowed.
-        most = longest if stage.asks(index) else np.inf
+        most = longest if index in asked and not primitives[index].trajectory.stands else np.inf
         passed = np.concatenate([[0.0], np.cumsum(np.maximum(moved / _SPACING, np.diff(t[index]) / most))])
         even = np.linspace(0.0, passed[-1], max(1, int(np.ceil(passed[-1]))) + 1)
         t[index] = np.interp(even, passed, t[index]) if passed[-1] else t[index][[0, -1]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.fingers import closed_behind
-from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
+from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
@@ -93,13 +93,11 @@ class Stage:
         from_start = motion.primitives[0].held
         lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self._carried}
 
-        def empty(primitive: TimedPrimitive) -> TimedPrimitive:
-            there = replace(primitive, held=None, X_TO=None, X_WO={**primitive.X_WO, **lies})
-            if primitive.held is None:
-                return there
-            return replace(there, trajectory=closed_behind(self.model, primitive.trajectory, closed))
-
-        lost = replace(motion, primitives=tuple(map(empty, motion.primitives)))
+        primitives = []
+        for one in motion.primitives:
+            trajectory = one.trajectory if one.held is None else closed_behind(self.model, one.trajectory, closed)
+            primitives.append(replace(one, held=None, X_TO=None, X_WO={**one.X_WO, **lies}, trajectory=trajectory))
+        lost = replace(motion, primitives=tuple(primitives))
         return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)
 
     def samples_at(self, t: Array) -> Samples:
@@ -133,11 +131,6 @@ class Stage:
         held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
         return held[samples.piece]
 
-    def asks(self, primitive: int) -> bool:
-        """Whether something moves during a primitive, by index, in which anything must be seen."""
-        asked = any(piece.literals for piece in self.pieces if piece.primitive == primitive)
-        return asked and not self.motion.primitives[primitive].trajectory.stands
-
     @cached_property
     def moving_pieces(self) -> Mask:
         """Whether something moves in each piece, shape (pieces,)."""
@@ -156,14 +149,16 @@ class Stage:
         return frame_poses({}, objects, starts, fixed_frame())
 
     def carried(self, samples: Samples, X_WT: Array) -> dict[str, Array]:
-        """World poses of the objects that the motion carries, at samples with these poses of the tool; (m, 4, 4)."""
-        return {name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}
+        """World poses of the objects that the motion carries, at samples with these poses of the tool; (m, 4, 4).
 
-    def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
-        """The stays of an object that some primitives carry and that rests in the others."""
-        for index, rows in self._by_primitive(samples):
-            primitive = self.motion.primitives[index]
-            yield Stay(rows, primitive.X_TO if primitive.held == name else None, primitive.X_WO.get(name))
+        Some primitives carry an object, and it rests in the others.
+        """
+        during = [(rows, self.motion.primitives[index]) for index, rows in self._by_primitive(samples)]
+        found = {}
+        for name in self._carried:
+            stays = (Stay(rows, p.X_TO if p.held == name else None, p.X_WO.get(name)) for rows, p in during)
+            found[name] = carried_poses(X_WT, stays)
+        return found
 
     def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
         """The primitives with samples, and the slices of these."""
@@ -180,24 +175,13 @@ def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneState
     links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
     X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
     carried = [stage.carried(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
-    return SceneStates(sum(counts), frame_poses(links, _objects(stages, carried, counts), {}, fixed_frame()))
-
-
-def _objects(
-    stages: Sequence[Stage], carried: Sequence[Mapping[str, Array]], counts: Sequence[int]
-) -> Mapping[str, Array]:
-    """World poses of all objects and their starts over the states of stages, one stage after the other.
-
-    carried: by each stage, over its states. Shape (m, 4, 4), or (1, 4, 4) for what rests at one place in all of them.
-    """
-
-    def join(name: str) -> Array:
-        poses = [own[name] if name in own else stage.resting[name] for stage, own in zip(stages, carried, strict=True)]
-        if len(poses[0]) == 1 and all(np.array_equal(X, poses[0]) for X in poses):
-            return poses[0]
-        return np.concatenate([np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True)])
-
-    resting = stages[0].resting
+    # Objects and their starts: of shape (m, 4, 4), or (1, 4, 4) for what rests at one place in all states.
+    objects = dict(stages[0].resting)
     in_one_world = all(stage.X_WO is stages[0].X_WO for stage in stages)
-    moved = dict.fromkeys(chain.from_iterable(carried if in_one_world else [resting, *carried]))
-    return {**resting, **{name: join(name) for name in moved}}
+    for name in dict.fromkeys(chain.from_iterable(carried if in_one_world else [objects, *carried])):
+        poses = [own[name] if name in own else stage.resting[name] for stage, own in zip(stages, carried, strict=True)]
+        objects[name] = poses[0]
+        if len(poses[0]) > 1 or not all(np.array_equal(X, poses[0]) for X in poses):
+            lasting = (np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True))
+            objects[name] = np.concatenate(list(lasting))
+    return SceneStates(sum(counts), frame_poses(links, objects, {}, fixed_frame()))

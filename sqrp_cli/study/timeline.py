@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -201,28 +200,20 @@ def observe(
     while isinstance(sampling, Adaptive) and (bars is None or not (timeline.surely_lost >= bars).all(axis=1).any()):
         if (finer := _finer(timeline, sampling.tolerance)) is None:
             break
-        samples, seen = timeline.samples, timeline.observation
+        samples, seen, (more_samples, bracket) = timeline.samples, timeline.observation, finer
         if full:
-            more = look_closely(observer, stage, targets, finer.samples)
+            more = look_closely(observer, stage, targets, more_samples)
         else:
-            known = seen.agreed(finer.bracket, finer.bracket + 1)
-            more = look_at(observer, stage, targets, finer.samples, known)
-        order = samples.merge_order(finer.samples)
-        timeline = replace(timeline, samples=samples.joined(finer.samples, order), observation=seen.joined(more, order))
+            more = look_at(observer, stage, targets, more_samples, seen.agreed(bracket, bracket + 1))
+        order = samples.merge_order(more_samples)
+        timeline = replace(timeline, samples=samples.joined(more_samples, order), observation=seen.joined(more, order))
     return timeline
 
 
-class _FinerSamples(NamedTuple):
-    """Samples between those of a timeline."""
-
-    samples: Samples
-    """n of them."""
-    bracket: Indices
-    """Index of the timeline's sample before each, shape (n,)."""
-
-
-def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
+def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | None:
     """Samples that cut every bracket around a transition that is still too wide; None if none is.
+
+    The second are the indices of the timeline's samples before each.
 
     The brackets around changes of the state's coverage share `_SHARE` of the allowed error of Q_avg, and those in
     events of interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a
@@ -252,4 +243,4 @@ def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
     _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
-    return _FinerSamples(Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), bracket=row)
+    return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row

@@ -57,8 +57,8 @@ def test_each_hidden_box_has_the_parts_that_hide_it(cell: Cell, behind: Analysis
         for box in boxes
     )
     assert {tuple(part.name for part in parts) for parts in views.values()} == {("bar", "wall")}
-    some = hidden_views(cell, behind, next(iter(views)).row + 0 * behind.timeline.samples.piece[:1])
-    assert some == {view: parts for view, parts in views.items() if view.row == next(iter(views)).row}
+    some = hidden_views(cell, behind, next(iter(views))[2] + 0 * behind.timeline.samples.piece[:1])
+    assert some == {view: parts for view, parts in views.items() if view[2] == next(iter(views))[2]}
 
 
 def test_the_bar_takes_its_share_from_the_wall_behind_it(cell: Cell, behind: Analysis, views: HiddenViews) -> None:

@@ -31,7 +31,7 @@ from sqrp_cli.show.documents.explanation import (
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, cause_totals
-from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views, in_the_way, to_move
+from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.robustness import Expectation, expectation, without_each_camera
@@ -130,14 +130,14 @@ def _coverage(
 
     def verdict(number: int, row: int, camera: int) -> BoxVerdict:
         """Of a camera on a box: why not, and what the curve of the box's detector says, where it has one."""
-        boxes, view = matrix[number], HiddenView(column, number, row, camera)
+        boxes = matrix[number]
         cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
         found = None if expected is None else expected.boxes[column][number]
         sight = None
         if found is not None and found.sights is not None:
             values = dict(zip(COEFFICIENTS, map(_known, found.sights[:, row, camera]), strict=True))
             sight = BoxSight(probability=float(found.probability[row, camera]), **values)
-        parts = None if views is None else views.get(view)
+        parts = None if views is None else views.get((column, number, row, camera))
         return BoxVerdict(
             covered=cause is Cause.NONE,
             cause=cause.label,

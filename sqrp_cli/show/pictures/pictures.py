@@ -26,7 +26,7 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failing
-from sqrp_cli.study.in_the_way import HiddenView, HiddenViews, hidden_views
+from sqrp_cli.study.in_the_way import HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
 
 SHEET = "contact-sheet.png"
@@ -128,7 +128,7 @@ def _picture(
             which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
             why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
         captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
-        if parts := views.get(HiddenView(column, number, interval.row, index)):
+        if parts := views.get((column, number, interval.row, index)):
             hidden = sum(part.share for part in parts)
             captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
