@@ -87,7 +87,7 @@ def findings_page() -> str:
 def _finding(rule: RuleEntry) -> Iterator[str]:
     yield f"### {rule.code}"
     yield ""
-    yield f"*{rule.severities.capitalize()}.* {_prose(rule.meaning)} {_prose(rule.why)}"
+    yield f"*{' or '.join(rule.severity).capitalize()}.* {_prose(rule.meaning)} {_prose(rule.why)}"
     yield ""
     of = f" in {rule.file}" if rule.file else ""
     yield f"```text\npasses{of}:\n{_indented(rule.passes)}\nfails{of}:\n{_indented(rule.fails)}\n```"

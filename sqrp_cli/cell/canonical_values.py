@@ -56,6 +56,8 @@ _LEFT_OUT = {
 }
 """Fields without a meaning of their own, by the name of their record."""
 
+_KEPT = {"adds": "effect.adds", "deletes": "effect.deletes"}  # names of fields as programs have long kept them
+
 _UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "jerk": "/s^3"}
 """Limits of joints, with what comes after their unit."""
 
@@ -118,7 +120,7 @@ def _said(record: object) -> Iterator[tuple[str, Any]]:
     """The fields of a record that have a meaning."""
     left_out = _LEFT_OUT.get(type(record).__name__, ())
     names = type(record).model_fields if isinstance(record, BaseModel) else [f.name for f in fields(record)]  # type: ignore[arg-type]
-    return ((name, getattr(record, name)) for name in names if name not in left_out)
+    return ((_KEPT.get(name, name), getattr(record, name)) for name in names if name not in left_out)
 
 
 def _leaves(value: Any, name: str, meshes: Mapping[Path, str]) -> Iterator[tuple[str, Plain]]:  # noqa: ANN401

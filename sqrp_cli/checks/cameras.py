@@ -33,23 +33,44 @@ _WIDEST = 1e3
 
 
 def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras with implausible focal lengths or principal points."""
+    """Cameras with implausible principal points or focal lengths."""
     for camera in workspace.cameras.values():
-        stated = f"cameras.{camera.name}"
+        at = f"cameras.{camera.name}"
         place = next(
-            workspace.places[key]
-            for key in (f"{stated}.image", f"{stated}.calibration", stated)
-            if key in workspace.places
+            workspace.places[one] for one in (f"{at}.image", f"{at}.calibration", at) if one in workspace.places
         )
-        for code, message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
+        (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+        found: list[tuple[str, str, str]] = []
+        off = max(abs((2 * c + 1) / side - 1) for c, side in ((cx, camera.width), (cy, camera.height)))
+        if off > MOST_OFF_CENTRE:
+            message = (
+                f"its principal point ({cx:g}, {cy:g}) is {100 * off:.0f} % of the way from the middle of its image of "
+                f"{camera.width} x {camera.height} pixels to the edge, usual is less than {100 * MOST_OFF_CENTRE:.0f} %"
+            )
+            mend = "state the width before the height, and the camera matrix of this image, "
+            found.append(("unusual-principal-point", message, mend + "not of a scaled or cropped one"))
+        if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
+            long = max(fx / fy, fy / fx)
+            message = f"the focal lengths {fx:g} and {fy:g} make pixels {long:,.4g} times as long as wide"
+            found.append(("unusual-focal-lengths", message, "check `fx` and `fy`; both are in pixels"))
+        fisheye = camera.distortion_model == "equidistant"
+        usual, half = FISHEYE_VIEW if fisheye else FIELD_OF_VIEW, 0.5 * camera.width / fx
+        view = 2 * (half if fisheye else atan(half))
+        # Not where the file gives the field of view in place of `fx`.
+        if f"{at}.image.horizontal_fov" not in workspace.places and not usual.least <= view <= usual.most:
+            message = f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {usual}"
+            far = 0.5 * usual.least if fisheye else tan(0.5 * usual.least)
+            most = f"of {camera.width} pixels across, `fx` is at most {0.5 * camera.width / far:.0f}"
+            mend = "state `fx` in pixels, not in mm" if view > usual.most else f"correct `fx` or the image: {most}"
+            found.append(("unusual-focal-lengths", message, mend))
+        for code, message, mend in found:
             yield Problem(code, f"camera `{camera.name}`: {message}", place, severity="warning", mend=mend)
 
 
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
     """Cameras with a distortion that folds back inside the image, or bends or shifts its sides far too much."""
     for camera in workspace.cameras.values():
-        message = _why_implausible(camera) if camera.distortion_model != "none" else None
-        if message is not None:
+        if camera.distortion_model != "none" and (message := _why_implausible(camera)) is not None:
             mend = "compare the coefficients and their order with the calibration"
             yield warning("implausible-lens", message, workspace, f"cameras.{camera.name}", mend)
 
@@ -113,17 +134,13 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
             yield warning("detector-out-of-range", message, workspace, f"detectors.{name}.distance", mend)
 
 
-def assumed_latencies(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras whose latency is not stated, in one warning."""
+def slow_cameras(workspace: Workspace) -> Iterator[Problem]:
+    """Latencies that are not stated, and tasks that demand a shorter detection delay than any camera can meet."""
     silent = [camera.name for camera in workspace.cameras.values() if camera.latency is None]
     if silent:
         message = f"{assumed_latency(workspace.cameras.values())}; all delays are too short by what it really is"
         mend = "state `latency`, such as `latency: 50 ms`; `latency: 0 s` if there is none"
         yield warning("assumed-latency", message, workspace, f"cameras.{silent[0]}", mend)
-
-
-def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
-    """Tasks that demand a shorter detection delay than any camera can meet."""
     fastest = min(workspace.cameras.values(), key=lambda camera: camera.response, default=None)
     for index, task in enumerate(workspace.tasks):
         most = task.max_delay
@@ -133,32 +150,6 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
             on_top = "and the time in which a lost part parts from the tool on top"
             mend = f"allow {fastest.response:.3g} s, {on_top}, or use a faster camera"
             yield warning("threshold-out-of-reach", message, workspace, f"tasks.{index}.max_delay", mend)
-
-
-def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:
-    """Code, message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
-    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
-    off = max(abs((2 * at + 1) / side - 1) for at, side in ((cx, camera.width), (cy, camera.height)))
-    if off > MOST_OFF_CENTRE:
-        message = (
-            f"its principal point ({cx:g}, {cy:g}) is {100 * off:.0f} % of the way from the middle of its image of "
-            f"{camera.width} x {camera.height} pixels to the edge, usual is less than {100 * MOST_OFF_CENTRE:.0f} %"
-        )
-        mend = "state the width before the height, and the camera matrix of this image, not of a scaled or cropped one"
-        yield "unusual-principal-point", message, mend
-    if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
-        message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):,.4g} times as long as wide"
-        yield "unusual-focal-lengths", message, "check `fx` and `fy`; both are in pixels"
-    fisheye = camera.distortion_model == "equidistant"
-    usual, half = FISHEYE_VIEW if fisheye else FIELD_OF_VIEW, 0.5 * camera.width / fx
-    view = 2 * (half if fisheye else atan(half))
-    if not view_is_stated and not usual.least <= view <= usual.most:
-        message = f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {usual}"
-        far = 0.5 * usual.least if fisheye else tan(0.5 * usual.least)
-        longest = 0.5 * camera.width / far
-        most = f"correct `fx` or the image: of {camera.width} pixels across, `fx` is at most {longest:.0f}"
-        mend = "state `fx` in pixels, not in mm" if view > usual.most else most
-        yield "unusual-focal-lengths", message, mend
 
 
 def _why_implausible(camera: Camera) -> str | None:

@@ -48,7 +48,12 @@ FINEST = 1e-4
 
 def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
     """Warnings about a cell that need the shapes of its robot and objects; `lint` gives those that need none."""
-    workspace, model = cell.workspace, cell.model
+    workspace, model, contacts = cell.workspace, cell.model, list[Problem]()
+    if cell.self_contacts is not None and cell.self_contacts.unchecked:
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.self_contacts.unchecked))
+        message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
+        mend, place = "state the pairs that may touch in an SRDF, `robot.srdf`", Place(workspace.robot.urdf.path)
+        contacts.append(Problem("assumed-contact", message, place, severity="warning", mend=mend))
     return (
         *doubtful_meshes(workspace, model),
         *parts_outside_size(workspace),
@@ -57,7 +62,7 @@ def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
         *blind_cameras_on_links(cell),
         *lamps_inside(workspace, cell.observer.solids),
         *unreachable_speeds(workspace, model),
-        *assumed_contacts(cell),
+        *contacts,
     )
 
 
@@ -248,15 +253,6 @@ def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Prob
                 yield Problem("unreachable-speed", message, place, severity="warning", mend=mend)
 
 
-def assumed_contacts(cell: Cell) -> Iterator[Problem]:
-    """A warning about pairs of links that are not checked for collision: they touch at home or always."""
-    if cell.self_contacts is not None and cell.self_contacts.unchecked:
-        names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.self_contacts.unchecked))
-        message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
-        mend = "state the pairs that may touch in an SRDF, `robot.srdf`"
-        yield Problem("assumed-contact", message, Place(cell.workspace.robot.urdf.path), severity="warning", mend=mend)
-
-
 def fastest_tool(model: RobotModel) -> float:
     """An upper bound of the tool frame's speed [m/s], with the arm stretched out and every joint at its limit."""
     if not model.joints_move_alone:
@@ -303,12 +299,11 @@ class _Placed:
         """Whether both have a point in common; a mesh that is not closed has only its surface."""
         if distance(self.solid, self.X_WO, other.solid, other.X_WO, 0.0) is not None:
             return True
-        return self._encloses(other) or other._encloses(self)
-
-    def _encloses(self, other: _Placed) -> bool:
-        """Whether this is a closed mesh that goes around a corner of another part."""
-        corner = transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0]
-        return isinstance(self.solid.part.shape, Mesh) and self.solid.contains(corner)
+        for one, inner in ((self, other), (other, self)):  # does a closed mesh go around a corner of the other?
+            corner = transform(inverse(one.X_WO) @ inner.X_WO, inner.solid.vertices[:1])[0]
+            if isinstance(one.solid.part.shape, Mesh) and one.solid.contains(corner):
+                return True
+        return False
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:

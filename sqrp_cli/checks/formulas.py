@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.domain import EQUAL, Compound, Condition, Holds
@@ -25,7 +25,8 @@ from sqrp_cli.logic.truth import Truth, joined
 from sqrp_cli.skill.skill import Requirement, Skill
 
 if TYPE_CHECKING:
-    from sqrp_cli.task.task import Candidate
+    from sqrp_cli.search.suggestion import Feasibility
+    from sqrp_cli.study.result import CandidateResult
 
 _Demand: TypeAlias = tuple[Requirement, Interval, set[Atom], set[Atom]]
 """A requirement with the interval of an `always` operator that must hold, and the atoms that it makes true and false.
@@ -129,25 +130,9 @@ def _claimed(use: Holds) -> Atom:
     return Atom(use.predicate, tuple(term.removeprefix("?") for term in use.terms))
 
 
-class Timed(Protocol):
-    """A candidate with the duration of its motion: an `CandidateResult` or a `Feasibility`; None if infeasible."""
-
-    @property
-    def candidate(self) -> Candidate:
-        """The candidate."""
-
-    @property
-    def time(self) -> float | None:
-        """Duration of its motion [s]."""
-
-    @property
-    def outside(self) -> tuple[tuple[int, int], ...]:
-        """Its temporal operators that are never checked."""
-
-
-def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
+def intervals_outside(found: Iterable[CandidateResult | Feasibility]) -> tuple[Problem, ...]:
     """One warning for each interval that lies outside the motion of some candidate."""
-    feasible: dict[str, list[tuple[Timed, float]]] = {}
+    feasible: dict[str, list[tuple[CandidateResult | Feasibility, float]]] = {}
     for one in found:
         if one.time is not None:
             feasible.setdefault(one.candidate.skill.name, []).append((one, one.time))
@@ -174,11 +159,6 @@ def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
                 problem = problem_at(origin, code, message, requirement.place)
                 warnings.append(replace(problem, severity="warning", mend=mend))
     return tuple(warnings)
-
-
-def predicates_of(formula: Formula) -> tuple[str, ...]:
-    """Names of the predicates in a formula, once each, from left to right."""
-    return tuple(dict.fromkeys(part.name for part in nested(formula) if isinstance(part, Predicate)))
 
 
 def _is_within(inner: Interval, outer: Interval, primitives: list[str]) -> bool:

@@ -15,10 +15,12 @@ from sqrp_cli.camera.light import COLORS, hue_of, look_alike
 from sqrp_cli.cell.load import holding_skills
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.checks import cameras, formulas
+from sqrp_cli.checks import cameras
+from sqrp_cli.checks.formulas import contradictions, faults_of_the_plan, formulas_against_the_action
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.files.frames import WORLD, FrameName
+from sqrp_cli.logic.formula import Predicate, nested
 from sqrp_cli.skill.skill import Grasp, Skill
 from sqrp_cli.skill.target_box import BoxSpec
 
@@ -34,26 +36,17 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
         message, mend = "the workspace has no skills, so nothing can be done in it", "name their folders under `skills`"
         place = workspace.places.get("skills", workspace.whole_file)
         findings.append(Problem("no-skills", message, place, severity="warning", mend=mend))
-    of_skills = (
-        formulas.contradictions,
-        formulas.faults_of_the_plan,
-        formulas.formulas_against_the_action,
-    )
     for skill in workspace.skills.values():
-        findings += without_target(skill)
-        findings += fault_boxes_that_move(skill)
-        findings += (problem for check in of_skills for problem in check(skill))
-        findings += too_few_cameras(workspace, skill)
-        findings += empty_boxes(workspace, skill)
-        findings += too_small_boxes(workspace, skill)
+        for check in (seen_by_targets, contradictions, faults_of_the_plan, formulas_against_the_action):
+            findings += check(skill)
+        findings += boxes_of_targets(workspace, skill)
         for name in (parameter.name for parameter in skill.motion_parameters if not parameter.kinds):
             message = f"skill `{skill.name}`: no waypoint or primitive action uses the parameter `{name}`"
             mend, at = f"write `${name}` where it is meant, or remove it", skill.places.get(f"motion.{name}")
             findings.append(Problem("unused-parameter", message, at, severity="warning", mend=mend))
     of_cells = (
         _held_against_the_facts,
-        cameras.assumed_latencies,
-        cameras.thresholds_out_of_reach,
+        cameras.slow_cameras,
         cameras.detectors_out_of_range,
         cameras.doubtful_images,
         cameras.implausible_lenses,
@@ -81,18 +74,38 @@ def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
             yield Problem("held-against-the-facts", message, place, mend="add it to the state")
 
 
-def without_target(skill: Skill) -> Iterator[Problem]:
-    """Predicates of formulas that no camera can decide, because they have no target."""
-    uses = ((name, found.place) for found in skill.requirements for name in formulas.predicates_of(found.formula))
-    first_use = dict(reversed([(name, place) for name, place in uses if name not in skill.targets]))
+def seen_by_targets(skill: Skill) -> Iterator[Problem]:
+    """Predicates of formulas that no target decides, and boxes of fault literals that move with an object once lost."""
+    named = [
+        (found, part.name)
+        for found in skill.requirements
+        for part in nested(found.formula)
+        if isinstance(part, Predicate)
+    ]
+    first_use = dict(reversed([(name, found.place) for found, name in named if name not in skill.targets]))
     for predicate, place in reversed(first_use.items()):
         message = f"skill `{skill.name}`: `{predicate}` is in a formula, but no target says where it can be seen"
         mend = f"add `{predicate}:` with its boxes under `targets`"
         yield Problem("literal-without-target", message, place, mend=mend)
+    grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
+    reported: set[tuple[str, str]] = set()
+    for fault in (requirement for requirement in skill.requirements if requirement.name is not None):
+        predicates = {name for found, name in named if found is fault}
+        for predicate, index, box in _boxes(skill):
+            if predicate not in predicates or box.frame not in grasped or (predicate, box.name) in reported:
+                continue
+            reported.add((predicate, box.name))
+            message = (
+                f"skill `{skill.name}`: fault `{fault.name}` is seen by box `{box.name}` of `{predicate}`, "
+                f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
+            )
+            mend = f"give the box a frame that stays: `tool`, or `{FrameName.at_start_of(box.frame)}`"
+            place = skill.place("targets", predicate, "boxes", index, "name")
+            yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 
 
-def too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
-    """Targets that need more cameras at once than there are."""
+def boxes_of_targets(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    """Targets that need more cameras at once than there are; boxes that are empty, or too small from anywhere."""
     available = len(workspace.cameras)
     for predicate, target in skill.targets.items():
         if target.cameras > available:
@@ -100,13 +113,20 @@ def too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
             message = f"skill `{skill.name}`: `{predicate}` needs {wanted}, the cell has {available}"
             place = skill.place("targets", predicate, "cameras")
             yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
-
-
-def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
-    """Boxes that no camera sees as large as their detector needs, even from the nearest possible place."""
-    for predicate, index, box in _boxes(skill):
+    possible = [(*one, _possible_objects(workspace, skill, one[2])) for one in _boxes(skill)]
+    for predicate, index, box, objects in possible:
+        item = min(filter(None, objects), key=lambda item: min(item.size), default=None)
+        if item is not None and box.size is None and min(item.size) + 2 * box.margin <= 0:
+            message = (
+                f"skill `{skill.name}`: with a margin of {box.margin:g} m nothing is left of box `{box.name}` around "
+                f"`{item.name}`, which is {min(item.size):g} m thin"
+            )
+            place = skill.place("targets", predicate, "boxes", index, "margin")
+            mend = "the margin enlarges a box on every side; raise it to 0 m"
+            yield Problem("empty-box", message, place, mend=mend)
+    for predicate, index, box, objects in possible:
         needed = workspace.detectors[box.detector].min_pixels
-        looks = list(product(workspace.cameras.values(), _possible_objects(workspace, skill, box)))
+        looks = list(product(workspace.cameras.values(), objects))
         # Mostly one of the first is large enough, and then the others do not matter.
         if looks and all(_largest_in_image(workspace, box, *look) < needed for look in looks):
             largest = max(_largest_in_image(workspace, box, *look) for look in looks)
@@ -151,40 +171,6 @@ def colors(workspace: Workspace) -> Iterator[Problem]:
         mend = "give one of them another colour, or look for markers"
         at = workspace.places.get(f"objects.{name}.color")
         yield Problem("same-colour", f"detectors of colours cannot tell {what}", at, severity="warning", mend=mend)
-
-
-def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
-    """Boxes that a negative margin shrinks to nothing."""
-    for predicate, index, box in _boxes(skill):
-        objects = [item for item in _possible_objects(workspace, skill, box) if item is not None]
-        item = min(objects, key=lambda item: min(item.size), default=None)
-        if item is None or box.size is not None or min(item.size) + 2 * box.margin > 0:
-            continue
-        message = (
-            f"skill `{skill.name}`: with a margin of {box.margin:g} m nothing is left of box `{box.name}` around "
-            f"`{item.name}`, which is {min(item.size):g} m thin"
-        )
-        place = skill.place("targets", predicate, "boxes", index, "margin")
-        yield Problem("empty-box", message, place, mend="the margin enlarges a box on every side; raise it to 0 m")
-
-
-def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
-    """Boxes of fault literals that move with a grasped object, even after it is lost."""
-    grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
-    reported: set[tuple[str, str]] = set()
-    for fault in (requirement for requirement in skill.requirements if requirement.name is not None):
-        predicates = formulas.predicates_of(fault.formula)
-        for predicate, index, box in _boxes(skill):
-            if predicate not in predicates or box.frame not in grasped or (predicate, box.name) in reported:
-                continue
-            reported.add((predicate, box.name))
-            message = (
-                f"skill `{skill.name}`: fault `{fault.name}` is seen by box `{box.name}` of `{predicate}`, "
-                f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
-            )
-            mend = f"give the box a frame that stays: `tool`, or `{FrameName.at_start_of(box.frame)}`"
-            place = skill.place("targets", predicate, "boxes", index, "name")
-            yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 
 
 def _boxes(skill: Skill) -> Iterator[tuple[str, int, BoxSpec]]:

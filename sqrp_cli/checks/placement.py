@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem
 from sqrp_cli.files.units import shown_length
@@ -34,35 +33,23 @@ class PlacedBox(NamedTuple):
     size: Array
     """Full extents [m], shape (3,)."""
 
-    @property
-    def corners(self) -> Array:
-        """Its corners in the world [m], shape (8, 3)."""
-        return transform(self.X_WB, box_corners(self.size))
+    def gap(self, other: PlacedBox, *, from_above: bool = False) -> float:
+        """The widest gap between two boxes along an axis that separates them [m].
 
-    def penetration(self, other: PlacedBox) -> float:
-        """The shortest move [m] after which two boxes only touch; 0 or less if they are apart.
-
-        Exact: the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et
-        al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
+        Below 0 where they have points in common: then the shortest move after which they only touch, negated. Exact:
+        the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et al.,
+        OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes. from_above: of
+        their shadows on the floor instead, whose edges are those of the boxes; their distance is that at least.
         """
-        axes, others = self.X_WB[:3, :3].T, other.X_WB[:3, :3].T
-        crosses = cross(axes[:, None, :], others[None, :, :]).reshape(-1, 3)
-        return -self._gap(other, np.concatenate([axes, others, _unit(crosses)]))
-
-    def gap_from_above(self, other: PlacedBox) -> float:
-        """The horizontal distance [m] of two boxes, at least; 0 or less if one is over the other.
-
-        The separating-axis theorem for their shadows on the floor, whose edges are those of the boxes.
-        """
-        edges = np.concatenate([self.X_WB[:3, :3].T, other.X_WB[:3, :3].T])
-        return self._gap(other, _unit(cross(edges, np.array([0.0, 0.0, 1.0]))))
-
-    def _gap(self, other: PlacedBox, directions: Array) -> float:
-        """The widest gap between both along the directions (n, 3) [m]."""
-        reach = np.abs(directions @ self.X_WB[:3, :3]) @ (0.5 * self.size)
-        others = np.abs(directions @ other.X_WB[:3, :3]) @ (0.5 * other.size)
-        between = np.abs(directions @ (self.X_WB[:3, 3] - other.X_WB[:3, 3]))
-        return float((between - (reach + others)).max())
+        edges, others = self.X_WB[:3, :3].T, other.X_WB[:3, :3].T
+        axes = np.concatenate([edges, others])
+        crosses = cross(axes, np.array([0.0, 0.0, 1.0])) if from_above else cross(edges[:, None], others[None])
+        crosses = crosses.reshape(-1, 3)
+        lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
+        directions = (crosses / np.maximum(lengths, 1e-9))[lengths[:, 0] > 1e-9]
+        along = directions if from_above else np.concatenate([axes, directions])
+        reach = np.abs(along @ edges.T) @ (0.5 * self.size) + np.abs(along @ others.T) @ (0.5 * other.size)
+        return float((np.abs(along @ (self.X_WB[:3, 3] - other.X_WB[:3, 3])) - reach).max())
 
 
 def warning(code: str, message: str, workspace: Workspace, path: str, mend: str) -> Problem:
@@ -105,7 +92,7 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
     distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
     for first, second in np.argwhere(np.triu(distances <= reaches[:, None] + reaches[None], k=1)):
         one, other = objects[first][0], objects[second][0]
-        depth = max(a.penetration(b) for a in boxes[first] for b in boxes[second])
+        depth = max(-a.gap(b) for a in boxes[first] for b in boxes[second])
         if depth <= MIN_OVERLAP:
             continue
         if one in doubted or other in doubted:
@@ -130,13 +117,21 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
     """
     doubted = doubted_objects(workspace)
     placed = [item for item in workspace.objects.values() if item.X_WO is not None and item.name not in doubted]
-    around = {item.name: list(_boxes_around(item)) for item in placed}
+    around: dict[str, list[PlacedBox]] = {}
+    for item in placed:
+        X_WO = np.asarray(item.X_WO)
+        around[item.name] = [
+            PlacedBox(X_WO, np.asarray(item.size))
+            if isinstance(part.shape, Mesh)
+            else PlacedBox(X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3)))
+            for part in item.parts
+        ]
     for item in workspace.objects.values():
         support = workspace.objects.get(item.on) if item.on is not None else None
         if support is None or item.name not in around or support.name not in around:
             continue
         above, below = around[item.name], around[support.name]
-        gap = min(-one.penetration(other) for one, other in product(above, below))
+        gap = min(one.gap(other) for one, other in product(above, below))
         if gap < LEAST_GAP - 1e-9:
             continue
         place = workspace.places.get(f"objects.{item.name}.pose")
@@ -144,36 +139,21 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         stands_on = (
             name
             for name, boxes in around.items()
-            if name != item.name and any(one.penetration(other) > 1e-9 for one, other in product(lowered, boxes))
+            if name != item.name and any(one.gap(other) < -1e-9 for one, other in product(lowered, boxes))
         )
         under = next(stands_on, None)
         if under is not None:
-            aside = min(one.gap_from_above(other) for one, other in product(above, below))
+            aside = min(one.gap(other, from_above=True) for one, other in product(above, below))
             if aside >= LEAST_GAP - 1e-9:
                 message = f"`{item.name}` has `on: {support.name}`, but does not stand over it: "
                 message += f"it is {aside:.3g} m beside it, on `{under}`"
                 mend = f"move it onto `{support.name}`, or write `on: {under}`"
                 yield Problem("beside-support", message, place, severity="warning", mend=mend)
             continue
-        bottom = min(box.corners[:, 2].min() for box in above)
-        top = max(box.corners[:, 2].max() for box in below)
+        bottom, top = (
+            end(end(transform(box.X_WB, box_corners(box.size))[:, 2]) for box in boxes)
+            for end, boxes in ((min, above), (max, below))
+        )
         mend = f"lower it by {shown_length(gap)}" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
         message = f"`{item.name}` has `on: {support.name}`, but between them is a gap of {shown_length(gap)}"
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
-
-
-def _boxes_around(item: SceneObject) -> Iterator[PlacedBox]:
-    """A box around each part of an object of known pose."""
-    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
-    for part in item.parts:
-        if isinstance(part.shape, Mesh):
-            yield PlacedBox(item.X_WO, np.asarray(item.size))
-        else:
-            yield PlacedBox(item.X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3)))
-
-
-def _unit(vectors: Array) -> Array:
-    """Vectors (n, 3) at length 1, without those that have next to none."""
-    lengths = np.linalg.norm(vectors, axis=1)
-    directions: Array = vectors[lengths > 1e-9] / lengths[lengths > 1e-9, None]
-    return directions

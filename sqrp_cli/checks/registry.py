@@ -37,11 +37,6 @@ class RuleEntry:
     fails: str
     """An example with it."""
 
-    @property
-    def severities(self) -> str:
-        """In words: `error`, `warning`, or `error or warning`."""
-        return " or ".join(self.severity)
-
 
 @cache
 def rules() -> Mapping[str, RuleEntry]:

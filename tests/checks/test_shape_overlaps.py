@@ -82,7 +82,7 @@ def test_meshes_of_boxes_are_in_one_place_where_the_boxes_are(problems: FindMess
     for _ in range(150):
         X = pose(quaternion_to_matrix([*rng.uniform(-1, 1, 3), 0.8]), rng.uniform(-0.1, 0.1, 3))
         size = rng.uniform(0.02, 0.1, 3)
-        depth = PlacedBox(at(0.02, 0.0, 0.05), np.array([0.1, 0.06, 0.04])).penetration(PlacedBox(X, size))
+        depth = -PlacedBox(at(0.02, 0.0, 0.05), np.array([0.1, 0.06, 0.04])).gap(PlacedBox(X, size))
         if not 0.0 < depth < 0.004:  # less is taken off across edges and corners
             deep = depth > 0
             assert bool(problems([(mesh, np.eye(4))], [(Box(tuple(size)), X)])) == deep

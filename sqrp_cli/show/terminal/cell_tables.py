@@ -61,7 +61,7 @@ def print_check(found: Check) -> None:
         shown = [feasible[place] for place in sorted(fastest.values())[:MOST_ROWS]]
     if feasible:
         rows = [(one.name, f"{one.time:.2f}" if one.time is not None else "") for one in shown]
-        print_table([Column("candidate"), Column("time [s]", right=True)], rows)
+        print_table([Column("candidate"), Column("motion [s]", right=True)], rows)
         if len(shown) < len(feasible):
             say(f"... and {len(feasible) - len(shown)} more (--json)", "dim")
     elif found.suggested:
