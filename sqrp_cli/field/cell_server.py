@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import SqrpError
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Step
 from sqrp_cli.ros.dds import DdsTransport
@@ -93,8 +92,7 @@ class CellServer:
         self._complaint, self._complained = "", 0.0
 
         def sender(name: str | None, kind: str, depth: int, *, latched: bool = False) -> Send:
-            topic = Topic(name=name or "", type=kind, depth=depth, reliable=True, latched=latched)
-            return transport.publish(topic)
+            return transport.publish(Topic(name=name or "", type=kind, depth=depth, reliable=True, latched=latched))
 
         subscribe = transport.subscribe
         assert file.tool is not None  # noqa: S101 - as `served_file` makes it
@@ -173,14 +171,12 @@ class CellServer:
     def follow(self, message: Message) -> None:
         """Follow a trajectory from now on, unless no controller would."""
         try:
-            begins = self.reference.ends <= self.t and self.reference.moves_from(message)
-            stamp = nanoseconds(message.header.stamp)
+            stamp, stands = nanoseconds(message.header.stamp), self.reference.ends <= self.t
             start = None if stamp == 0 else (stamp - self._origin) * 1e-9
-            self.reference.replace(message, self.t, start)
-            if begins:
+            if self.reference.replace(message, self.t, start) and stands:
                 for told in self._faults.motion_begins(self.t, self.reference):
                     self._tell(f"{self.t:.2f} s: {told}")
-        except RefusedTrajectory as error:
+        except ValueError as error:
             self._complain(f"a trajectory is refused: {error}")
 
     def _complain(self, what: str) -> None:
@@ -235,10 +231,6 @@ class CellServer:
             heapq.heappush(self._later, (self.t + seconds, next(self._numbers), send))
 
 
-class RefusedTrajectory(SqrpError):  # noqa: N818 - it is an answer
-    """A trajectory that no controller would follow; the message says why."""
-
-
 class FollowedTrajectory:
     """What a joint trajectory controller makes of trajectories: the reference of an arm that stands at first.
 
@@ -257,35 +249,39 @@ class FollowedTrajectory:
         self._points = JointStates(q, np.zeros_like(q), np.zeros_like(q))
         self._order = 5
 
-    def replace(self, message: Message, t: float, start: float | None) -> float:
-        """Follow another trajectory from time t [s] on; returns when it ends. Raises RefusedTrajectory.
+    def replace(self, message: Message, t: float, start: float | None) -> bool:
+        """Follow another trajectory from time t [s] on; returns whether it leads away from where the arm is wanted.
 
-        start: what its times count from [s], None: from now on.
+        start: what its times count from [s], None: from now on. Raises ValueError for one that no controller follows.
         """
-        points = self._ordered(message)
+        if sorted(message.joint_names) != sorted(self._names):
+            raise ValueError(f"its joints are {', '.join(message.joint_names)}; expected {', '.join(self._names)}")
+        if not message.points:
+            raise ValueError("it has no points")
+        order = [list(message.joint_names).index(name) for name in self._names]  # from its joints to ours
+        rows = []
+        for kind in ("positions", "velocities", "accelerations"):
+            values = [getattr(point, kind) for point in message.points]
+            if any(len(one) not in ((len(order),) if kind == "positions" else (0, len(order))) for one in values):
+                raise ValueError(f"its points have not one of the {kind} for each joint")
+            rows.append(np.array([one[order] if len(one) else np.zeros(len(order)) for one in values]))
+        if not all((np.abs(row) < MOST).all() for row in rows):
+            raise ValueError("it holds values that no joint can have")
         times = np.array([nanoseconds(point.time_from_start) * 1e-9 for point in message.points])
-        start = t if start is None else start
         if (np.diff(times) <= 0).any() or times[0] < 0:
-            raise RefusedTrajectory("the times of its points do not rise")
-        wanted = self.states(np.array([t]))
-        first = message.points[0]
+            raise ValueError("the times of its points do not rise")
+        first, times = message.points[0], times + (t if start is None else start)
+        leads_away = bool((np.abs(rows[0] - self._points.positions[-1]) > 1e-9).any())
+        before = [values[:, : len(order)] for values in self.states(np.array([t]))]
         self._order = 1 if not len(first.velocities) else 3 if not len(first.accelerations) else 5
-        count = len(self._names)
-        before = JointStates(*(values[:, :count] for values in wanted))
-        later = start + times > t
-        self._times = np.concatenate([[t], (start + times)[later]])
-        self._points = JointStates(*(np.concatenate([a, b[later]]) for a, b in zip(before, points, strict=True)))
-        return float(self._times[-1])
+        self._points = JointStates(*(np.concatenate([a, b[times > t]]) for a, b in zip(before, rows, strict=True)))
+        self._times = np.concatenate([[t], times[times > t]])
+        return leads_away
 
     @property
     def ends(self) -> float:
         """When its last point is reached [s]."""
         return float(self._times[-1])
-
-    def moves_from(self, message: Message) -> bool:
-        """Whether a trajectory leads away from where the arm is wanted."""
-        points = self._ordered(message)
-        return bool((np.abs(points.positions - self._points.positions[-1]) > 1e-9).any())
 
     def states(self, t: Array) -> JointStates:
         """As `ArmReference` says."""
@@ -301,25 +297,6 @@ class FollowedTrajectory:
         moved = [np.where(held, rest, one) for one, rest in zip(found, (end.positions, still, still), strict=True)]
         fixed = np.tile(self._fixed, (len(t), 1))
         return JointStates(*(np.hstack([a, b]) for a, b in zip(moved, (fixed, 0 * fixed, 0 * fixed), strict=True)))
-
-    def _ordered(self, message: Message) -> JointStates:
-        """Positions, velocities and accelerations, with the joints in our order. Raises RefusedTrajectory."""
-        if sorted(message.joint_names) != sorted(self._names):
-            raise RefusedTrajectory(
-                f"its joints are {', '.join(message.joint_names)}; expected {', '.join(self._names)}"
-            )
-        if not message.points:
-            raise RefusedTrajectory("it has no points")
-        order = [list(message.joint_names).index(name) for name in self._names]
-        rows = []
-        for kind in ("positions", "velocities", "accelerations"):
-            values = [getattr(point, kind) for point in message.points]
-            if any(len(one) not in ((len(order),) if kind == "positions" else (0, len(order))) for one in values):
-                raise RefusedTrajectory(f"its points have not one of the {kind} for each joint")
-            rows.append(np.array([one[order] if len(one) else np.zeros(len(order)) for one in values]))
-        if not all((np.abs(row) < MOST).all() for row in rows):
-            raise RefusedTrajectory("it holds values that no joint can have")
-        return JointStates(*rows)
 
 
 def between(begin: JointStates, end: JointStates, u: Array, span: Array, order: int) -> JointStates:

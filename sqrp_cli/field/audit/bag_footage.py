@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -60,9 +60,8 @@ class BagFootage:
         ]
         check_recorded(workspace, self.recorded)
         arm = [name for name in program.joints if name in workspace.robot.home]
-        found = found_steps(program, arm, self._tracks, path)
-        self.starts: Sequence[float] = found.starts
-        self.runs = found.runs
+        self.starts: Sequence[float]
+        self.starts, self.runs = found_steps(program, arm, self._tracks, path)
         self._until = []  # for how long the robot did as planned, by the robot's clock [s]
         for start, step in zip(self.starts, program.steps, strict=True):
             tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
@@ -247,19 +246,11 @@ class JointTracks:
         return TimeInterval(max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks))
 
 
-class FoundMotion(NamedTuple):
-    """A program's motion in a recording."""
+def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> tuple[list[float], int]:
+    """Find a program's motion in a recording; arm: the joints to go by.
 
-    starts: list[float]
-    """When that of each step began, by the robot's clock [s]; of several runs in the first one."""
-    runs: int
-    """How many times all of its steps are there, one after the other."""
-
-
-def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> FoundMotion:
-    """Find each step; arm: the joints to go by.
-
-    Raises InputError where a joint was not recorded, or a step is not in the recording.
+    Returns when each step began, by the robot's clock [s], and how many times all of its steps are there, one after the
+    other; of several runs the first one counts. Raises InputError where a joint was not recorded, or a step is missing.
     """
     missing = [name for name in arm if name not in tracks.names]
     if missing:
@@ -272,39 +263,33 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
         hours = known.length / 3600
         message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
         raise bad_input("file-too-large", message, Place(path), mend="cut the recording to the run of the program")
-    fits: list[_Fit] = []
+    fits = []
     for number, step in enumerate(program.steps, 1):
-        fit = _best_start(step, columns, arm, tracks, left)
-        if fit.share < LEAST_SHARE:
+        start, share, all_starts = _best_start(step, columns, arm, tracks, left)
+        if share < LEAST_SHARE:
             motion, least = f"the motion of step {number}, {step.short_task}", f"the first {LEAST_SHARE:.0%} of it"
-            near = f"where they are nearest to it, at {fit.start - known.start:.2f} s, {fit.share:.0%} of it fits"
+            near = f"where they are nearest to it, at {start - known.start:.2f} s, {share:.0%} of it fits"
             message = f"{motion}, is not in the joint states of this recording: {near}; expected at least {least}"
-            if fit.start + (fit.share + 1 / POINTS) * step.time > known.end:
+            if start + (share + 1 / POINTS) * step.time > known.end:
                 early = f"this recording ends at {known.length:.2f} s, too early in {motion}"
                 message = f"{early}; expected at least {least}"
             raise bad_input("other-motion", message, Place(path))
-        fits.append(fit)
-        left = TimeInterval(fit.start + 0.5 * step.time, known.end)
+        fits.append((start, all_starts, step))
+        left = TimeInterval(start + 0.5 * step.time, known.end)
     runs, t = -1, -np.inf
     while t < np.inf:  # all steps once more, one after the other, until one is not there
         runs += 1
-        for fit, step in zip(fits, program.steps, strict=True):
-            t = next((one for one in fit.all_starts if one >= t), np.inf) + max(0.5 * step.time, SPACING)
-    return FoundMotion([fit.start for fit in fits], runs)
-
-
-class _Fit(NamedTuple):
-    """Where a step's motion begins [s], the share of it that is there, and all times about when it begins [s]."""
-
-    start: float
-    share: float
-    all_starts: Sequence[float]
+        for _, all_starts, step in fits:
+            t = next((one for one in all_starts if one >= t), np.inf) + max(0.5 * step.time, SPACING)
+    return [start for start, _, _ in fits], runs
 
 
 def _best_start(
     step: Step, columns: Sequence[int], arm: Sequence[str], tracks: JointTracks, span: TimeInterval
-) -> _Fit:
-    """The first start of a step from which on the robot follows it for the longest time.
+) -> tuple[float, float, list[float]]:
+    """The first start of a step [s] from which on the robot follows it for the longest time.
+
+    Also the share of it that is there, and all times about when it begins [s].
 
     So a retry after a fault is not taken for it, which follows other ways to where it begins. It is then refined to
     that at which the recorded motion fits best, by least squares over what follows the program.
@@ -321,7 +306,7 @@ def _best_start(
         shares[first : first + _BLOCK] = np.logical_and.accumulate(errors < NEAR, axis=1).mean(axis=1)
     good = np.flatnonzero(shares >= max(LEAST_SHARE, shares.max() - 0.05))
     if not len(good):
-        return _Fit(float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)), ())
+        return float(starts[np.argmax(shares)]), float(shares.max(initial=0.0)), []
     # Of several runs the first one.
     run = good[starts[good] <= starts[good[0]] + _ONE_RUN]
     best = int(run[np.argmin(costs[run])])
@@ -338,7 +323,7 @@ def _best_start(
         start += float(np.clip(change, -SPACING, SPACING))
         if abs(change) < 1e-6:
             break
-    return _Fit(start, float(shares[best]), starts[good[fresh]].tolist())
+    return start, float(shares[best]), starts[good[fresh]].tolist()
 
 
 ImageSource: TypeAlias = ImageFiles | BagFootage
