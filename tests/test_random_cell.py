@@ -22,7 +22,9 @@ def made(folder: Path, crowd: Crowd) -> Workspace:
     return load_workspace(folder)
 
 
-@pytest.mark.parametrize("crowd", [Crowd(1, 9, 4), Crowd(2, 1, 1), Crowd(3, 300, 30)], ids=str)
+@pytest.mark.parametrize(
+    "crowd", [Crowd(1, 9, 4), Crowd(2, 1, 1), pytest.param(Crowd(3, 300, 30), marks=pytest.mark.trial)], ids=str
+)
 def test_a_cell_is_valid_and_has_what_was_asked_for(crowd: Crowd, tmp_path: Path) -> None:
     workspace = made(tmp_path / "cell", crowd)
     cubes = [thing for thing in workspace.objects.values() if thing.type == "cube"]

@@ -17,6 +17,8 @@ from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.show.documents.schemas import schema_of
 from tests.trials.detectors import shots, write_frames, write_workspace
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

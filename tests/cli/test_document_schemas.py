@@ -85,6 +85,7 @@ def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, sta
     validate(sqrp("program", program, "--json").document, "program")
 
 
+@pytest.mark.slow
 def test_documents_of_runs_and_audits_and_every_line_of_a_log_fit_their_schemas(asked, slip_run):
     folder = slip_run.cell.folder
     validate(slip_run.outcome.document, "run")

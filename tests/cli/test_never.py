@@ -15,6 +15,8 @@ from tests.cells import shipped_cell, write_cell
 from tests.cli.pages import overview_of
 from tests.conftest import Once
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def under_the_table(once: Once) -> Path:

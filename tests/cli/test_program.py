@@ -39,6 +39,7 @@ def best(explained) -> Document:
     return explained.document["candidates"][0]
 
 
+@pytest.mark.slow
 def test_a_program_can_be_executed_as_it_stands(program):
     assert program.read_text(encoding="utf-8").splitlines()[0] == SHEBANG
     mode = program.stat().st_mode

@@ -16,6 +16,8 @@ from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.run.record.bag_recorder import AS_PLANNED
 from tests.cli.slip_run import Cell, SlipRun
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def audited(asked: Callable[..., Any], slip_run: SlipRun) -> Any:

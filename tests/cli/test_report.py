@@ -152,7 +152,7 @@ def scored(sqrp, tabletop, watch, tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
+@pytest.mark.parametrize("size", [pytest.param((1400, 900), marks=pytest.mark.trial), (800, 600)])
 def test_every_stop_of_the_tab_key_on_the_page_about_cells_is_in_sight(browser, scored, size):
     opened = Opened(browser, scored)
     opened.page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -161,7 +161,7 @@ def test_every_stop_of_the_tab_key_on_the_page_about_cells_is_in_sight(browser, 
     opened.context.close()
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("written", 1), ("scored", 2)])
+@pytest.mark.parametrize(("kind", "seed"), [("written", 1), pytest.param("scored", 2, marks=pytest.mark.trial)])
 def test_however_fast_one_clicks_the_last_click_is_what_is_shown(browser, request, kind, seed):
     opened = Opened(browser, request.getfixturevalue(kind))
     name = click_at_random(opened, seed)

@@ -19,6 +19,8 @@ from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
+pytestmark = pytest.mark.slow
+
 NOTHING = "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`\n  to mend it: write slip@a3\n"
 
 

@@ -22,6 +22,8 @@ from tests.cli.browser import Opened, click_at_random
 from tests.cli.slip_run import Moment, SlipRun
 from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
+pytestmark = pytest.mark.slow
+
 
 def evidence(t: float, value: Truth, **cameras: Truth) -> Event:
     atom = ShownAtom(value=value, asked=True, cameras=cameras, true=t < 1.45)

@@ -24,6 +24,8 @@ from sqrp_cli.run.record.report import Confusion
 from tests.cli.slip_run import Cell
 from tests.trials.recordings import CellPictures, Truth, record
 
+pytestmark = pytest.mark.slow
+
 TURN = pose(cv2.Rodrigues(np.radians([0.3, -0.35, 0.2]))[0])
 TRUTH = Truth(moved={"cam3": TURN}, offsets={"cam5": 0.31, "cam3": -0.07}, rate=2.5)
 

@@ -17,6 +17,8 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 
+pytestmark = pytest.mark.slow
+
 CELLS = Path(__file__).parents[1] / "cases" / "contact"
 LOOK = 0.004
 

@@ -45,6 +45,7 @@ def of_size(width: int, height: int) -> Workspace:
     return replace(workspace, cameras={"eye": replace(workspace.cameras["eye"], width=width, height=height)})
 
 
+@pytest.mark.slow
 def test_a_png_of_a_gigapixel_is_refused_from_its_header(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(png(32_000, 32_000))

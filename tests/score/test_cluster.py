@@ -15,6 +15,8 @@ from sqrp_cli.score.cluster import read_answer
 from sqrp_cli.score.kept import Outcome
 from sqrp_cli.study.result import CandidateResult
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 

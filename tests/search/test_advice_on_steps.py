@@ -19,6 +19,8 @@ from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.task import read_task
 
+pytestmark = pytest.mark.slow
+
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
 TASK = "pickup peg2 then insert peg2 socket yaw=0"
 

@@ -135,6 +135,7 @@ def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_
         assert brute.sees[target][sample - 1 : sample + 2].sum(axis=1).min() < unseen.needed
 
 
+@pytest.mark.slow
 def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path):
     wide = FORTY.replace("6 deg", "60 deg")
     asked = placer(cell, tmp_path, wide, Requirements(goal=Goal(q_eoi=1.0), failure_tolerance=1))

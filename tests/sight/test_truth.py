@@ -37,6 +37,8 @@ from tests.sight.views import (
     random_pose,
 )
 
+pytestmark = pytest.mark.slow
+
 SCENES, STATES, RESOLUTION = 10, 12, 200
 SHARES = (1.0, 0.5)
 SKIN = 1e-3

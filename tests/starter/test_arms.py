@@ -17,7 +17,7 @@ from sqrp_cli.starter.make import make_starter
 from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, SIX_AXES, joint, turning, written_urdf
 from tests.trials.arms import BOX, PEDESTAL, side, solid
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("error")]
 
 
 def in_one_point(*axes: str) -> tuple[str, ...]:
@@ -107,6 +107,7 @@ def test_warnings_of_a_new_workspace_name_files_that_are_there(tmp_path: Path) -
     assert all(place.exists() for place in places)
 
 
+@pytest.mark.trial
 def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
     made = make_starter(tmp_path / "cell", str(solid(tmp_path, "pedestal", PEDESTAL)))
     assert len(made.cubes) == 4
@@ -126,6 +127,7 @@ def test_of_two_arms_the_first_is_taken_and_the_other_is_named(tmp_path: Path) -
         guess_arm(urdf, "torso")
 
 
+@pytest.mark.trial
 def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) -> None:
     urdf = solid(tmp_path, "two", (*side("left", 0.25), *side("right", -0.25)))
     made = make_starter(tmp_path / "cell", str(urdf))

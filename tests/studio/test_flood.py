@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from websockets.asyncio.client import connect
 
 from sqrp_cli.studio import jobs, rankings, server
@@ -16,6 +17,8 @@ from sqrp_cli.studio.jobs import Play, Running, Search
 from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.rankings import WorkerProcess
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Connections, _Browser
+
+pytestmark = pytest.mark.slow
 
 
 class Connection:
@@ -70,6 +73,7 @@ def test_what_the_next_message_replaces_does_not_wait_in_numbers():
     asyncio.run(tell())
 
 
+@pytest.mark.trial
 def test_others_are_heard_during_a_flood():
     async def heard(text: str, tell: server.Tell) -> None:
         tell(text)

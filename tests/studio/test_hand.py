@@ -13,6 +13,8 @@ from tests.cli.browser import walk
 from tests.studio.conftest import TASK
 from tests.studio.hand import Hand
 
+pytestmark = pytest.mark.slow
+
 POSES = "sqrp.scene.cameras.map(({ node }) => node.matrix.elements.map((x) => +x.toFixed(9)))"
 EXACT = f"[document.querySelector('#figures').textContent, {POSES}]"
 """Where cameras are drawn, also with what is shown of the chosen candidate."""
@@ -219,6 +221,7 @@ def test_at_800_by_600_what_moves_and_saves_stands_above_the_candidates(hand):
     hand.page.set_viewport_size({"width": 1400, "height": 900})
 
 
+@pytest.mark.trial
 def test_a_second_tab_follows(hand, browser, studio):
     other = Hand(browser, studio.address, 800, 600)
     hand.take("camera", "cam1")
@@ -264,7 +267,7 @@ MORE = b"""\
 """
 
 
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("held", [False, pytest.param(True, marks=pytest.mark.trial)])
 def test_a_camera_may_appear_outside_while_one_looks_through_another_or_holds_it(hand, cell, held):
     file = cell / "workspace.yaml"
     good = file.read_bytes()
@@ -330,7 +333,7 @@ def test_advice_is_found_and_applied_as_the_command_does_it(hand, cell):
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize("size", [(1400, 900), (800, 600)])
+@pytest.mark.parametrize("size", [pytest.param((1400, 900), marks=pytest.mark.trial), (800, 600)])
 def test_nothing_is_cut_off_and_every_stop_of_the_tab_key_is_in_sight(browser, studio, size):
     hand = Hand(browser, studio.address, *size)
     assert hand.js(CUT) == []
@@ -338,6 +341,7 @@ def test_nothing_is_cut_off_and_every_stop_of_the_tab_key_is_in_sight(browser, s
     assert hand.complaints == []
 
 
+@pytest.mark.trial
 def test_a_new_ranking_leaves_the_keyboard_where_it_is(browser, studio):
     hand = Hand(browser, studio.address)
     hand.ranked()

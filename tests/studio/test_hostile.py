@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.cli.hostile import hostile_cell
 from tests.studio.hand import Hand
 from tests.studio.started import ROOT, Started
 
 
+@pytest.mark.slow
 def test_hostile_names_run_nothing(browser, tmp_path: Path):
     cell = hostile_cell(ROOT / "tests" / "cases" / "watch", tmp_path)
     started = Started(cell)

@@ -55,6 +55,7 @@ def no_collection(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_collection")
+@pytest.mark.trial
 def test_rankings_of_before_are_let_go_at_rest(cell):
     opened = open_cell(cell)
     file = cell / "workspace.yaml"

@@ -19,6 +19,8 @@ from sqrp_cli.studio.server import Connections
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK
 
+pytestmark = pytest.mark.slow
+
 SAVED, EDITED = (Asked(content, "pickup", "q_eoi") for content in (b"saved", b"edited"))
 OF_SAVED = Rank(**vars(SAVED), number=1, of_saved=True)
 

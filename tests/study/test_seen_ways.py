@@ -23,6 +23,8 @@ from tests.motion.cells import phase_samples
 from tests.random_cell import Crowd, random_cell
 from tests.study.compared import Compared, blind_time
 
+pytestmark = pytest.mark.slow
+
 WORKSPACES = Path(__file__).parents[2] / "workspaces"
 
 G2 = "pickup green path=seen approach_yaw=90deg"

@@ -139,7 +139,7 @@ def test_what_is_level_with_the_image_is_as_exact_as_what_is_not() -> None:
 def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, float]) -> None:
     generator = np.random.default_rng(11)
     X_WC, extents = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), np.array(size)
-    for _ in range(10):
+    for _ in range(4):
         X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.05, size=3))
         cut = generator.uniform(-0.3, 0.3) * size[0]
         across = transform(X_WB, np.array([[cut, -9.0, -9.0], [cut, -9.0, 9.0], [cut, 9.0, -9.0], [cut, 9.0, 9.0]]))
