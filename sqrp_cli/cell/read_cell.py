@@ -14,19 +14,19 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat, check_image
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.markers import Marker
-from sqrp_cli.cell.fixture_file import FixturesEntry, read_fixtures
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
-from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
+from sqrp_cli.cell.workspace import FixturesEntry, WorkspaceFile, markers_of
 from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, WORLD, link_called
-from sqrp_cli.files.input_file import source_file
+from sqrp_cli.files.input_file import read_input, source_file
 from sqrp_cli.files.source import KeyPath, dotted
 from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
+from sqrp_cli.files.xml_file import MAX_BYTES
 from sqrp_cli.geometry import Array, inverse, pose, read_only, transform
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
@@ -210,10 +210,12 @@ class CellReader(RobotReader):
 
     def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
         """The objects of a scene or world, under their names as far as those are free."""
+        from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
+
         file = self._resolve(entry.file, self.document.value_place(("fixtures", index, "file")))
-        standing, warnings, content = read_fixtures(file, self.roots)
+        content = read_input(file, MAX_BYTES)
+        standing = read_fixtures(file, content, self.roots, self.warnings)
         self.digest[f"fixtures.{index}"] = source_file(file, content)
-        self.warnings.extend(warnings)
         found: dict[str, SceneObject] = {}
         for one in standing:
             # A name that formulas and tasks can use, and nothing else has.

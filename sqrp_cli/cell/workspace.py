@@ -17,10 +17,21 @@ from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.light import MOST_LIGHTS, Light
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.canonical_values import CanonicalValues, canonical_values, digest_of_values
-from sqrp_cli.cell.fixture_file import FixturesEntry
 from sqrp_cli.cell.scene import ObjectEntry, SceneObject
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.files.entries import Entry, FileRecord, Finite, In, Name, PoseMatrix, SerializedAs, Share, Text, refused
+from sqrp_cli.files.entries import (
+    Entry,
+    FileRecord,
+    Finite,
+    In,
+    Name,
+    Pose,
+    PoseMatrix,
+    SerializedAs,
+    Share,
+    Text,
+    refused,
+)
 from sqrp_cli.files.input_file import SourceFile, digest_of
 from sqrp_cli.files.source import LeafValue
 from sqrp_cli.files.units import LARGEST, LENGTH, TIME
@@ -64,6 +75,14 @@ class ExpectedTask(FileRecord):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `task`, `steps`")
         if self.steps:
             object.__setattr__(self, "task", " then ".join(self.steps))
+
+
+class FixturesEntry(Entry):
+    """A file with fixed objects."""
+
+    file: Text
+    """A .scene of MoveIt, an .sdf or .world, or an .xml of MuJoCo; relative to this file, or package://."""
+    pose: Pose = Field(default=Pose(), description="Pose of the file's frame in the world.")
 
 
 class WorkspaceFile(Entry):

@@ -53,73 +53,68 @@ def read_sdf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[P
 
     Raises InputError, with the line, for XML that is no SDF, poses relative to other frames, and wrong figures.
     """
-    root, reader = parse_xml(path, content, "sdf", _TEXTS), _SdfReader(path, roots, warnings)
-    for holder in (*root.all("world"), root):
+
+    def models(holder: Element, X: Array, files: tuple[Path, ...]) -> Iterator[_Model]:
+        """The models in an element at a pose in the world; files: those that lead to it, its own the last."""
         for model in holder.all("model"):
-            yield Standing(model.text("name"), tuple(reader.solids(model, _sdf_pose(model))), model.place)
+            yield model, X @ _sdf_pose(model), files, None
         for include in holder.all("include"):
-            for model, shapes in reader.included(include, np.eye(4)):
-                yield Standing(_sdf_text(include, "name") or model.text("name"), tuple(shapes), include.place)
+            uri = _sdf_text(include, "uri") or "no uri"
+            reference = uri.replace("model://", "package://", 1)
+            try:
+                named = reference if reference.endswith(".sdf") else f"{reference}/model.sdf"
+                file = packages.resolve(named, files[-1].parent, roots, include.place)
+            except InputError as error:
+                message = f"the included model `{uri[:60]}` is left out: {error.problems[0].message}"
+                mend = "name the folder that holds its folder under `robot.package_roots`"
+                warnings.append(simplified(message, include.place, mend))
+                continue
+            if len(files) > MOST_NESTED or file in files[1:]:
+                raise include.error("wrong-scene", f"`{uri[:60]}` includes itself, or is nested too deep")
+            for model in parse_xml(file, read_input(file, MAX_BYTES), "sdf", _TEXTS).all("model"):
+                # Its own pose counts unless the <include> has one.
+                own = _sdf_pose(model if include.first("pose") is None else include)
+                yield model, X @ own, (*files, file), include
 
-
-class _SdfReader:
-    """Reads models, and collects warnings; within: the files that lead to this one, itself included."""
-
-    def __init__(
-        self, path: Path, roots: Sequence[Path], warnings: list[Problem], within: tuple[Path, ...] = ()
-    ) -> None:
-        self.path, self.roots, self.warnings, self.within = path, roots, warnings, within
-
-    def included(self, include: Element, X: Array) -> Iterator[tuple[Element, Iterator[Solid]]]:
-        """The models of an included file, each with its shapes; its own pose counts unless the <include> has one."""
-        uri = _sdf_text(include, "uri") or "no uri"
-        reference = uri.replace("model://", "package://", 1)
-        try:
-            named = reference if reference.endswith(".sdf") else f"{reference}/model.sdf"
-            file = packages.resolve(named, self.path.parent, self.roots, include.place)
-        except InputError as error:
-            message = f"the included model `{uri[:60]}` is left out: {error.problems[0].message}"
-            mend = "name the folder that holds its folder under `robot.package_roots`"
-            self.warnings.append(simplified(message, include.place, mend))
-            return
-        if len(self.within) == MOST_NESTED or file in self.within:
-            raise include.error("wrong-scene", f"`{uri[:60]}` includes itself, or is nested too deep")
-        inner = _SdfReader(file, self.roots, self.warnings, (*self.within, file))
-        for model in parse_xml(file, read_input(file, MAX_BYTES), "sdf", _TEXTS).all("model"):
-            own = _sdf_pose(model if include.first("pose") is None else include)
-            yield model, inner.solids(model, X @ own)
-
-    def solids(self, model: Element, X: Array) -> Iterator[Solid]:
-        """The shapes of a model at a pose in the world."""
+    def solids(model: Element, X: Array, files: tuple[Path, ...]) -> Iterator[Solid]:
         for link in model.all("link"):
             X_link = X @ _sdf_pose(link)
             for collision in [*link.all("collision")] or [*link.all("visual")]:
-                shape = self._shape(collision.need("geometry"))
+                shape = _sdf_shape(collision.need("geometry"), files[-1], roots, warnings)
                 if shape is not None:
                     yield shape, read_only(X_link @ _sdf_pose(collision))
-        for inner in model.all("model"):
-            yield from self.solids(inner, X @ _sdf_pose(inner))
-        for include in model.all("include"):
-            for _, shapes in self.included(include, X):
-                yield from shapes
+        for inner, X_inner, inner_files, _ in models(model, X, files):
+            yield from solids(inner, X_inner, inner_files)
 
-    def _shape(self, geometry: Element) -> Shape | None:
-        holder = next(iter(geometry.children), None)
-        if holder is None or holder.tag in ("plane", "empty"):
-            return None
-        if holder.tag == "mesh":
-            uri = _sdf_text(holder, "uri") or ""
-            x, y, z = _sdf_numbers(holder, "scale", 3) if holder.first("scale") is not None else (1.0, 1.0, 1.0)
-            reference = uri.replace("model://", "package://", 1) if uri.startswith("model://") else uri
-            file = packages.resolve(reference, self.path.parent, self.roots, holder.place)
-            read_mesh(file, (x, y, z))
-            return Mesh(file, (x, y, z))
-        if holder.tag not in FIGURES:
-            message = f"a shape of the kind `{holder.tag[:40]}` is left out"
-            self.warnings.append(simplified(message, geometry.place))
-            return None
-        figures = FIGURES[holder.tag].items()
-        return shape_of(holder.tag, [number for key, count in figures for number in _sdf_numbers(holder, key, count)])
+    root = parse_xml(path, content, "sdf", _TEXTS)
+    for holder in (*root.all("world"), root):
+        for model, X, files, include in models(holder, np.eye(4), (path,)):
+            name = include and _sdf_text(include, "name")
+            place = model.place if include is None else include.place
+            yield Standing(name or model.text("name"), tuple(solids(model, X, files)), place)
+
+
+_Model = tuple[Element, Array, tuple[Path, ...], Element | None]
+"""A model with its pose in the world, the files that lead to it, and the <include> that names it, if one does."""
+
+
+def _sdf_shape(geometry: Element, file: Path, roots: Sequence[Path], warnings: list[Problem]) -> Shape | None:
+    holder = next(iter(geometry.children), None)
+    if holder is None or holder.tag in ("plane", "empty"):
+        return None
+    if holder.tag == "mesh":
+        uri = _sdf_text(holder, "uri") or ""
+        x, y, z = _sdf_numbers(holder, "scale", 3) if holder.first("scale") is not None else (1.0, 1.0, 1.0)
+        reference = uri.replace("model://", "package://", 1) if uri.startswith("model://") else uri
+        mesh = Mesh(packages.resolve(reference, file.parent, roots, holder.place), (x, y, z))
+        read_mesh(mesh.path, mesh.scale)
+        return mesh
+    if holder.tag not in FIGURES:
+        message = f"a shape of the kind `{holder.tag[:40]}` is left out"
+        warnings.append(simplified(message, geometry.place))
+        return None
+    figures = FIGURES[holder.tag].items()
+    return shape_of(holder.tag, [number for key, count in figures for number in _sdf_numbers(holder, key, count)])
 
 
 def _sdf_text(element: Element, tag: str) -> str | None:
@@ -159,10 +154,9 @@ def read_mjcf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[
     _include(root, path.parent, {path})
     reader = _MjcfReader(path, root, roots, warnings)
     for world in root.all("worldbody"):
-        yield Standing(path.stem, tuple(reader.solids(world, np.eye(4), None)), world.place)
-        for body in world.all("body"):
-            name = body.attributes.get("name") or f"{path.stem}_body"
-            yield Standing(name, tuple(reader.body(body, np.eye(4), None)), body.place)
+        for holder in (world, *world.all("body")):
+            name = path.stem if holder is world else holder.attributes.get("name") or f"{path.stem}_body"
+            yield Standing(name, tuple(reader.solids(holder, np.eye(4), None)), holder.place)
 
 
 def _include(holder: Element, folder: Path, known: set[Path]) -> None:
@@ -192,34 +186,27 @@ class _MjcfReader:
         self.path, self.root, self.roots, self.warnings = path, root, roots, warnings
         self.compiler = {key: value for one in root.all("compiler") for key, value in one.attributes.items()}
         self.turn = 1.0 if self.compiler.get("angle") == "radian" else np.pi / 180
-        self.defaults: dict[str, Mapping[str, str]] = {"main": {}}
-        self._read_defaults(root, {})
-        self.meshes = {
-            mesh.attributes.get("name") or Path(mesh.text("file")).stem: mesh
-            for asset in root.all("asset")
-            for mesh in asset.all("mesh")
-            if "file" in mesh.attributes
-        }
-
-    def _read_defaults(self, holder: Element, inherited: Mapping[str, str]) -> None:
-        for default in holder.all("default"):
-            own = {key: value for geom in default.all("geom") for key, value in geom.attributes.items()}
-            self.defaults[default.attributes.get("class", "main")] = {**inherited, **own}
-            self._read_defaults(default, {**inherited, **own})
-
-    def body(self, body: Element, X: Array, inherited: str | None) -> Iterator[Solid]:
-        """The shapes of a body in one at pose X, and of the bodies in it; nothing, with a warning, if it can move."""
-        if any(body.first(tag) is not None for tag in ("joint", "freejoint")):
-            mend = "state it as an object of the workspace"
-            self.warnings.append(simplified(f"{body} can move, and is left out", body.place, mend))
-            return
-        X, named = X @ self._pose(body), body.attributes.get("childclass", inherited)
-        yield from self.solids(body, X, named)
-        for inner in body.all("body"):
-            yield from self.body(inner, X, named)
+        self.defaults: dict[str, Mapping[str, str]] = {"main": {}}  # attributes of geoms by class
+        waiting: list[tuple[Element, Mapping[str, str]]] = [(root, {})]
+        for holder, inherited in waiting:
+            for default in holder.all("default"):
+                own = {key: value for geom in default.all("geom") for key, value in geom.attributes.items()}
+                self.defaults[default.attributes.get("class", "main")] = {**inherited, **own}
+                waiting.append((default, {**inherited, **own}))
+        meshes = [mesh for asset in root.all("asset") for mesh in asset.all("mesh") if "file" in mesh.attributes]
+        self.meshes = {mesh.attributes.get("name") or Path(mesh.text("file")).stem: mesh for mesh in meshes}
 
     def solids(self, holder: Element, X: Array, named: str | None) -> Iterator[Solid]:
-        """The shapes of the geoms of a body at pose X, and of what is in its frames; named: their class."""
+        """The shapes of a body or frame in one at pose X, and of those in it; of the world without its bodies.
+
+        named: the class of its geoms, if it names none. Nothing, with a warning, of a body that can move.
+        """
+        if holder.tag == "body" and any(holder.first(tag) is not None for tag in ("joint", "freejoint")):
+            mend = "state it as an object of the workspace"
+            self.warnings.append(simplified(f"{holder} can move, and is left out", holder.place, mend))
+            return
+        if holder.tag != "worldbody":
+            X, named = X @ self._pose(holder), holder.attributes.get("childclass", named)
         geoms = []
         for geom in holder.all("geom"):
             wanted = geom.attributes.get("class", named) or "main"
@@ -231,11 +218,8 @@ class _MjcfReader:
         for geom in solid or geoms:
             if (placed := self._geom(geom)) is not None:
                 yield placed[0], read_only(X @ placed[1])
-        for frame in holder.all("frame"):
-            X_frame, inner = X @ self._pose(frame), frame.attributes.get("childclass", named)
-            yield from self.solids(frame, X_frame, inner)
-            for body in frame.all("body"):
-                yield from self.body(body, X_frame, inner)
+        for inner in (*holder.all("frame"), *(holder.all("body") if holder.tag != "worldbody" else ())):
+            yield from self.solids(inner, X, named)
 
     def _geom(self, geom: Element) -> Solid | None:
         """The shape of a geom in its body; None for one that is left out."""
@@ -276,34 +260,33 @@ class _MjcfReader:
         return shape_of(kind, [*sizes[:radii], *(2 * size for size in sizes[radii : _SIZES[kind]])]), X
 
     def _pose(self, element: Element) -> Array:
-        return pose(self._rotation(element), element.numbers("pos", 3, (0.0, 0.0, 0.0)))
+        """The pose of an element in the one around it."""
 
-    def _rotation(self, element: Element) -> Array:
         def unit(what: str, vector: Sequence[float]) -> Array:
             length = float(np.linalg.norm(vector))
             if length < _PARALLEL:
                 raise element.error("wrong-scene", f"{element}: {what} has length 0")
             return np.array(vector) / length
 
-        if "quat" in element.attributes:
+        R, stated = np.eye(3), element.attributes
+        if "quat" in stated:
             w, x, y, z = unit("`quat`", element.numbers("quat", 4))
-            return quaternion_to_matrix((x, y, z, w))
-        if "axisangle" in element.attributes:
+            R = quaternion_to_matrix((x, y, z, w))
+        elif "axisangle" in stated:
             *axis, angle = element.numbers("axisangle", 4)
             x, y, z = np.sin(angle * self.turn / 2) * unit("the axis of `axisangle`", axis)
-            return quaternion_to_matrix((x, y, z, np.cos(angle * self.turn / 2)))
-        if "xyaxes" in element.attributes:
+            R = quaternion_to_matrix((x, y, z, np.cos(angle * self.turn / 2)))
+        elif "xyaxes" in stated:
             axes = np.array(element.numbers("xyaxes", 6)).reshape(2, 3)
-            return self._upright(element, axes[0], np.cross(axes[0], axes[1]))
-        if "zaxis" in element.attributes:
+            R = self._upright(element, axes[0], np.cross(axes[0], axes[1]))
+        elif "zaxis" in stated:
             up = np.array(element.numbers("zaxis", 3))
             # The least turn of the z axis to this one keeps what is across both.
             across = np.cross([0.0, 0.0, 1.0], up)
             across = across if np.linalg.norm(across) > _PARALLEL else np.array([1.0, 0.0, 0.0])
             turned = self._upright(element, across, up)
-            return turned @ self._upright(element, across, np.array([0.0, 0.0, 1.0])).T
-        R = np.eye(3)
-        if "euler" in element.attributes:
+            R = turned @ self._upright(element, across, np.array([0.0, 0.0, 1.0])).T
+        elif "euler" in stated:
             order = self.compiler.get("eulerseq", "xyz")
             if len(order) != 3 or not set(order.lower()) <= set("xyz"):
                 message = f"`eulerseq` is `{order[:40]}`, expected three of the letters x, y, z, X, Y and Z"
@@ -312,7 +295,7 @@ class _MjcfReader:
             for letter, angle in zip(order, element.numbers("euler", 3), strict=True):
                 step = axis_rotation("xyz".index(letter.lower()), angle * self.turn)
                 R = R @ step if letter.islower() else step @ R
-        return R
+        return pose(R, element.numbers("pos", 3, (0.0, 0.0, 0.0)))
 
     def _upright(self, element: Element, x: Array, z: Array) -> Array:
         """The rotation with these axes, z across x; (3, 3)."""

@@ -255,5 +255,5 @@ def test_an_order_of_angles_that_is_none_is_refused_with_its_line(tmp_path: Path
     body = '<body><geom type="box" size="1 1 1" euler="10 20 30"/></body>'
     path.write_text(f'<mujoco>\n<compiler eulerseq="{order}"/><worldbody>{body}</worldbody></mujoco>')
     with pytest.raises(InputError, match=r"`eulerseq` is .*, expected three of the letters") as caught:
-        read_fixtures(path, ())
+        read_fixtures(path, path.read_bytes(), (), [])
     assert caught.value.problems[0].place.line == 2
