@@ -31,7 +31,7 @@ ROOMS = {
     "files": ("files", 2_124),
     "robot": ("robot", 2_781),
     "camera": ("camera", 1_967),
-    "cell": ("cell", 3_348),
+    "cell": ("cell", 3_321),
     "logic": ("logic", 2_419),
     "skill, program": ("skill program", 1_879),
     "task": ("task", 1_059),
