@@ -224,6 +224,7 @@ class CollisionScene:
         self.bound = MotionBound(model)
         self.solids = load_solids(model.parts)
         objects = tuple(objects)
+        self.objects = {obj.name: obj for obj in objects}
         self.object_solids = {obj.name: load_solids(obj.parts) for obj in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
         depth, rods = self.bound.depth, self.bound.rods

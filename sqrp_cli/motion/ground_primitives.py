@@ -8,17 +8,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.motion.collision import CollisionScene, NamePairs, pair
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.motion.tool_path import ToolCurve, arc_through, helix_about, tool_line
-from sqrp_cli.motion.waypoints import WaypointGrounder, setting_value
+from sqrp_cli.motion.waypoints import UnknownPlaceError, WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.solids import distance
-from sqrp_cli.skill.settings import ANY, FASTEST, MotionValue, Reference
+from sqrp_cli.skill.settings import ANY, FASTEST, Reference
 from sqrp_cli.skill.skill import (
     HOME,
     ArcMove,
@@ -34,25 +33,6 @@ from sqrp_cli.skill.skill import (
     ToolMove,
 )
 from sqrp_cli.trajectory import Trajectory
-
-
-@dataclass(frozen=True, eq=False)
-class SkillUse(SkillChoice):
-    """A skill with its parameters, and what it is used on."""
-
-    objects: Mapping[str, SceneObject]  # of the workspace
-    world: World  # world before it
-    vias: Mapping[str, Array] = field(default_factory=dict)
-    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
-    branch: Mapping[str, MotionValue] = field(default_factory=dict)  # of a way: its choice among `plan_motion.Branches`
-
-
-@dataclass(frozen=True)
-class GuardedLine:
-    """What a straight move does that ends at contact."""
-
-    force: float  # at the tool, what counts as contact [N]
-    beyond: ToolCurve  # the line from where contact is expected to where the move ends without
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +65,8 @@ class GroundPrimitive:
     turn_speed: float | None = None  # how fast the tool may turn on a curve [rad/s], None if only its joints limit that
     curves: tuple[ToolCurve, ...] = ()
     """Of a move of the tool: what it moves along, with a stop after each; empty for all else."""
-    guard: GuardedLine | None = None  # of a move that looks for contact
+    force: float | None = None  # of a straight move that ends at contact: at the tool, what counts as contact [N]
+    beyond: ToolCurve | None = None  # then the line from where contact is expected to where the move ends without
     touching: frozenset[str] = frozenset()
     """Names of the objects that tool and held object may touch from here to the next joint move."""
     hold: float = 0.0  # how long it stands still [s]; 0 for moves
@@ -93,114 +74,92 @@ class GroundPrimitive:
     allowed: NamePairs = frozenset()  # pairs of names that may touch as part of the skill
 
 
-@dataclass(frozen=True, eq=False)
-class GroundSkill:
-    """The primitives of a skill in one binding, and the world after the last one (facts and arm joints as before)."""
+def ground_primitives(
+    choice: SkillChoice, world: World, scene: CollisionScene
+) -> tuple[tuple[GroundPrimitive, ...], World] | Infeasible:
+    """The primitives of a skill in a world, and the world after the last one, with facts and arm joints as before.
 
-    primitives: tuple[GroundPrimitive, ...]
-    final: World
-
-
-def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Infeasible:
-    """Follow tool and objects through the skill; infeasible if the pose of an object is unknown."""
-    model, world = scene.model, use.world
-    X_home = model.tool_pose(model.home)
-    X_WT = model.tool_pose(model.arm_positions(world.joints))
+    Tool and objects are followed through the skill; infeasible if the pose of an object is unknown.
+    """
+    model = scene.model
+    X_home, X_WT = model.tool_pose(model.home), model.tool_pose(model.arm_positions(world.joints))
     X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
-    for primitive in use.skill.primitives:
+    for primitive in choice.skill.primitives:
         if world.held is not None and world.X_TO is not None:
             X_TO[world.held] = world.X_TO
         waypoints = WaypointGrounder(
-            waypoints=use.skill.waypoints,
-            binding=use.binding,
-            values=use.values,
-            objects=use.objects,
+            waypoints=choice.skill.waypoints,
+            binding=choice.binding,
+            values=choice.values,
+            objects=scene.objects,
             X_WH=X_home,
             X_WO=world.X_WO,
             X_TO=X_TO,
         )
-        match primitive:  # its waypoints, the last one at its end; of a helix, its axis
-            case StraightMove():
-                names = primitive.waypoints
-            case ArcMove():
-                names = tuple(primitive.to)
-            case JointMove(to=name) | HelixMove(axis=name):
-                names = (name,)
-            case _:
-                names = ()
-        if (missing := next(filter(None, map(waypoints.missing, names)), None)) is not None:
-            return Infeasible((missing,))
-        curves, guard = _curves(primitive, X_WT, waypoints), None
+        begun = GroundPrimitive(primitive.name, type(primitive), to=None, X_start=X_WT, X_end=X_WT, world=world)
+        try:
+            ground = _ground(primitive, waypoints, begun)
+        except UnknownPlaceError as why:
+            return Infeasible((str(why),))
+        if ground.kind is JointMove and not ground.via_home:
+            ground = replace(ground, vias=choice.vias.get(primitive.name))
         if isinstance(primitive, StraightMove) and primitive.until_contact is not None:
             # Its first part ends where contact is expected; the rest is where it goes on without.
-            (line,), other = curves, use.binding[primitive.until_contact]
+            (line,), other = ground.curves, choice.binding[primitive.until_contact]
             expected = other in world.X_WO and other != world.held
             share = _contact_share(scene, world, line, other) if expected else None
             first = line if share is None else tool_line(X_WT, line.poses(np.array([share]))[0])
-            guard = GuardedLine(waypoints.number(primitive.force), tool_line(first.X_end, line.X_end))
-            curves = (first,)
-        X_end = curves[-1].X_end if curves else waypoints.pose(names[-1]) if names else X_WT
-        after = _after(primitive, waypoints, world, X_end, scene)
+            beyond, force = tool_line(first.X_end, line.X_end), waypoints.number(primitive.force)
+            ground = replace(ground, X_end=first.X_end, curves=(first,), beyond=beyond, force=force)
+        after = _after(primitive, waypoints, world, ground.X_end, scene)
         if isinstance(after, Infeasible):
             return after
-        ground = GroundPrimitive(
-            name=primitive.name,
-            kind=type(primitive),
-            to=names[-1] if names else None,
-            X_start=X_WT,
-            X_end=X_end,
-            world=world,
-            curves=curves,
-            guard=guard,
-        )
-        ground = _with_settings(ground, primitive, waypoints, use.vias.get(primitive.name))
         start, end = model.finger_positions(world.joints), model.finger_positions(after.joints)
         if not np.array_equal(start, end):  # as long as its standstill, or longer
             fingers = move_fingers(model.fingers, start, end, ground.hold)
             ground = replace(ground, fingers=fingers, hold=fingers.duration)
         grounded.append(ground)
-        X_WT, world = X_end, after
-    return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
+        X_WT, world = ground.X_end, after
+    return _with_allowed_contacts(grounded, world, scene), world
 
 
-def _curves(primitive: PrimitiveAction, X_start: Array, waypoints: WaypointGrounder) -> tuple[ToolCurve, ...]:
-    """What a move takes the tool along; empty if it is none of the tool."""
-    match primitive:
-        case StraightMove(waypoints=names):
-            return tuple(tool_line(one, other) for one, other in pairwise([X_start, *map(waypoints.pose, names)]))
-        case ArcMove(to=[through, end]):
-            return (arc_through(X_start, waypoints.pose(through)[:3, 3], waypoints.pose(end)),)
-        case HelixMove(axis=axis, turn=turn, advance=advance, keep_orientation=keep):
-            angle, along = waypoints.number(turn), waypoints.number(advance)
-            return (helix_about(waypoints.pose(axis), X_start, angle, along, keep_orientation=keep),)
-    return ()
-
-
-def _with_settings(
-    ground: GroundPrimitive, primitive: PrimitiveAction, waypoints: WaypointGrounder, vias: Array | None
-) -> GroundPrimitive:
-    """The primitive with the values of its settings; vias: those of a joint move."""
-    number, values = waypoints.number, waypoints.values
+def _ground(primitive: PrimitiveAction, waypoints: WaypointGrounder, ground: GroundPrimitive) -> GroundPrimitive:
+    """A primitive that begins as `ground` with its waypoints, curves and settings; raises UnknownPlaceError."""
+    number, values, at = waypoints.number, waypoints.values, waypoints.pose
     match primitive:
         case JointMove(to=to):
-            home, via_home = to == HOME, to != HOME and setting_value(primitive.via, values) == HOME
             settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
             named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
             words = {name: str(setting_value(setting, values)) for name, setting in settings.items()}
             return replace(
                 ground,
-                home=home,
-                via_home=via_home,
-                vias=None if via_home else vias,
+                to=to,
+                X_end=at(to),
+                home=to == HOME,
+                via_home=to != HOME and setting_value(primitive.via, values) == HOME,
                 branches={name: word for name, word in words.items() if word not in (ANY, FASTEST)},
-                free={name: one for name, one in named.items() if not home and values[one] == ANY},
+                free={name: one for name, one in named.items() if to != HOME and values[one] == ANY},
                 speed=number(primitive.speed),
             )
         case ToolMove():
+            X_start, names = ground.X_start, list[str]()
+            match primitive:
+                case StraightMove(waypoints=[*names]):
+                    poses = [X_start, *map(at, names)]
+                    curves = tuple(tool_line(one, other) for one, other in pairwise(poses))
+                case ArcMove(to=names):
+                    through, end = map(at, names)
+                    curves = (arc_through(X_start, through[:3, 3], end),)
+                case HelixMove(turn=turn, advance=advance, keep_orientation=keep):
+                    names, angle, along = [primitive.axis], number(turn), number(advance)
+                    curves = (helix_about(at(primitive.axis), X_start, angle, along, keep_orientation=keep),)
             touched = [*primitive.touching, getattr(primitive, "until_contact", None)]
             return replace(
                 ground,
+                to=names[-1],
+                X_end=curves[-1].X_end,
+                curves=curves,
                 speed=number(primitive.speed),
                 acceleration=number(primitive.acceleration),
                 jerk=number(primitive.jerk),

@@ -15,7 +15,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.fingers import with_fingers
-from sqrp_cli.motion.ground_primitives import GroundPrimitive, GuardedLine, SkillUse, ground_primitives
+from sqrp_cli.motion.ground_primitives import GroundPrimitive, ground_primitives
 from sqrp_cli.motion.joint_moves import FoundMove, JointMoves, fastest_sequence
 from sqrp_cli.motion.position_limits import worst_past_limit
 from sqrp_cli.motion.sections import SHORTEST_LINE, BranchFinder, MotionProblem, Names, Ways, cut_into_sections
@@ -23,6 +23,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.skill.settings import MotionValue
+from sqrp_cli.skill.skill import SkillChoice
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MEASURED = 1e-3
@@ -114,7 +115,9 @@ class Branches:
 _Planned = TypeVar("_Planned", Motion, Branches)
 
 
-def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0, *, around: bool = True) -> Motion | Infeasible:
+def plan_motion(
+    choice: SkillChoice, world: World, scene: CollisionScene, seed: int = 0, *, around: bool = True
+) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
     seed: of the random ways around and redundant joints. Every move keeps its clearance at all times. Joint moves are
@@ -124,23 +127,27 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0, *, around: 
     limit, or which contact occurs where. With a branch of `plan_branches`, exactly the motion that it has there.
     around: whether ways around are searched at all.
     """
-    return _planned(use, scene, seed, lambda planner: planner.plan(use.branch, around=around))
+    return _planned(choice, world, scene, seed, lambda planner: planner.plan(choice.branch, around=around))
 
 
-def plan_branches(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Branches | Infeasible:
+def plan_branches(choice: SkillChoice, world: World, scene: CollisionScene, seed: int = 0) -> Branches | Infeasible:
     """The fastest feasible motion of each branch that the skill's parameters leave free; see `plan_motion`.
 
     Ways around are searched only if no branch has direct moves throughout, and then only the first one is given. At
     most `MOST_BRANCHES` are tried.
     """
-    return _planned(use, scene, seed, _Planner.plan_each)
+    return _planned(choice, world, scene, seed, _Planner.plan_each)
 
 
 def _planned(
-    use: SkillUse, scene: CollisionScene, seed: int, plan: Callable[[_Planner], _Planned | Infeasible]
+    choice: SkillChoice,
+    world: World,
+    scene: CollisionScene,
+    seed: int,
+    plan: Callable[[_Planner], _Planned | Infeasible],
 ) -> _Planned | Infeasible:
     """What is planned of a skill that can begin; joints that are measured to be just past a limit are at that limit."""
-    model, joints = scene.model, use.world.joints
+    model, joints = scene.model, world.joints
     lower, upper = model.position_limits
     within = {
         name: min(max(joints[name], low), high)
@@ -148,27 +155,28 @@ def _planned(
         if low - MEASURED <= joints[name] <= high + MEASURED
     }
     if any(joints[name] != at for name, at in within.items()):  # else itself, as collision scenes are kept by world
-        use = replace(use, world=replace(use.world, joints={**joints, **within}))
-    begin = np.array([use.world.joints[name] for name in model.joints])
+        world = replace(world, joints={**joints, **within})
+    begin = np.array([world.joints[name] for name in model.joints])
     if (past := worst_past_limit(model, JointPath.line(begin, begin))) is not None:
         return Infeasible((f"{past} before anything moves",))
-    skill = ground_primitives(use, scene)
-    if isinstance(skill, Infeasible):
-        return skill
+    grounded = ground_primitives(choice, world, scene)
+    if isinstance(grounded, Infeasible):
+        return grounded
+    primitives, final = grounded
     placed = cache(scene.placed)
     problem = MotionProblem(
         model=model,
-        primitives=skill.primitives,
-        scenes=[placed(primitive.world, primitive.allowed) for primitive in skill.primitives],
-        q_start=model.arm_positions(use.world.joints),
+        primitives=primitives,
+        scenes=[placed(primitive.world, primitive.allowed) for primitive in primitives],
+        q_start=model.arm_positions(world.joints),
         seed=seed,
         redundancy_samples=inverse_kinematics.REDUNDANCY_SAMPLES,
     )
-    found = plan(_Planner(problem, skill.final))
+    found = plan(_Planner(problem, final))
     failed = isinstance(found, Infeasible) or (isinstance(found, Branches) and not found.feasible)
     if failed and len(model.arm) > AXES_OF_A_POSE and not problem.out_of_reach:
         more = replace(problem, redundancy_samples=inverse_kinematics.MORE_REDUNDANCY_SAMPLES, failures=[])
-        return plan(_Planner(more, skill.final))
+        return plan(_Planner(more, final))
     return found
 
 
@@ -263,11 +271,11 @@ class _Planner:
         for index, (primitive, move) in enumerate(zip(self._problem.primitives, moves, strict=True)):
             world, end = primitive.world, start + move.trajectory.duration
             fingers, guard = model.finger_positions(world.joints), None
-            if primitive.guard is not None:
-                whole = self._guarded(index, primitive, primitive.guard, move.trajectory)
+            if primitive.force is not None:
+                whole = self._guarded(index, primitive, move.trajectory)
                 if isinstance(whole, Infeasible):
                     return whole
-                guard = Guard(primitive.guard.force, with_fingers(model, whole, None, fingers))
+                guard = Guard(primitive.force, with_fingers(model, whole, None, fingers))
             if id(world) not in resting:
                 resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
@@ -291,14 +299,12 @@ class _Planner:
             X_WO[final.held] = model.tool_pose(q_end) @ final.X_TO
         return Motion(model.joints, tuple(primitives), replace(final, X_WO=X_WO, joints={**final.joints, **arm}))
 
-    def _guarded(
-        self, index: int, primitive: GroundPrimitive, guard: GuardedLine, approach: Trajectory
-    ) -> Trajectory | Infeasible:
+    def _guarded(self, index: int, primitive: GroundPrimitive, approach: Trajectory) -> Trajectory | Infeasible:
         """The whole motion of the arm in a guarded primitive where it meets nothing; approach: up to contact."""
         whole = approach
-        if guard.beyond.length > SHORTEST_LINE:
+        if primitive.beyond is not None and primitive.beyond.length > SHORTEST_LINE:
             still = np.zeros_like(self._model.turns)
-            (moving,) = self._finder.moves_along(index, primitive, guard.beyond, approach.path.end[None], still)
+            (moving,) = self._finder.moves_along(index, primitive, primitive.beyond, approach.path.end[None], still)
             if moving is None:
                 return self._infeasible()
             whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)

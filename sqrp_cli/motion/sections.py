@@ -209,12 +209,11 @@ class BranchFinder:
         moves = self.moves_along(index, primitive, primitive.curves[0], q, may_turn)
         for curve in primitive.curves[1:]:
             moves = follow_on(moves, curve)
-        guard = primitive.guard
-        if guard is None or guard.beyond.length <= SHORTEST_LINE:
+        if primitive.beyond is None or primitive.beyond.length <= SHORTEST_LINE:
             return moves
         return [
             None if whole is None or move is None else move.resting(whole.duration - move.duration)
-            for move, whole in zip(moves, follow_on(moves, guard.beyond), strict=True)
+            for move, whole in zip(moves, follow_on(moves, primitive.beyond), strict=True)
         ]
 
     def moves_along(

@@ -20,7 +20,7 @@ def setting_value(setting: Setting, values: Mapping[str, MotionValue]) -> Motion
     return values[setting.parameter] if isinstance(setting, Reference) else setting
 
 
-class _UnknownPlaceError(Exception):
+class UnknownPlaceError(Exception):
     """Why the pose of a waypoint is unknown."""
 
 
@@ -40,7 +40,7 @@ class WaypointGrounder:
     """Poses that were asked for: several waypoints may be defined by the same one."""
 
     def pose(self, name: str) -> Array:
-        """The pose X_WT of the tool frame at a waypoint without `missing` data, shape (4, 4).
+        """The pose X_WT of the tool frame at a waypoint, shape (4, 4). Raises UnknownPlaceError.
 
         - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
         - put: the held object as `put_pose` says;
@@ -53,14 +53,6 @@ class WaypointGrounder:
         if name not in self._found:
             self._found[name] = self.X_WH if name == skill.HOME else self._pose(self.waypoints[name])
         return self._found[name]
-
-    def missing(self, name: str) -> str | None:
-        """Why the pose of a waypoint is unknown; None if it is known."""
-        try:
-            self.pose(name)
-        except _UnknownPlaceError as why:
-            return str(why)
-        return None
 
     def number(self, setting: Setting) -> float:
         """The value of a setting that is a number, in SI units."""
@@ -99,14 +91,14 @@ class WaypointGrounder:
         """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""
         name = self.binding.get(frame, frame)
         if frame != WORLD and name not in self.X_WO:
-            raise _UnknownPlaceError(f"it is not known where `{name}` is")
+            raise UnknownPlaceError(f"it is not known where `{name}` is")
         return pose() if frame == WORLD else self.X_WO[name]
 
     def _held(self, parameter: str) -> Array:
         """The pose X_TO of an object that is held, or was last, shape (4, 4)."""
         name = self.binding[parameter]
         if name not in self.X_TO:
-            raise _UnknownPlaceError(f"the tool does not hold `{name}`")
+            raise UnknownPlaceError(f"the tool does not hold `{name}`")
         return self.X_TO[name]
 
 

@@ -6,6 +6,7 @@ The models here, from `SkillFile` down, are both the format of skill.yaml and th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
@@ -405,6 +406,10 @@ class SkillChoice:
     """The object of each skill parameter."""
     values: Mapping[str, MotionValue]
     """Of each motion parameter."""
+    vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
+    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
+    branch: Mapping[str, MotionValue] = field(default_factory=dict)
+    """Of a way: the branch of inverse kinematics, by the parameters that leave it free; see `plan_motion.Branches`."""
 
 
 FORMER_ENDING = "_two_finger"  # ending of the names that skills for fingers had when they were skills of their own

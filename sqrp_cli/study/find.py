@@ -24,7 +24,7 @@ from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import PlannedMotion
-from sqrp_cli.task.feasibility import feasible_motion, impossible_start, skill_use
+from sqrp_cli.task.feasibility import feasible_motion, impossible_start
 from sqrp_cli.task.grips import first_grip, grips
 from sqrp_cli.task.task import Candidate
 
@@ -165,7 +165,7 @@ def studied_ways(
 def with_branch(cell: Cell, scene: PlannedMotion) -> Candidate:
     """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
     way = scene.candidate
-    branches = plan_branches(skill_use(cell, way, scene.world), cell.collision, cell.seed)
+    branches = plan_branches(way, scene.world, cell.collision, cell.seed)
     for found in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
         # Whether two motions of a skill lead through the same joint positions in the same time.
         pairs = list(zip(found.motion.primitives, scene.motion.primitives, strict=True))
@@ -187,8 +187,8 @@ def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infe
     first = feasible_motion(cell, first_grip(candidate), world)
     if isinstance(first, Motion) or impossible_start(cell, candidate, world) is not None:
         return first
-    others = (skill_use(cell, grip, world) for grip in grips(cell, candidate, world)[1:])
-    motions = (plan_motion(use, cell.collision, cell.seed, around=False) for use in others)
+    others = grips(cell, candidate, world)[1:]
+    motions = (plan_motion(grip, world, cell.collision, cell.seed, around=False) for grip in others)
     return next((motion for motion in motions if isinstance(motion, Motion)), first)
 
 
@@ -251,12 +251,12 @@ def _planned(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -
     """
     if fastest:
         way = first_grip(candidate)
-        motion = plan_motion(skill_use(cell, way, world), cell.collision, cell.seed)
+        motion = plan_motion(way, world, cell.collision, cell.seed)
         return 1, motion if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)]
     tried, scenes = 0, []
     reasons: list[tuple[str, ...]] = []
     for grip in grips(cell, candidate, world):
-        branches = plan_branches(skill_use(cell, grip, world), cell.collision, cell.seed)
+        branches = plan_branches(grip, world, cell.collision, cell.seed)
         if isinstance(branches, Infeasible):
             tried, reasons = tried + 1, [*reasons, branches.reasons]
             continue

@@ -72,7 +72,7 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     said = {name: value for name, value in step.parameters.items() if name not in binding}
     branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
     values = {**skill.defaults, **said}
-    return Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
+    return Candidate(skill, binding, values, branch=branch, name=" ".join(binding.values()) or skill.name)
 
 
 def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:

@@ -35,7 +35,6 @@ from sqrp_cli.study.result import BlindEnd
 from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import PlannedMotion
-from sqrp_cli.task.feasibility import skill_use
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
 
@@ -53,12 +52,12 @@ def move_searches(cell: Cell, scene: PlannedMotion, names: Collection[str], spar
     spare: longest time beyond that of the direct way [s].
     """
     model = cell.model
-    grounded = ground_primitives(skill_use(cell, scene.candidate, scene.world), cell.collision)
+    grounded = ground_primitives(scene.candidate, scene.world, cell.collision)
     if isinstance(grounded, Infeasible):
         raise ValueError(f"{scene.candidate.name} was feasible a moment ago")
     seed = cell.seed
     for move in open_moves(scene, names):
-        primitive, timed = grounded.primitives[move.primitive], scene.motion.primitives[move.primitive].trajectory
+        primitive, timed = grounded[0][move.primitive], scene.motion.primitives[move.primitive].trajectory
         if primitive.via_home:
             continue
         arm = slice(len(model.arm))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from itertools import islice
 from typing import TypeVar
 
@@ -27,12 +27,8 @@ THEN = " then "
 class Candidate(SkillChoice):
     """One binding of all parameters of a skill."""
 
-    name: str
+    name: str = ""
     """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
-    vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
-    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
-    branch: Mapping[str, MotionValue] = field(default_factory=dict)
-    """Of a way: the branch of inverse kinematics, by the parameters that leave it free; see `plan_motion.Branches`."""
     steps: tuple[Candidate, ...] = ()
     """Of a task of several steps: what is done in each; the candidate stands for all of them, see `whole_task`."""
 

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError
-from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.motion.ground_primitives import SkillUse
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.task.task import Candidate, read_task
@@ -17,7 +15,7 @@ from sqrp_cli.task.task import Candidate, read_task
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
     """The motion of a candidate whose precondition holds in a world: of what it leaves free, the fastest branch."""
     obstacle = impossible_start(cell, candidate, world)
-    return obstacle or plan_motion(skill_use(cell, candidate, world), cell.collision, cell.seed)
+    return obstacle or plan_motion(candidate, world, cell.collision, cell.seed)
 
 
 def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
@@ -34,11 +32,6 @@ def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible 
         return Infeasible(unmet)
     lost = [name for name in candidate.binding.values() if name not in world.X_WO]
     return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost)) if lost else None
-
-
-def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:
-    """The skill of a candidate with all that its motion depends on."""
-    return from_fields(SkillUse, candidate, objects=cell.workspace.objects, world=world)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

@@ -91,7 +91,7 @@ def _read_step(text: str, workspace: Workspace) -> Task:
         bound = dict(zip(motion, values, strict=True))
         shown = in_words(skill, {name: value for name, value in bound.items() if len(motion[name]) > 1})
         own = [*binding.values(), *(f"{name}={value.replace(' ', '')}" for name, value in shown.items())]
-        found.append(Candidate(skill, binding, bound, " ".join(own) or skill.name, branch=branch))
+        found.append(Candidate(skill, binding, bound, branch=branch, name=" ".join(own) or skill.name))
     return Task(text, skill, tuple(found))
 
 

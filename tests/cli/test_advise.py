@@ -27,7 +27,6 @@ from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.task.feasibility import skill_use
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
 from tests.cli.browser import Opened
@@ -343,7 +342,7 @@ def all_ways(task: str) -> list[CandidateResult]:
     (candidate,) = read_task(task, cell.workspace).candidates
     found = []
     for grip in grips(cell, candidate, cell.initial_world):
-        branches = plan_branches(skill_use(cell, grip, cell.initial_world), cell.collision, cell.seed)
+        branches = plan_branches(grip, cell.initial_world, cell.collision, cell.seed)
         for branch in branches.feasible:
             way = replace(grip, branch=branch.branch)
             found.append(study(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))

@@ -15,12 +15,11 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, ranges
 from sqrp_cli.motion.collision import CollisionScene, pair
-from sqrp_cli.motion.ground_primitives import SkillUse
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.shapes import Box, Part
-from sqrp_cli.skill.skill import Skill, Waypoint
+from sqrp_cli.skill.skill import Skill, SkillChoice, Waypoint
 from sqrp_cli.trajectory import Trajectory
 
 VALUES = {
@@ -58,15 +57,9 @@ class Cell:
         vias: Mapping[str, Array] | None = None,
         **values: float,
     ) -> Motion | Infeasible:
-        use = SkillUse(
-            skill=skill or self.skill,
-            binding={"object": "cube"},
-            values={**(skill or self.skill).defaults, **VALUES, **values},
-            objects=self.objects,
-            world=world or self.world,
-            vias=vias or {},
-        )
-        return plan_motion(use, self.scene, seed)
+        chosen = {**(skill or self.skill).defaults, **VALUES, **values}
+        choice = SkillChoice(skill or self.skill, {"object": "cube"}, chosen, vias or {})
+        return plan_motion(choice, world or self.world, self.scene, seed)
 
 
 class PinocchioCell:

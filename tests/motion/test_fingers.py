@@ -13,10 +13,9 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import axis_rotation, pose
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import closed_on, move_fingers
-from sqrp_cli.motion.ground_primitives import SkillUse
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.robot.kinematics import FingerModel
-from sqrp_cli.skill.skill import Release
+from sqrp_cli.skill.skill import Release, SkillChoice
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
 
@@ -142,8 +141,7 @@ def test_a_move_by_home_stops_there_and_takes_as_long_as_both_parts(cell: Cell) 
     times = {}
     for via in ("direct", "home"):
         binding = {"object": "cube", "onto": "table"}
-        use = SkillUse(place, binding, {**values, "via": via}, cell.workspace.objects, away)
-        motion = plan_motion(use, cell.collision)
+        motion = plan_motion(SkillChoice(place, binding, {**values, "via": via}), away, cell.collision)
         assert isinstance(motion, Motion)
         move = motion.primitives[0]
         t = np.linspace(move.start, move.end, 2001)
