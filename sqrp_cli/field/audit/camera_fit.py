@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.field.audit.expected_edges import ExpectedEdges
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, displacement
 from sqrp_cli.records import dataclass
 
 TURN = 0.016
@@ -100,11 +100,6 @@ class CameraFit:
     moving_cost: float
     pixels: float
 
-    @property
-    def deviations(self) -> Array:
-        """Standard deviations of the change, (7,)."""
-        return np.sqrt(np.diag(self.covariance))
-
 
 class _Points:
     """The points of several images as one."""
@@ -131,12 +126,12 @@ class _Points:
         change: the seven numbers of `CameraFit`, the fringe of all edges [pixels], and for each object its shift [m]
         and its turn [rad].
         """
-        away: Array = self._beside(self._placed(change) @ _rotation(change[:3])) + change[7]
+        away: Array = self._beside(self._placed(change) @ displacement(np.zeros(3), change[:3])[:3, :3]) + change[7]
         return away
 
     def slopes(self, change: Array) -> Array:
         """The derivative of `away`, shape (n, numbers of the change)."""
-        R, h = _rotation(change[:3]), 1e-5
+        R, h = displacement(np.zeros(3), change[:3])[:3, :3], 1e-5
         points = self._placed(change) @ R
         steps = [self._beside(points + step) - self._beside(points - step) for step in h * np.eye(3)]
         by_point = np.stack(steps, axis=1) / (2 * h)
@@ -224,12 +219,6 @@ def fitted(seen: Sequence[SeenEdges], projection: Projection, start: Array) -> C
         moving_cost=float(loss[moving].mean() if moving.sum() >= LEAST_POINTS else loss.mean()),
         pixels=float(np.sqrt(np.mean(moved**2))),
     )
-
-
-def _rotation(turn: Array) -> Array:
-    """The matrix of a rotation vector (3,)."""
-    R: Array = cv2.Rodrigues(np.ascontiguousarray(turn))[0]
-    return R
 
 
 def _weights(r: Array) -> tuple[Array, float]:

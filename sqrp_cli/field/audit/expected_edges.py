@@ -6,9 +6,8 @@ in it, smoothed, gives points of its edge to a fraction of a pixel, with their p
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Mask, inverse, matrix_to_quaternion, transform
+from sqrp_cli.geometry import Array, Indices, Mask, inverse, matrix_to_quaternion, transform
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import PixelSolids, Renderer
@@ -40,19 +39,6 @@ STEP = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedMoment:
-    """Where everything is at some time: joints [rad or m], also `STEP` later, and poses of objects, (4, 4).
-
-    held: the object that moves with the tool.
-    """
-
-    joints: Mapping[str, float]
-    later: Mapping[str, float]
-    X_WO: Mapping[str, Array]
-    held: str | None
-
-
-@dataclass(frozen=True, eq=False)
 class ExpectedEdges:
     """n points of the edges in an image.
 
@@ -67,8 +53,8 @@ class ExpectedEdges:
     points: Array
     speeds: Array
     beside: Array
-    body: Array
-    owner: Array
+    body: Indices
+    owner: Indices
     levers: Array
     freedom: Array
     R_CW: Array
@@ -84,100 +70,91 @@ class EdgeRenderer:
 
     def __init__(self, workspace: Workspace, body: RobotBody, world: World) -> None:
         """world: with the objects that are in the cell. Raises InputError where OpenGL cannot draw."""
-        self._body, self._cameras = body, workspace.cameras
-        self._model = build_model(workspace, placed_objects(world))
-        self._renderer = Renderer(self._model, list(workspace.cameras.values()), 0)
-        model = self._model
+        self._body, self._cameras, objects = body, workspace.cameras, placed_objects(world)
+        self._model = model = build_model(workspace, objects)
+        self._renderer = Renderer(model, list(workspace.cameras.values()), 0)
+        self.close = self._renderer.close
         self._names = [model.body(index).name for index in range(model.nbody)]
-        self._objects = [name in placed_objects(world) for name in self._names]
-        self._movable = {
-            index for index in range(1, model.nbody) if self._objects[index] and model.body(index).jntnum[0]
-        }
+        self._objects = np.array([name in objects for name in self._names])
+        self._movable = [index for index in range(1, model.nbody) if self._objects[index] and model.body(index).jntnum]
         self._rng = np.random.default_rng(0)
 
-    def edges(self, camera: str, X_FC: Array, moment: PlannedMoment) -> ExpectedEdges:
-        """The edges in an image of a camera whose pose in its frame is X_FC (4, 4)."""
-        X_WL, X_WL_later = (self._body.link_poses(q) for q in (moment.joints, moment.later))
-        self._renderer.move(self._positions(moment))
-        solids = self._renderer.solids(camera, X_FC)
-        # How a part is held is not known well enough to measure by it.
-        left_out = self._names.index(moment.held) if moment.held in self._names else 0
-        outlines = _outlines(solids, self._objects, self._movable, left_out, self._rng)
+    def edges(
+        self,
+        camera: str,
+        X_FC: Array,
+        joints: Sequence[Mapping[str, float]],
+        X_WO: Mapping[str, Array],
+        held: str | None,
+    ) -> ExpectedEdges:
+        """The edges in an image of a camera whose pose in its frame is X_FC (4, 4).
+
+        joints: where they are [rad or m], and where `STEP` later. X_WO: poses of objects, (4, 4) each. held: the object
+        that moves with the tool; how it is held is not known well enough to measure by it.
+        """
+        X_WL, X_WL_later = (self._body.link_poses(q) for q in joints)
+        self._renderer.move(self._positions(joints[0], X_WO))
+        points, beside, body = self._outlines(self._renderer.solids(camera, X_FC), held)
         frame = self._cameras[camera].frame
         X_CW, X_CW_later = (inverse(X_FC if frame == WORLD else poses[frame] @ X_FC) for poses in (X_WL, X_WL_later))
-        later = np.empty_like(outlines.points)
-        for index in np.unique(outlines.body):
-            rows, name = outlines.body == index, self._names[index]
+        later, levers = np.empty_like(points), np.zeros_like(points)
+        owner = np.where(self._objects[body], body, -1)
+        for index in np.unique(body):
+            rows, name = body == index, self._names[index]
             moved = X_WL_later[name] @ inverse(X_WL[name]) if name in X_WL else np.eye(4)
-            later[rows] = transform(X_CW_later @ moved @ inverse(X_CW), outlines.points[rows])
-        owner = np.where(np.array(self._objects)[outlines.body], outlines.body, -1)
-        levers = np.zeros_like(outlines.points)
-        for index in np.unique(owner[owner >= 0]):
-            rows, X_WO = owner == index, moment.X_WO.get(self._names[index])
-            if X_WO is not None:
-                arms = outlines.points[rows] - transform(X_CW, X_WO[None, :3, 3])
+            later[rows] = transform(X_CW_later @ moved @ inverse(X_CW), points[rows])
+            if self._objects[index] and name in X_WO:
+                arms = points[rows] - transform(X_CW, X_WO[name][None, :3, 3])
                 levers[rows] = np.cross(X_CW[:3, 2], arms)
         return ExpectedEdges(
-            points=outlines.points,
-            speeds=(later - outlines.points) / STEP,
-            beside=outlines.beside,
-            body=outlines.body,
+            points=points,
+            speeds=(later - points) / STEP,
+            beside=beside,
+            body=body,
             owner=owner,
             levers=levers,
-            freedom=np.where(np.isin(owner, list(self._movable))[:, None], LOOSE, FIXED),
+            freedom=np.where(np.isin(owner, self._movable)[:, None], LOOSE, FIXED),
             R_CW=X_CW[:3, :3],
         )
 
-    def close(self) -> None:
-        """Give the OpenGL context back."""
-        self._renderer.close()
-
-    def _positions(self, moment: PlannedMoment) -> Array:
+    def _positions(self, joints: Mapping[str, float], X_WO: Mapping[str, Array]) -> Array:
         """MuJoCo's qpos."""
         tree, model = self._body.tree, self._model
-        known = [index for index, joint in enumerate(tree.joints) if joint.name in moment.joints]
-        q = np.array([moment.joints[tree.joints[index].name] for index in known])
+        known = [index for index, joint in enumerate(tree.joints) if joint.name in joints]
+        q = np.array([joints[tree.joints[index].name] for index in known])
         found = np.array(model.qpos0, dtype=float)
         for joint, position in zip(tree.joints, tree.driven_by(known, self._body.rest).positions(q), strict=True):
             found[model.joint(joint.name).qposadr[0]] = position
-        for name, X_WO in moment.X_WO.items():
+        for name, X in X_WO.items():
             if name in self._names and model.body(name).jntnum[0]:
                 at = model.joint(name).qposadr[0]
-                x, y, z, w = matrix_to_quaternion(X_WO[:3, :3]).tolist()
-                found[at : at + 7] = *X_WO[:3, 3], w, x, y, z
+                x, y, z, w = matrix_to_quaternion(X[:3, :3]).tolist()
+                found[at : at + 7] = *X[:3, 3], w, x, y, z
         return found
 
-
-class _Outline(NamedTuple):
-    """n points of outlines, as in `ExpectedEdges`."""
-
-    points: Array
-    beside: Array
-    body: Array
-
-
-def _outlines(
-    solids: PixelSolids, is_object: list[bool], movable: Collection[int], left_out: int, rng: np.random.Generator
-) -> _Outline:
-    """Points on the outlines of the robot and of each object; those of the robot are of its links."""
-    groups = np.where([True, *is_object[1:]], np.arange(len(is_object)), -1)
-    group = groups[solids.body].astype(np.int16)
-    there = np.flatnonzero(np.bincount(solids.body.ravel()))
-    wanted = [number for number in np.unique(groups[there]).tolist() if number not in (0, left_out)]
-    found = [
-        one
-        for number in wanted
-        if (one := _outline(solids, group, number, -TOUCH if number in movable else TOUCH)) is not None
-    ]
-    if not found:
-        return _Outline(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=np.int64))
-    most = max(POINTS // len(found), 40)
-    kept = [rng.permutation(len(one.body))[:most] for one in found]
-    parts = [[column[rows] for column in one] for one, rows in zip(found, kept, strict=True)]
-    return _Outline(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    def _outlines(self, solids: PixelSolids, held: str | None) -> Outline:
+        """Points on the outlines of the robot's links and of each object but a held one."""
+        groups = np.where([True, *self._objects[1:]], np.arange(len(self._objects)), -1)
+        group = groups[solids.body].astype(np.int16)
+        there = np.flatnonzero(np.bincount(solids.body.ravel()))
+        left_out = (0, self._names.index(held) if held in self._names else 0)
+        wanted = [number for number in np.unique(groups[there]).tolist() if number not in left_out]
+        outlines = (_outline(solids, group, one, -TOUCH if one in self._movable else TOUCH) for one in wanted)
+        found = [one for one in outlines if one is not None]
+        if not found:
+            return np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=np.int64)
+        most = max(POINTS // len(found), 40)
+        kept = [self._rng.permutation(len(one[2]))[:most] for one in found]
+        points, beside, body = zip(*([column[rows] for column in one] for one, rows in zip(found, kept, strict=True)),
+                                   strict=True)  # fmt: skip
+        return np.concatenate(points), np.concatenate(beside), np.concatenate(body)
 
 
-def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer: float) -> _Outline | None:
+Outline = tuple[Array, Array, Indices]
+"""n points of outlines as in `ExpectedEdges`: themselves, those beside them, and their bodies."""
+
+
+def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer: float) -> Outline | None:
     """Points on the outline of a group of bodies, where it is nearer than what is beside it by a distance [m]."""
     height, width = group.shape
     margin = int(4 * SMOOTHED) + 1
@@ -217,4 +194,4 @@ def _outline(solids: PixelSolids, group: NDArray[np.int16], number: int, nearer:
     depth = z[v, u][:, None]
     points = np.column_stack([plane * depth, depth])
     beside = np.column_stack([(plane + normal * pixel) * depth, depth])
-    return _Outline(points, beside, solids.body[crop][v, u])
+    return points, beside, solids.body[crop][v, u]

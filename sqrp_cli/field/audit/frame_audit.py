@@ -78,7 +78,12 @@ def audit(
         apart=apart,
         missing=[name for name in workspace.cameras if name not in footage.recorded],
         other_topics=list(footage.other_topics),
-        lost=[lost for step in steps for lost in step.lost],
+        lost=[
+            MaybeLost(step=number, t=min(times), atom=atom, images=len(times))
+            for number, step in enumerate(steps, 1)
+            for atom, times in step.false_at.items()
+            if len(times) >= LEAST_LOST
+        ],
         threshold=threshold,
         cameras=cameras,
         prediction=[step.check.counts for step in steps],
@@ -95,31 +100,24 @@ class _StepAudit:
         self.check = PredictionCheck(index, nominal, cameras)
         self.compared = self.repeated = 0
         self.until: float | None = None
-        self._number, self._nominal, self._monitor = index + 1, nominal, StepMonitor(nominal, 1.0)
-        self._false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
+        self._nominal, self._monitor = nominal, StepMonitor(nominal, 1.0)
+        self.false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
+        """By atom, the times of the images that say that it is not as planned, since the last that says it is."""
 
     def add(self, detection: Detection, t: float) -> None:
         """Compare an image taken at time t [s] of the step."""
         self.compared += 1
         self.repeated += detection.frozen
         self.until = t if self.until is None else max(self.until, t)
-        truths = {atom: self._nominal.holds(atom, t) for atom in self._false_at}
+        truths = {atom: self._nominal.holds(atom, t) for atom in self.false_at}
         asked = self._monitor.monitored(t)
         self.check.add(detection, t, asked, truths)
         for atom in (atom for atom in asked if truths[atom]):
             seen = detection.truth(atom)
             if seen == Truth.FALSE:
-                self._false_at[atom].append(t)
+                self.false_at[atom].append(t)
             elif seen == Truth.TRUE:
-                self._false_at[atom].clear()
-
-    @property
-    def lost(self) -> list[MaybeLost]:
-        """What enough images, up to the last that shows it, say is false."""
-        found = {atom: times for atom, times in self._false_at.items() if len(times) >= LEAST_LOST}
-        return [
-            MaybeLost(step=self._number, t=min(times), atom=atom, images=len(times)) for atom, times in found.items()
-        ]
+                self.false_at[atom].clear()
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import field, replace
 
 import cv2
 import numpy as np
@@ -20,11 +19,11 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.field.audit.bag_footage import Footage
 from sqrp_cli.field.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
-from sqrp_cli.field.audit.expected_edges import STEP, EdgeRenderer, PlannedMoment
+from sqrp_cli.field.audit.expected_edges import STEP, EdgeRenderer
 from sqrp_cli.field.audit.footage import FARTHEST, Frame
 from sqrp_cli.field.audit.report import AuditedCamera, AuditedClock, AuditedPose
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Mask, inverse, pose, transform
+from sqrp_cli.geometry import Array, Mask, displacement, inverse, transform
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep
@@ -50,17 +49,26 @@ MEETS = 0.75
 """Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
 
 
-def _moved(change: Array) -> Array:
-    """The pose (4, 4) of a camera after a turn and a shift (6,), in the optical frame before."""
-    R, _ = cv2.Rodrigues(np.ascontiguousarray(change[:3]))
-    return pose(R, change[3:6])
+@dataclass
+class FilmedImages:
+    """What is needed of the images of a camera: some of them, in grey, and by how much each differs from the last."""
 
+    kept: list[tuple[Frame, NDArray[np.uint8]]] = field(default_factory=list)
+    """Images that edges are looked for in."""
+    times: list[float] = field(default_factory=list)
+    """Of all images [s]."""
+    changes: list[float] = field(default_factory=list)
+    """Between each image and the next one: mean over the pixels, small changes only [of 255]."""
+    _last: NDArray[np.uint8] | None = None
 
-class _Kept(NamedTuple):
-    """An image, in grey, that edges are looked for in."""
-
-    frame: Frame
-    gray: NDArray[np.uint8]
+    def add(self, t: float, gray: NDArray[np.uint8]) -> None:
+        """The next image, (height, width)."""
+        height = max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))
+        small = cv2.GaussianBlur(cv2.resize(gray, (_WIDTH, height), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
+        if self._last is not None:
+            self.changes.append(float(np.minimum(cv2.absdiff(small, self._last), _MOST_CHANGE).mean()))
+        self.times.append(t)
+        self._last = small
 
 
 def survey(
@@ -75,46 +83,45 @@ def survey(
     """
     of_camera = {name: [one for one in footage.frames if one.camera == name] for name in workspace.cameras}
     with progress(f"Reading {footage.path}", len(footage.frames)) as advance:
-        kept, changes = _read(workspace, footage, of_camera, lambda: advance(1))
-    filmed = [camera for name, camera in workspace.cameras.items() if of_camera[name]]
+        filmed = _read(workspace, footage, of_camera, lambda: advance(1))
     found = {}
     with (
         closing(_Surveyor(program, workspace, footage)) as surveyor,
         progress("Surveying the cameras", len(filmed)) as advance,
     ):
-        for camera in filmed:
-            name = camera.name
-            fit, images = surveyor.fit(camera, kept[name], changes[name]), len(of_camera[name])
+        for name, images in filmed.items():
+            camera, fit = workspace.cameras[name], surveyor.fit(workspace.cameras[name], images)
             advance(1)
             if fit is None:
                 clock = AuditedClock(offset=None, error=None, wrong=False)
-                found[name] = AuditedCamera(images=images, clock=clock, pose=None)
+                found[name] = AuditedCamera(images=len(images.times), clock=clock, pose=None)
                 continue
-            error = float(np.sqrt(fit.covariance[6, 6]))
+            deviations = np.sqrt(np.diag(fit.covariance))
+            error = float(deviations[6])
             offset = None if error > UNKNOWN else float(fit.change[6])
             least = np.diag([TURNED**2] * 3 + [SHIFTED**2] * 3) / SURE**2
             change = fit.change[:6]
             seen = AuditedPose(
                 turn=change[:3].tolist(),
-                turn_error=fit.deviations[:3].tolist(),
+                turn_error=deviations[:3].tolist(),
                 shift=change[3:].tolist(),
-                shift_error=fit.deviations[3:6].tolist(),
+                shift_error=deviations[3:6].tolist(),
                 pixels=fit.pixels,
                 residual=fit.residual,
                 points=fit.points,
                 moved=float(change @ np.linalg.solve(fit.covariance[:6, :6] + least, change)) > SURE**2 + 6.0,
-                pose=(camera.X_FC @ _moved(fit.change)).tolist(),
+                pose=(camera.X_FC @ displacement(fit.change[3:6], fit.change[:3])).tolist(),
             )
             wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
             clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
-            found[name] = AuditedCamera(images=images, clock=clock, pose=seen)
+            found[name] = AuditedCamera(images=len(images.times), clock=clock, pose=seen)
     return found
 
 
 def _read(
     workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], object]
-) -> tuple[dict[str, list[_Kept]], dict[str, ImageChanges]]:
-    """What is needed of all images: some whole ones, and by how much each differs from that before it."""
+) -> dict[str, FilmedImages]:
+    """What is needed of all images, by camera."""
     wanted = set()
     for name, frames in of_camera.items():
         camera = workspace.cameras[name]
@@ -124,15 +131,14 @@ def _read(
         if len(near):  # evenly spread
             chosen = np.unique(np.linspace(0, len(near) - 1, min(len(near), most)).round().astype(int))
             wanted |= {frames[near[i]] for i in chosen}
-    kept: dict[str, list[_Kept]] = {name: [] for name in workspace.cameras}
-    changes = {name: ImageChanges([], []) for name in workspace.cameras}
+    found = {name: FilmedImages() for name, frames in of_camera.items() if frames}
     for frame, image in footage.images(footage.frames):
         done()
         gray = cv2.cvtColor(image.image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
-        changes[frame.camera].add(frame.t, gray)
+        found[frame.camera].add(frame.t, gray)
         if frame in wanted:
-            kept[frame.camera].append(_Kept(frame, gray))
-    return kept, changes
+            found[frame.camera].kept.append((frame, gray))
+    return found
 
 
 class _Surveyor:
@@ -142,24 +148,25 @@ class _Surveyor:
         self._program, self._footage, self._body = program, footage, (body := RobotBody.load(workspace.robot))
         self._nominal = [NominalStep(step, program.joints, body) for step in program.steps]
         self._renderer = EdgeRenderer(workspace, body, program.steps[0].before)
+        self.close = self._renderer.close
         ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
         self._spans = list(zip(footage.starts, ends, strict=True))
 
-    def close(self) -> None:
-        """Give back what draws."""
-        self._renderer.close()
-
-    def fit(self, camera: Camera, kept: Sequence[_Kept], changes: ImageChanges) -> CameraFit | None:
+    def fit(self, camera: Camera, filmed: FilmedImages) -> CameraFit | None:
         """The pose error of a camera and the offset of its clock."""
-        projection = Projection(camera)
+        projection, kept = Projection(camera), filmed.kept
         # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
         if not kept:
             return None
-        guesses, t = [], [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
-        motion = MotionInImage.of(camera, self._body, self._footage, np.unique(np.concatenate(t).round(3)))
-        most = np.argsort(-changes.at([one.frame.t for one in kept]), kind="stable")[:TRIED]
-        tried = [kept[i] for i in sorted(most.tolist())]
-        for at in dict.fromkeys([*rough_offsets(changes, motion), 0.0]):
+        spans = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
+        t, guesses = np.unique(np.concatenate(spans).round(3)), []
+        middles = (np.array(filmed.times[1:]) + np.array(filmed.times[:-1])) / 2
+        times = [frame.t for frame, _ in kept]
+        around = np.interp(times, middles, filmed.changes) if len(middles) else np.zeros(len(times))
+        tried = [kept[i] for i in sorted(np.argsort(-around, kind="stable")[:TRIED].tolist())]
+        for at in dict.fromkeys(
+            [*rough_offsets(filmed, t, motion_in_image(camera, self._body, self._footage, t)), 0.0]
+        ):
             few = self._seen(camera, projection, tried, at, camera.X_FC)
             guess = fitted(few, projection, first_guess(few, projection, AROUND))
             if guess is not None:
@@ -169,12 +176,13 @@ class _Surveyor:
         offset, fit = min(guesses, key=lambda one: one[1].moving_cost)
         change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
         for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
-            offset, X_CC = offset + change[6], _moved(change)
+            offset, X_CC = offset + change[6], displacement(change[3:6], change[:3])
             seen = self._seen(camera, projection, kept, offset, camera.X_FC @ X_CC)
             better = fitted(seen, projection, np.zeros(7))
             if better is None or better.cost > MEETS:
                 return None
-            fit, points, X_CC = better, np.concatenate([one.edges.points for one in seen]), X_CC @ _moved(better.change)
+            fit, points = better, np.concatenate([one.edges.points for one in seen])
+            X_CC = X_CC @ displacement(fit.change[3:6], fit.change[:3])
             turn, _ = cv2.Rodrigues(X_CC[:3, :3])
             change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
         away = projection.pixels(points)[0] - projection.pixels(transform(X_CC, points))[0]
@@ -182,21 +190,25 @@ class _Surveyor:
         return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
 
     def _seen(
-        self, camera: Camera, projection: Projection, kept: Sequence[_Kept], offset: float, X_FC: Array
+        self,
+        camera: Camera,
+        projection: Projection,
+        kept: Sequence[tuple[Frame, NDArray[np.uint8]]],
+        offset: float,
+        X_FC: Array,
     ) -> list[SeenEdges]:
         found = []
-        for one in kept:
-            t = one.frame.t - offset  # by the robot's clock
+        for frame, gray in kept:
+            t = frame.t - offset  # by the robot's clock
             index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
             if index is None or not self._footage.as_planned(np.array([t]))[0]:
                 continue
             step, tau = self._program.steps[index], t - self._spans[index][0]
             joints = self._footage.joints(np.array([t, t + STEP]))
-            now, later = ({name: float(q[i]) for name, q in joints.items()} for i in (0, 1))
+            moments = [{name: float(q[i]) for name, q in joints.items()} for i in (0, 1)]
             held = next((p.held for p in step.primitives if tau <= p.end), None)
-            moment = PlannedMoment(now, later, self._nominal[index].object_poses(tau), held)
-            edges = self._renderer.edges(camera.name, X_FC, moment)
-            found.append(SeenEdges.of(edges, projection, one.gray))
+            edges = self._renderer.edges(camera.name, X_FC, moments, self._nominal[index].object_poses(tau), held)
+            found.append(SeenEdges.of(edges, projection, gray))
         return found
 
 
@@ -213,48 +225,28 @@ _VERTICES = 40
 """Points of each solid part of the robot whose motion is followed."""
 
 
-@dataclass
-class ImageChanges:
-    """By how much the images of a camera change, one after the other."""
-
-    times: list[float]
-    """Of the images [s]."""
-    changes: list[float]
-    """Between each image and the next one: mean over the pixels, small changes only [of 255]."""
-    _last: NDArray[np.uint8] | None = None
-
-    def at(self, times: Sequence[float]) -> Array:
-        """The changes around some of the times, (n,)."""
-        middles = (np.array(self.times[1:]) + np.array(self.times[:-1])) / 2
-        return np.interp(times, middles, self.changes) if len(middles) else np.zeros(len(times))
-
-    def add(self, t: float, gray: NDArray[np.uint8]) -> None:
-        """The next image, (height, width)."""
-        small = cv2.resize(
-            gray, (_WIDTH, max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))), interpolation=cv2.INTER_AREA
-        )
-        small = cv2.GaussianBlur(small, (0, 0), 1.0)
-        if self._last is not None:
-            self.changes.append(float(np.minimum(cv2.absdiff(small, self._last), _MOST_CHANGE).mean()))
-        self.times.append(t)
-        self._last = small
-
-
-def rough_offsets(seen: ImageChanges, expected: MotionInImage) -> list[float]:
+def rough_offsets(seen: FilmedImages, known: Array, way: Array) -> list[float]:
     """Offsets of the clock at which images change when the robot moves in them, the best one first [s].
 
-    What counts is the correlation of what changes with what moves.
+    known: times of the robot's clock [s], (m,), at which it is known how far everything has moved: way, (m,), as
+    `motion_in_image` gives it. What counts is the correlation of what changes with what moves.
     """
+
+    def knows(t: Array) -> Mask:
+        after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
+        is_known: Mask = (t >= known[0]) & (t <= known[-1]) & (known[after] - known[after - 1] < 2 * SPACING)
+        return is_known
+
     t, changes = np.array(seen.times), np.array(seen.changes)
     gaps = np.diff(t)
     usable = (gaps > 1e-6) & (gaps < 3.0 * np.median(gaps)) if len(gaps) else np.zeros(0, dtype=bool)
     offsets = np.arange(-FARTHEST, FARTHEST + SPACING / 2, SPACING)
     scores = np.zeros(len(offsets))
     for index, offset in enumerate(offsets):
-        inside = usable & expected.knows(t[:-1] - offset) & expected.knows(t[1:] - offset)
+        inside = usable & knows(t[:-1] - offset) & knows(t[1:] - offset)
         if inside.sum() >= 8:
-            way = np.interp(t - offset, expected.t, expected.way)
-            a, b = np.sqrt(changes[inside]), np.sqrt(np.maximum(np.diff(way), 0.0)[inside])
+            moved = np.maximum(np.diff(np.interp(t - offset, known, way)), 0.0)
+            a, b = np.sqrt(changes[inside]), np.sqrt(moved[inside])
             a, b = a - a.mean(), b - b.mean()
             size = float(np.sqrt((a @ a) * (b @ b)))
             scores[index] = float(a @ b) / size if size > 1e-9 else 0.0
@@ -267,37 +259,23 @@ def rough_offsets(seen: ImageChanges, expected: MotionInImage) -> list[float]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class MotionInImage:
-    """How much moves in the image of a camera."""
+def motion_in_image(camera: Camera, body: RobotBody, footage: Footage, t: Array) -> Array:
+    """How far all points that are followed have moved in the image of a camera, (m,) [widths of the image].
 
-    t: Array
-    """Times of the robot's clock [s], (m,)."""
-    way: Array
-    """What all points that are followed have moved until then [widths of the image], (m,)."""
-
-    def knows(self, t: Array) -> Mask:
-        """Whether the motion is known at times t (m,) [s]."""
-        after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
-        within = (t >= self.t[0]) & (t <= self.t[-1])
-        known: Mask = within & (self.t[after] - self.t[after - 1] < 2 * SPACING)
-        return known
-
-    @classmethod
-    def of(cls, camera: Camera, body: RobotBody, footage: Footage, t: Array) -> MotionInImage:
-        """Of the robot, at times t (m,) [s]; and of what stands, for a camera that moves."""
-        projection = Projection(camera)
-        X_WL = body.poses_over(footage.joints(t))
-        X_WC = X_WL[camera.frame] @ camera.X_FC if camera.frame != WORLD else camera.X_FC[None]
-        X_CW = np.array([inverse(X) for X in X_WC])
-        total, rng = np.zeros(len(t) - 1), np.random.default_rng(0)
-        for surface in body.surfaces:
-            chosen = surface.vertices[rng.permutation(len(surface.vertices))[:_VERTICES]]
-            points = np.column_stack([chosen, np.ones(len(chosen))])
-            in_camera = np.einsum("mij,mjk,nk->mni", X_CW, X_WL[surface.parent], points)
-            ahead = in_camera[..., 2] > 0.02
-            pixels, inside = projection.pixels(np.where(ahead[..., None], in_camera[..., :3], (0.0, 0.0, 1.0)))
-            shown = ahead & inside & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=-1)
-            moved = np.linalg.norm(np.diff(pixels, axis=0), axis=-1) / camera.width
-            total += (np.minimum(moved, FASTEST * SPACING) * (shown[1:] & shown[:-1])).sum(axis=1)
-        return cls(t, np.append(0.0, np.cumsum(total)))
+    t: until when, by the robot's clock [s], (m,). Also of what stands, for a camera that moves.
+    """
+    projection = Projection(camera)
+    X_WL = body.poses_over(footage.joints(t))
+    X_WC = X_WL[camera.frame] @ camera.X_FC if camera.frame != WORLD else camera.X_FC[None]
+    X_CW = np.array([inverse(X) for X in X_WC])
+    total, rng = np.zeros(len(t) - 1), np.random.default_rng(0)
+    for surface in body.surfaces:
+        chosen = surface.vertices[rng.permutation(len(surface.vertices))[:_VERTICES]]
+        points = np.column_stack([chosen, np.ones(len(chosen))])
+        in_camera = np.einsum("mij,mjk,nk->mni", X_CW, X_WL[surface.parent], points)
+        ahead = in_camera[..., 2] > 0.02
+        pixels, inside = projection.pixels(np.where(ahead[..., None], in_camera[..., :3], (0.0, 0.0, 1.0)))
+        shown = ahead & inside & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=-1)
+        moved = np.linalg.norm(np.diff(pixels, axis=0), axis=-1) / camera.width
+        total += (np.minimum(moved, FASTEST * SPACING) * (shown[1:] & shown[:-1])).sum(axis=1)
+    return np.append(0.0, np.cumsum(total))
