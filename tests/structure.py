@@ -41,7 +41,7 @@ ROOMS = {
     "search": ("search", 4_566),
     "checks": ("checks", 1_242),
     "run": ("run", 7_961),
-    "field": ("field ros", 3_172),
+    "field": ("field ros", 3_114),
     "score": ("score", 2_437),
     "show": ("show", 5_010),
     "ask": ("ask cli __init__ __main__", 5_441),
