@@ -74,17 +74,10 @@ struct Hull {
 
     double height(int i, V3 p) const { return x[i] * p.x + y[i] * p.y + z[i] * p.z - offset[i]; }
 
-    // Which planes a point is outside of.
-    uint32_t outside(V3 p) const {
+    // Which planes a point is outside of, by more than a distance.
+    uint32_t outside(V3 p, double by = 0) const {
         uint32_t out = 0;
-        for (int i = 0; i < PLANES; i++) out |= uint32_t(height(i, p) > 0) << i;
-        return out;
-    }
-
-    // Which planes a ball is wholly outside of.
-    uint32_t outside(V3 center, double radius) const {
-        uint32_t out = 0;
-        for (int i = 0; i < PLANES; i++) out |= uint32_t(height(i, center) > radius + TOUCH) << i;
+        for (int i = 0; i < PLANES; i++) out |= uint32_t(height(i, p) > by) << i;
         return out;
     }
 

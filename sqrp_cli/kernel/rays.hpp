@@ -26,7 +26,22 @@ inline int bits(uint32_t x) {
 // A set of rays: one bit for each column in each row.
 struct Rays {
     uint32_t row[ROWS] = {};
+    Rays operator|(const Rays& o) const { Rays all; for (int i = 0; i < ROWS; i++) all.row[i] = row[i] | o.row[i]; return all; }
     int count_without(const Rays& o) const { int n = 0; for (int i = 0; i < ROWS; i++) n += bits(row[i] & ~o.row[i]); return n; }
+
+    // Adds those through the rectangle around a node, a trifle wider; map: see `add`.
+    void add_around(const Pose& map, const Node& n) {
+        Bounds all;
+        bool ahead = true;
+        for (int i = 0; i < 8; i++) {
+            V3 p = map(n.center + corner(i, n.extent));
+            ahead &= p.z > AHEAD, all.add(flat(p));
+        }
+        double least_c = ahead ? all.low.x - 1e-6 : 0, most_c = ahead ? all.high.x + 1e-6 : COLUMNS;
+        int from = ahead ? first_row(all.low.y - 1e-6) : 0, to = ahead ? first_row(all.high.y + 1e-6) : ROWS;
+        for (int k = from; k < to; k++)
+            row[k] |= uint32_t((1ull << first_column(most_c - shift(k))) - 1) & ~uint32_t((1ull << first_column(least_c - shift(k))) - 1);
+    }
 
     // Adds those that meet a flat convex polygon; map: into column and row, both times depth, and depth.
     void add(const Pose& map, const V3* p, int n) {
@@ -55,10 +70,10 @@ struct Rays {
 struct Winding {
     int16_t step[COLUMNS + 1][ROWS] = {};
     void add_edge(V3 a, V3 b, int weight) {  // mapped
-        double c0 = a.x / a.z, r0 = a.y / a.z, c1 = b.x / b.z, r1 = b.y / b.z;
+        double r0 = a.y / a.z, r1 = b.y / b.z;
         int from = first_row(r0), to = first_row(r1);
         if (from == to) return;
-        double slope = (c1 - c0) / (r1 - r0), at = c0 - r0 * slope;
+        double c0 = a.x / a.z, slope = (b.x / b.z - c0) / (r1 - r0), at = c0 - r0 * slope;
         if (to < from) swap(from, to), weight = -weight;
         for (int k = from; k < to; k++) step[first_column(at + k * slope - shift(k))][k] += int16_t(weight);
     }
@@ -116,6 +131,7 @@ struct Grid {
 struct Scratch {
     List<int8_t> turned;     // of each triangle: 1 and -1 of those whose outline is drawn, turned to the eye or away; else 0
     List<int32_t> drawn;     // these
+    List<Rays> rest;
 };
 
 // Calls `whole(i, side)` for the triangles that may block rays to a box and lie before its far side, and

@@ -61,7 +61,7 @@ struct Scene : Request {
     // Adds those of some solids that may reach into the hull of a box.
     void find_near(const List<int>& some, const Hull& H, int box, int64_t state, List<Near>& found) const {
         for (int s : some) {
-            if (!is(opaque, s, box) || H.outside(center(s, state), solids[s]->radius)) continue;
+            if (!is(opaque, s, box) || H.outside(center(s, state), solids[s]->radius + TOUCH)) continue;
             Near near{s, H.in(pose_of(s, state))};
             uint32_t planes = H.all();
             if (near.hull.may_meet(solids[s]->surface.nodes[0], planes)) found.add(near);

@@ -31,8 +31,6 @@ void cover(const Request* request, int questions, const int64_t* state, const in
            const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int bar_count,
            const double* bars, const double* steps, int8_t* sights) {
     Scene scene(*request);
-    struct Turn { int camera, near; };
-    List<Turn> turns;
     List<View> views;   // of the boxes of the present target, (cameras, its boxes)
     List<LitBox> lit;
     List<uint8_t> saw;  // whether each camera saw all of them when it was asked last
@@ -50,35 +48,20 @@ void cover(const Request* request, int questions, const int64_t* state, const in
         int64_t seen = 0, left = 0;  // how many cameras see it, and may
         auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
         auto view = [&](int c, int b) -> View& { return views[c * boxes + b]; };
-        auto count_near = [&](int c) {  // how many solids are near its boxes; -1 if it surely does not see them
+        auto ask = [&](int c) {
             const Camera& camera = request->cameras[c];
-            int near = 0;
-            bool may = true;
-            for (int b = 0; may && b < boxes; b++) view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]), may = view(c, b).limit.cause == NONE;
-            for (int b = 0; may && b < boxes; b++) near += view(c, b).find_near(scene), may = view(c, b).needed(scene, lit[b]) + view(c, b).cut <= 1;
-            return may ? near : -1;
-        };
-        auto find_out = [&](int c, int near) {
-            bool sees = near >= 0;
-            for (int b = 0; sees && near && b < boxes; b++) sees = view(c, b).sees(scene, view(c, b).needed(scene, lit[b]));
+            bool sees = true;
+            for (int b = 0; sees && b < boxes; b++) view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]), sees = view(c, b).limit.cause == NONE;
+            for (int b = 0; sees && b < boxes; b++) sees = view(c, b).sees(scene, lit[b]);
             sight(c) = sees ? SEEN : UNSEEN, saw[c] = sees, seen += sees, left -= !sees;
         };
         auto is_open = [&] { return seen < needed[q] && left >= needed[q]; };
         for (int c = 0; c < request->camera_count; c++) left += sight(c) != UNSEEN;
         for (int t = 0, from = 0; t < tier_count && is_open(); from = int(tier_ends[t++])) {
-            turns.clear();
             for (int i = from; i < tier_ends[t]; i++) seen += sight(int(tier_cameras[i])) == SEEN;
-            // Those first that saw it last, then those with the fewest solids near it.
-            for (int pass = 0; pass < 2; pass++)
-                for (int i = from; i < tier_ends[t] && is_open(); i++) {
-                    int c = int(tier_cameras[i]), near;
-                    if (sight(c) != UNKNOWN || (!pass && !saw[c])) continue;
-                    if ((near = count_near(c)) > 0 && pass) turns.add({c, near});
-                    else find_out(c, near);
-                }
-            sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) { return a.near < b.near; });
-            for (Turn turn : turns)
-                if (is_open()) find_out(turn.camera, turn.near);
+            for (int pass = 0; pass < 2; pass++)  // those first that saw it last
+                for (int i = from; i < tier_ends[t] && is_open(); i++)
+                    if (int c = int(tier_cameras[i]); sight(c) == UNKNOWN && (pass || saw[c])) ask(c);
         }
         bool unseen = seen < needed[q];
         for (int k = 0; bar_count && unseen && was_unseen && k < 2; k++) lost[k] += steps[2 * state[q] + k];
@@ -159,10 +142,7 @@ void look_from(const Request* request, int poses, const double* X_FC, int items,
                 for (int other = 0; good && !limits_only && same < 0 && other < lens; other++)
                     same = within[other] && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
                 for (int b = int(first[i]); b < last; b++) same = request->boxes[b].allows_truncation ? -1 : same;
-                for (int b = int(first[i]); good && same < 0 && !limits_only && b < last; b++) {
-                    view(lens, b).find_near(scene);
-                    good = view(lens, b).sees(scene, view(lens, b).needed(scene, lit[b]));
-                }
+                for (int b = int(first[i]); good && same < 0 && !limits_only && b < last; b++) good = view(lens, b).sees(scene, lit[b]);
                 found(lens) = same < 0 ? good : found(same), given_up = given_up && !found(lens);
             }
         }

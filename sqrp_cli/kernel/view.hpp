@@ -21,7 +21,8 @@ public:
         still = scene.is_still(int(camera->frame)) && scene.is_still(int(b.frame));
         X_WC = scene.pose(int(camera->frame), state) * X_FC, X_WB = scene.pose(int(b.frame), state) * b.X_FB;
         limit = check(*camera, b, X_WC.inverse() * X_WB);
-        has_hull = has_grid = has_resting = has_rays = has_scenery = behind_moved = false;
+        has_hull = has_grid = has_resting = has_rays = has_outside = has_scenery = behind_moved = false;
+        still_blocked = outside = {};
         still_met = behind_by = -1, cut = behind = 0;
     }
 
@@ -66,14 +67,14 @@ public:
         return behind > 0 || lost > 0 ? most(visible, (least(visible, LEAST_TELLING) + behind) / told) : visible;
     }
 
-    double needed(Scene& scene, LitBox& lit) { return needed(scene, scene.light_count ? lighting(scene, lit).lost : 0); }
-
-    // Whether it is seen, of what is within the limits, where this share must be visible; after `find_near`.
-    bool sees(Scene& scene, double needed_share) {
+    // Whether it is seen, of what is within the limits.
+    bool sees(Scene& scene, LitBox& lit) {
+        find_near(scene);
+        double needed_share = needed(scene, scene.light_count ? lighting(scene, lit).lost : 0);
         if (needed_share + cut > 1) return false;
         if (near.empty()) return true;
         if (scene.boxes[box].visible >= 1 && cut == 0) return !met(scene);
-        return share(scene, needed_share, cut > 0) >= needed_share;
+        return share(scene, needed_share, true) >= needed_share;
     }
 
     // What hides it, is behind it, or lights it badly, in this order; after `find_near`. named, shares: whether `by`, `visible` count.
@@ -135,7 +136,8 @@ private:
     List<Near> near;  // those at rest first
     int resting = 0;  // how many these are
     Grid grid;
-    Rays still_blocked;
+    Rays still_blocked, outside;  // those that what rests blocks, and those outside the image
+    bool has_outside = false;
     bool has_scenery = false, behind_moved = false;
     double behind = 0;  // the share of the box before something of its colour
     int behind_by = -1;
@@ -183,26 +185,43 @@ private:
         return grid;
     }
 
-    // The share that is visible; once it is less than `enough`, any other one that is. NAN: it must be exact. within_image:
-    // whether the image's edge counts.
-    double share(Scene& scene, double enough, bool within_image = false) {
+    // The share that is visible; once it is less than `enough`, any other one that is; NAN: it must be exact. decide: whether
+    // it need be no more exact where it is enough, and what the image's edge takes counts as hidden.
+    double share(Scene& scene, double enough, bool decide = false) {
         if (near.empty()) return 1;
         const Grid& g = rays();
-        if (!has_rays) {
-            has_rays = true, still_blocked = {};
+        int first = still ? resting : 0, n = near.size();
+        if (still && !has_rays)
             for (int i = 0; i < resting; i++) scene.block(still_blocked, g, near[i], state);
+        has_rays = true;
+        Rays blocked = still ? still_blocked : Rays();
+        List<Rays>& rest = scene.scratch.rest;  // at least what the solids from each on block
+        if (decide) {
+            rest.resize(most(rest.size(), n + 1)), rest[n] = {};
+            for (int i = n; i-- > first;) (rest[i] = rest[i + 1]).add_around(g.map * scene.pose_of(near[i].solid, state), scene.solids[near[i].solid]->surface.nodes[0]);
         }
-        Rays blocked = still_blocked;
         double seen = g.seen(blocked);
-        for (int i = resting; i < near.size() && !(seen < enough); i++) {
+        for (int i = first; !(seen < enough); i++) {
+            if (decide) {
+                double least_seen = share_in_image(blocked | rest[i], enough);
+                if (i == n || least_seen >= enough) return least_seen;
+            } else if (i == n) break;
             scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
             if (seen < enough) in_the_way = near[i].solid;
         }
-        if (!within_image) return seen;
-        int count = 0;
-        for (int k = 0; k < ROWS; k++)
-            for (uint32_t left = g.silhouette.row[k] & ~blocked.row[k]; left; left &= left - 1) count += camera->has(g.direction(k, __builtin_ctz(left)));
-        return double(count) / most(g.total, 1);
+        return seen;
+    }
+
+    // The share of the box that is in the image and visible, if it is enough; else any that is not.
+    double share_in_image(const Rays& blocked, double enough) {
+        double seen = grid.seen(blocked);
+        if (seen < enough || cut <= 0) return seen;
+        if (!has_outside)
+            for (int k = 0; k < ROWS; k++)
+                for (uint32_t left = grid.silhouette.row[k]; left; left &= left - 1)
+                    if (int c = __builtin_ctz(left); !camera->has(grid.direction(k, c))) outside.row[k] |= 1u << c;
+        has_outside = true;
+        return grid.seen(blocked | outside);
     }
 
     // Finds the share of the box before something of its colour: rays from the camera through the box go on to the first
@@ -222,7 +241,7 @@ private:
             // In the cone around the box, and not before it.
             V3 center = scene.center(s, state);
             double radius = scene.solids[s]->radius;
-            if (H.outside(center, radius) & ~H.far || norm(center - eye) + radius + TOUCH <= nearest) continue;
+            if (H.outside(center, radius + TOUCH) & ~H.far || norm(center - eye) + radius + TOUCH <= nearest) continue;
             back.add(s);
             if (rests) behind_resting.add(s);
         }
