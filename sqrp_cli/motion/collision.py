@@ -105,15 +105,6 @@ class PlacedScene:
     fingers: Array  # positions of the fingers' joints, shape (f,)
     doubts: Mapping[str, str] = field(default_factory=dict)  # what makes the sizes of some objects doubtful, by name
 
-    def allowing(self, allowed: NamePairs) -> PlacedScene:
-        """The same scene, in which contacts of these pairs of names do not count."""
-        names, named = [solid.part.parent for solid in self.solids], set(chain.from_iterable(allowed))
-        some = np.array([name in named for name in names], dtype=bool)
-        kept = ~(some[self.inner] & some[self.outer])
-        for k in np.flatnonzero(~kept).tolist():
-            kept[k] = pair(names[self.inner[k]], names[self.outer[k]]) not in allowed
-        return replace(self, inner=self.inner[kept], outer=self.outer[kept], clearance=self.clearance[kept])
-
     def check(self, q: Array) -> Contact | None:
         """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
         return self.check_all(q[None])[0]
@@ -294,7 +285,15 @@ class CollisionScene:
                 fingers=self.model.finger_positions(world.joints),
                 doubts=self._doubts,
             )
-        return self._placed[world].allowing(allowed) if allowed else self._placed[world]
+        scene = self._placed[world]
+        if not allowed:
+            return scene
+        names, named = [solid.part.parent for solid in scene.solids], set(chain.from_iterable(allowed))
+        some = np.array([name in named for name in names], dtype=bool)
+        kept = ~(some[scene.inner] & some[scene.outer])
+        for k in np.flatnonzero(~kept).tolist():
+            kept[k] = pair(names[scene.inner[k]], names[scene.outer[k]]) not in allowed
+        return replace(scene, inner=scene.inner[kept], outer=scene.outer[kept], clearance=scene.clearance[kept])
 
     def contact_in(self, world: World) -> str:
         """A contact in a world before anything moves; empty when everything keeps its clearance.

@@ -184,9 +184,9 @@ class JointMoves:
         if tries == 0 or problem.primitives[index].via_home or isinstance(direct, FoundMove):
             return None
         ends, limits, scene = self._ends(i, previous, chosen), self._limits(index), problem.scenes[index]
-        found = find_way(scene, *ends, problem.bounds, limits, tries, problem.seed)
-        self.tries += found.tries
-        return None if found.trajectory is None else FoundMove(found.trajectory, direct.second)
+        trajectory, checked = find_way(scene, *ends, problem.bounds, limits, tries, problem.seed)
+        self.tries += checked
+        return None if trajectory is None else FoundMove(trajectory, direct.second)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""

@@ -18,7 +18,7 @@ from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.ground_primitives import GroundPrimitive, ground_primitives
 from sqrp_cli.motion.joint_moves import FoundMove, JointMoves, fastest_sequence
 from sqrp_cli.motion.position_limits import worst_past_limit
-from sqrp_cli.motion.sections import SHORTEST_LINE, BranchFinder, MotionProblem, Names, Ways, cut_into_sections
+from sqrp_cli.motion.sections import SHORTEST_LINE, MotionProblem, Names, Ways, cut_into_sections
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
@@ -187,7 +187,6 @@ class _Planner:
         """final: the world after the skill, with the joints from before."""
         self._problem, self._model, self._final = problem, problem.model, final
         self._sections = cut_into_sections(problem.primitives)
-        self._finder = BranchFinder(problem)
 
     def plan(self, branch: Names, *, around: bool) -> Motion | Infeasible:
         """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
@@ -202,7 +201,7 @@ class _Planner:
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
         ways = self._ways()
-        tried = prod(max(1, len(_different(self._finder.names(section)))) for section in self._sections)
+        tried = prod(max(1, len(_different(self._problem.names(section)))) for section in self._sections)
         if ways is None:
             return Branches(tried, (), self._infeasible().reasons)
         moves = JointMoves(self._problem, self._sections, ways)
@@ -223,7 +222,7 @@ class _Planner:
         """The ways through each section; None if one has none."""
         ways: list[Ways] = []
         for section in self._sections:
-            branches = self._finder.branches(section)
+            branches = self._problem.branches(section)
             if not branches:
                 return None
             ways.append(Ways.through(branches))
@@ -304,7 +303,7 @@ class _Planner:
         whole = approach
         if primitive.beyond is not None and primitive.beyond.length > SHORTEST_LINE:
             still = np.zeros_like(self._model.turns)
-            (moving,) = self._finder.moves_along(index, primitive, primitive.beyond, approach.path.end[None], still)
+            (moving,) = self._problem.moves_along(index, primitive, primitive.beyond, approach.path.end[None], still)
             if moving is None:
                 return self._infeasible()
             whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)

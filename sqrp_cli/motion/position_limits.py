@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
@@ -15,18 +13,13 @@ LIMIT_SLACK = 1e-9  # tolerated excess of joint positions over a limit [rad or m
 WIDE = 4 * np.pi + 1e-6  # a joint with a wider range than this is treated as one without limits [rad]
 
 
-class WholeTurns(NamedTuple):
-    """Possible whole turns of joints: signed, and `fewest` above `most` if there are none."""
+def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """The fewest and most whole turns that keep joints with positions from low to high within limits; they broadcast.
 
-    fewest: Array
-    most: Array
-
-
-def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> WholeTurns:
-    """The whole turns that keep joints with positions from low to high within limits; the shapes broadcast."""
-    return WholeTurns(
-        np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
-    )
+    Turns are signed; the fewest are above the most if there are none.
+    """
+    fewest = np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi))
+    return fewest, np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
 
 
 def past_limits(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None = None) -> Array:

@@ -35,41 +35,6 @@ _Begun = tuple[Array, tuple[Trajectory, ...]]
 """Start of a branch, shape (n,), and the trajectories of its first primitives."""
 
 
-@dataclass(eq=False, kw_only=True)
-class MotionProblem:
-    """What the motion of a skill depends on, and why parts of it are not possible."""
-
-    model: RobotModel
-    primitives: Sequence[GroundPrimitive]
-    scenes: Sequence[PlacedScene]
-    """The surroundings of each."""
-    q_start: Array  # where the arm begins, shape (n,)
-    seed: int
-    redundancy_samples: int
-    """As of `all_solutions`."""
-    failures: list[tuple[int, str]] = field(default_factory=list)
-    """Why branches fail, each with the index of the failing primitive."""
-    out_of_reach: bool = False  # whether a waypoint is, obstacles ignored
-
-    def note(self, index: int, reason: str) -> None:
-        """Record why a branch fails at a primitive."""
-        self.failures.append((index, reason))
-
-    def reasons(self, most: int) -> tuple[str, ...]:
-        """At most `most` different reasons, those of the branches that got furthest first."""
-        furthest_first = sorted(self.failures, key=lambda failure: -failure[0])
-        return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
-
-    def solutions(self, X_WT: Array) -> IkResult:
-        """The joint positions that bring the tool frame to a pose, shape (4, 4)."""
-        return known_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
-
-    @cached_property
-    def bounds(self) -> JointSpan:
-        """Position limits of the arm's joints; those without any go a turn beyond where they are at start and home."""
-        return near_limits(self.model, np.stack([self.q_start, self.model.home]))
-
-
 @dataclass(frozen=True, eq=False)
 class Section:
     """A joint move (none at the start of the motion) and the primitives tied to its end, up to the next joint move."""
@@ -132,11 +97,44 @@ class Ways:
         return self.branches[int(self.of[k])]
 
 
-class BranchFinder:
-    """Finds the branches of sections, and records why there are none."""
+@dataclass(eq=False, kw_only=True)
+class MotionProblem:
+    """What the motion of a skill depends on; finds the branches of its sections, and records why there are none."""
 
-    def __init__(self, problem: MotionProblem) -> None:
-        self._problem, self._model, self._limits = problem, problem.model, MotionLimits.of(problem.model)
+    model: RobotModel
+    primitives: Sequence[GroundPrimitive]
+    scenes: Sequence[PlacedScene]
+    """The surroundings of each."""
+    q_start: Array  # where the arm begins, shape (n,)
+    seed: int
+    redundancy_samples: int
+    """As of `all_solutions`."""
+    failures: list[tuple[int, str]] = field(default_factory=list)
+    """Why branches fail, each with the index of the failing primitive."""
+    out_of_reach: bool = False  # whether a waypoint is, obstacles ignored
+
+    def note(self, index: int, reason: str) -> None:
+        """Record why a branch fails at a primitive."""
+        self.failures.append((index, reason))
+
+    def reasons(self, most: int) -> tuple[str, ...]:
+        """At most `most` different reasons, those of the branches that got furthest first."""
+        furthest_first = sorted(self.failures, key=lambda failure: -failure[0])
+        return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
+
+    def solutions(self, X_WT: Array) -> IkResult:
+        """The joint positions that bring the tool frame to a pose, shape (4, 4)."""
+        return known_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
+
+    @cached_property
+    def limits(self) -> MotionLimits:
+        """Those of the arm's joints."""
+        return MotionLimits.of(self.model)
+
+    @cached_property
+    def bounds(self) -> JointSpan:
+        """Position limits of the arm's joints; those without any go a turn beyond where they are at start and home."""
+        return near_limits(self.model, np.stack([self.q_start, self.model.home]))
 
     def names(self, section: Section) -> Sequence[Names]:
         """The name of each solution of inverse kinematics at the start of a section; one for all if nothing is free."""
@@ -144,7 +142,7 @@ class BranchFinder:
         if move is None or move.home or not move.free:
             return ({},)
         # The words for what the move leaves free, or the numbers of solutions where these do not decide.
-        words = branch_words(self._model, self._problem.solutions(move.X_end).solutions)
+        words = branch_words(self.model, self.solutions(move.X_end).solutions)
         sensible = {name for found in words for name in found} & set(move.free)
         named = [{move.free[name]: word for name, word in found.items() if name in sensible} for found in words]
         return [
@@ -154,21 +152,21 @@ class BranchFinder:
 
     def branches(self, section: Section) -> list[Branch]:
         """The feasible branches of a section, free of contacts at the end of its joint move."""
-        problem, move, index = self._problem, section.move, section.first - 1
+        move, index = section.move, section.first - 1
         if move is None or move.home:
-            ends = (problem.q_start if move is None else self._model.home)[None]
+            ends = (self.q_start if move is None else self.model.home)[None]
         else:
-            found = problem.solutions(move.X_end)
-            ends = found.solutions[chosen_branches(self._model, found.solutions, move.branches)]
-            problem.out_of_reach |= not len(found.solutions)
+            found = self.solutions(move.X_end)
+            ends = found.solutions[chosen_branches(self.model, found.solutions, move.branches)]
+            self.out_of_reach |= not len(found.solutions)
             if not len(ends):
                 wanted = ", ".join(f"{name} {word}" for name, word in move.branches.items())
                 reason = found.reason or f"cannot be reached with {wanted}"
-                problem.note(index, f"{move.name} to `{move.to}`: {reason}")
+                self.note(index, f"{move.name} to `{move.to}`: {reason}")
         if move is not None and len(ends):
-            contacts = problem.scenes[index].check_all(ends)
+            contacts = self.scenes[index].check_all(ends)
             for contact in filter(None, contacts):
-                problem.note(index, f"{contact} at the end of {move.name}")
+                self.note(index, f"{contact} at the end of {move.name}")
             ends = ends[[contact is None for contact in contacts]]
         begun: list[_Begun] = [(q, ()) for q in ends]
         for k, primitive in enumerate(section.tied if len(ends) else (), section.first):
@@ -176,20 +174,20 @@ class BranchFinder:
             if not q:
                 break
             if primitive.curves:
-                moves = self._tool_moves(k, primitive, np.stack(q), self._model.turns & (not section.is_fixed))
+                moves = self._tool_moves(k, primitive, np.stack(q), self.model.turns & (not section.is_fixed))
             else:
                 moves = [Trajectory.standstill(at, primitive.hold) for at in q]
             begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
         for primitive in section.tied if len(ends) and not begun else ():
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
-                reached = problem.solutions(curve.X_end)
+                reached = self.solutions(curve.X_end)
                 if not len(reached.solutions):
-                    problem.note(len(problem.scenes), f"{primitive.name} to `{primitive.to}`: {reached.reason}")
+                    self.note(len(self.scenes), f"{primitive.name} to `{primitive.to}`: {reached.reason}")
         branches, names = list[Branch](), self.names(section)
         for (q0, trajectories), turns in zip(begun, self._turns(section, begun) if begun else (), strict=True):
             name = names[0]
             if len(names) > 1 and move is not None:
-                name = names[int((problem.solutions(move.X_end).solutions == q0).all(axis=1).argmax())]
+                name = names[int((self.solutions(move.X_end).solutions == q0).all(axis=1).argmax())]
             if len(turns):
                 branches.append(Branch(q0, trajectories, turns, name))
         return branches
@@ -224,10 +222,10 @@ class BranchFinder:
         A curve on which the tool only turns has no speed; the joints and the speed of turns alone limit it. may_turn:
         joints that whole turns may bring within their limits, shape (n,).
         """
-        followed = follow_within_limits(self._model, q, line, may_turn)
+        followed = follow_within_limits(self.model, q, line, may_turn)
         for path in followed:
             for reason in path.reasons if isinstance(path, Infeasible) else ():
-                self._problem.note(index, f"{primitive.name}: {reason}")
+                self.note(index, f"{primitive.name}: {reason}")
         paths = [path for path in followed if isinstance(path, JointPath)]
         # What the primitive's settings allow along the curve's parameter. A turn reaches its speed in 0.2 s, as the
         # limits of its acceleration and jerk say.
@@ -237,9 +235,9 @@ class BranchFinder:
         if speed is not None and turning > 0.0:
             limits.append(speed / turning * np.array([1.0, 10.0, 100.0]))
         if limits:
-            timed = time_paths(paths, self._limits, MotionLimits(*np.min(limits, axis=0)))
+            timed = time_paths(paths, self.limits, MotionLimits(*np.min(limits, axis=0)))
         elif turning:
-            timed = [time_path(path, self._limits) for path in paths]
+            timed = [time_path(path, self.limits) for path in paths]
         else:
             timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
         moves = iter(timed)
@@ -251,9 +249,9 @@ class BranchFinder:
         Only 0 where the section's end is given, and of joints that slide. A joint without limits goes at most one turn
         beyond where it is at the start and at home. Where there are none, the first limit that fails is recorded.
         """
-        bounds = self._problem.bounds
+        bounds = self.bounds
         fewest, most = whole_turns(*_passed(branches, bounds), *bounds)
-        still = ~self._model.turns | section.is_fixed
+        still = ~self.model.turns | section.is_fixed
         fewest[:, still], most[:, still] = np.maximum(fewest[:, still], 0.0), np.minimum(most[:, still], 0.0)
         turns: list[Array] = []
         for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
@@ -267,8 +265,8 @@ class BranchFinder:
             for k, (primitive, move) in enumerate(zip(section.tied, () if len(turns[-1]) else trajectories)):  # noqa: B905
                 one = len(primitive.curves) == 1
                 curve = primitive.curves[0] if one else tool_line(primitive.X_start, primitive.X_end)
-                if (reason := limit_reason(self._model, move.path, curve)) is not None:
-                    self._problem.note(section.first + k, f"{primitive.name}: {reason}")
+                if (reason := limit_reason(self.model, move.path, curve)) is not None:
+                    self.note(section.first + k, f"{primitive.name}: {reason}")
                     break
         return turns
 

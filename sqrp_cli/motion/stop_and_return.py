@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sqrp_cli.geometry import Array
@@ -62,16 +60,10 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     return Recovery(t, stopping.max(axis=1) + back)
 
 
-class ShortestStop(NamedTuple):
-    """How joints come to rest."""
+def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Array, Array]:
+    """The shortest time to rest from velocities and accelerations [s], and how far joints move meanwhile [rad or m].
 
-    duration: Array  # shortest time to rest [s], shape (m, n)
-    displacement: Array  # how far they move meanwhile [rad or m], shape (m, n)
-
-
-def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> ShortestStop:
-    """The shortest way to rest from velocities and accelerations, shape (m, n) each.
-
+    All have the shape (m, n).
     The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to
     zero. With signs such that p is positive, velocity u and acceleration b: p^2 / J - b^2 / 2J = -u.
     """
@@ -89,4 +81,4 @@ def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> Shortest
         + after_rise * hold + p * hold**2 / 2
         + after_hold * fall + p * fall**2 / 2 - J * fall**3 / 6
     )  # fmt: skip
-    return ShortestStop(rise + hold + fall, sign * moved)
+    return rise + hold + fall, sign * moved

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -178,7 +177,7 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
                 faster = rest_to_rest_duration(1.0, MotionLimits(*tried)) < shortest[going]
                 best[:, going[faster]] = tried[:, faster]
         many = [LEAST_SAMPLES + joined.coefficients[:, :, 0].size * more for more in MORE_SAMPLES]
-        excess = curves.ratios(_sampled(best, many).motion, np.arange(len(rows))).max(axis=2)
+        excess = curves.ratios(_sampled(best, many)[0], np.arange(len(rows))).max(axis=2)
         spare = (1.0 + STRETCH_MARGIN) ** _ORDERS
         stretches = (np.maximum(excess * spare, best / stated[:, None]) ** (1 / _ORDERS)).max(axis=0)
         for row, law, stretch in zip(rows.tolist(), best.T, stretches.tolist(), strict=True):
@@ -186,18 +185,12 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
     return [timed[row] for row in range(len(paths))]
 
 
-class _Sampled(NamedTuple):
-    """Laws of r rows at m instants, the same number in each phase."""
+def _sampled(limits: Array, counts: Sequence[int]) -> tuple[Array, Array, Array]:
+    """The laws that `rest_to_rest` makes under limits, shape (3, r), at `counts` instants in each of seven phases.
 
-    motion: Array
-    """The parameter and its first three derivatives, shape (4, r, m); at both ends of a phase as seen from within."""
-    speed: Array
-    acceleration: Array
-    """The highest of each law, shape (r,)."""
-
-
-def _sampled(limits: Array, counts: Sequence[int]) -> _Sampled:
-    """The laws that `rest_to_rest` makes under limits, shape (3, r), at `counts` instants in each of seven phases."""
+    The parameter and its first three derivatives at m instants, shape (4, r, m), at both ends of a phase as seen from
+    within; and the highest speed and acceleration of each law, shape (r,) each.
+    """
     v, a, j = limits
     ramp = _ramp(v, a, j)
     speed = np.where(v * ramp < 1.0, v, 2.0 / rest_to_rest_duration(1.0, MotionLimits(v, a, j)))
@@ -218,7 +211,7 @@ def _sampled(limits: Array, counts: Sequence[int]) -> _Sampled:
         )
         motion.append(np.stack(phase))
         s, ds, dds = (values[-1] for values in phase[:3])
-    return _Sampled(np.concatenate(motion, axis=1).swapaxes(1, 2), speed, acceleration)
+    return np.concatenate(motion, axis=1).swapaxes(1, 2), speed, acceleration
 
 
 def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *, ramps_alone: bool = False) -> Array:
@@ -231,8 +224,8 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
     few = [count * curves.pieces for count in FEW_SAMPLES]
     cruise = slice(sum(few[:3]), sum(few[:4]))
     for _ in range(rounds):
-        law = _sampled(limits, few)
-        ratios = curves.ratios(law.motion, rows)
+        law, fastest, steepest = _sampled(limits, few)
+        ratios = curves.ratios(law, rows)
         highest = ratios.max(axis=2)
         fitting = limits / (np.maximum(highest, limits / stated) ** (1 / _ORDERS)).max(axis=0) ** _ORDERS
         duration = rest_to_rest_duration(1.0, MotionLimits(*fitting))
@@ -241,9 +234,9 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
             softer = np.stack([*limits[:2], limits[2] / (highest ** [[2], [2], [1]]).max(axis=0)])
         else:
             speed = np.maximum(highest[0], (ratios[:, :, cruise].max(axis=2) ** (1 / _ORDERS)).max(axis=0))
-            reached = np.where(speed > 1.0, law.speed, limits[0])
+            reached = np.where(speed > 1.0, fastest, limits[0])
             ramps = np.delete(ratios, cruise, axis=2).max(axis=2)
-            softer = np.stack([reached / speed, law.acceleration / ramps[1], limits[2] / ramps[2]])
+            softer = np.stack([reached / speed, steepest / ramps[1], limits[2] / ramps[2]])
         limits = np.minimum(stated, softer)
     return best
 
@@ -267,7 +260,7 @@ class _Curves:
     def ratios(self, law: Array, rows: Indices) -> Array:
         """The largest ratio of a joint's velocity, acceleration and jerk to its limit, shape (3, r, m').
 
-        law: of each row, as `_Sampled.motion`, shape (4, r, m). rows: the path of each, shape (r,). At breaks of the
+        law: of each row, as of `_sampled`, shape (4, r, m). rows: the path of each, shape (r,). At breaks of the
         path, both sides are taken in addition.
         """
         inner = self._breaks[1:-1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import field
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -68,11 +67,6 @@ class ToolCurve:
         """The greater of the turn and the way about the axis [rad]; 0 for a line, which never comes back."""
         angle = float(np.linalg.norm(self.around))
         return max(angle, self.turning) if angle > 0.0 else 0.0
-
-    @property
-    def twist(self) -> Array:
-        """Velocity and angular velocity at the start, per unit of s, in world axes, shape (6,)."""
-        return np.concatenate([np.cross(self.around, self.arm) + self.along, self.turn])
 
     def poses(self, s: Array) -> Array:
         """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
@@ -179,9 +173,10 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
     moving: which joints may move, shape (n,); by default all.
     """
     # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
-    n, degree, s = q0.shape[1], FIRST_DEGREE, _interpolation(FIRST_DEGREE).s
+    n, degree, s = q0.shape[1], FIRST_DEGREE, _interpolation(FIRST_DEGREE)[0]
     J = model.tool_poses_and_jacobians(q0).J * (True if moving is None else moving)
-    tangents = least_steps(J, np.tile(line.twist, (len(q0), 1)))
+    twist = np.concatenate([np.cross(line.around, line.arm) + line.along, line.turn])  # per unit of s, at its start
+    tangents = least_steps(J, np.tile(twist, (len(q0), 1)))
     guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, n)
     reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)), moving)
     q = np.concatenate([q0[:, None], reached.reshape(len(q0), degree, -1)], axis=1)
@@ -281,18 +276,14 @@ def _meet(model: RobotModel, guesses: Array, X_WT: Array, moving: Mask | None) -
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
 
 
-class _Interpolation(NamedTuple):
-    """Polynomials of a degree on [0, 1]."""
-
-    s: Array  # the Chebyshev points, ends included, shape (degree + 1,)
-    between: Array  # those of twice the degree in between, shape (degree,)
-    fit: Array  # maps values at the points to the coefficients of the polynomial through them
-    refine: Array  # maps values at the points to those in between
-
-
 @cache
-def _interpolation(degree: int) -> _Interpolation:
+def _interpolation(degree: int) -> tuple[Array, Array, Array, Array]:
+    """For polynomials of a degree on [0, 1]: points, points between them, and two matrices.
+
+    The Chebyshev points, ends included, shape (degree + 1,); those of twice the degree in between, shape (degree,);
+    what maps values at the points to the polynomial's coefficients, and what maps them to values in between.
+    """
     s, finer = (0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count) for count in (degree, 2 * degree))
     fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * s - 1, degree)).astype(np.float64)
     between = finer[1::2]
-    return _Interpolation(s, between, fit, np.polynomial.chebyshev.chebvander(2 * between - 1, degree) @ fit)
+    return s, between, fit, np.polynomial.chebyshev.chebvander(2 * between - 1, degree) @ fit

@@ -15,7 +15,6 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.timing import STANDSTILL, MotionLimits, joint_move, time_path
-from sqrp_cli.records import dataclass
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory
 
 _CORNER = np.array([[-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128], [45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128]])
@@ -103,19 +102,12 @@ def _corner_curve(corner: Array, before: Array, after: Array, reach: float) -> A
     return coefficients
 
 
-@dataclass(frozen=True, eq=False)
-class WaySearch:
-    """The result of a search for a way around."""
-
-    trajectory: Trajectory | None  # the motion, None if none was found, which does not prove that there is none
-    tries: int  # straight pieces that the planner checked
-
-
 def find_way(
     scene: PlacedScene, q0: Array, q1: Array, bounds: JointSpan, limits: MotionLimits, tries: int, seed: int
-) -> WaySearch:
+) -> tuple[Trajectory | None, int]:
     """A motion from q0 to q1, shape (n,), from rest to rest, that keeps every clearance at all times.
 
+    With it the number of straight pieces that the planner checked; no motion does not prove that there is none.
     bounds: position limits of the joints. tries: most straight pieces that the planner may check. The result depends
     only on the arguments.
 
@@ -135,9 +127,9 @@ def find_way(
     corners = _plan_polyline(q0, q1, bounds, np.maximum(scene.bound.radii, LEAST_SCALE), free_in_time, seed)
     found_after = checks
     if corners is None:
-        return WaySearch(None, found_after)
+        return None, found_after
     trajectory = _fastest(scene, _shortened(corners, limits.velocity, is_free, seed), limits)
-    return WaySearch(trajectory if scene.check_path(trajectory.path) is None else None, found_after)
+    return (trajectory if scene.check_path(trajectory.path) is None else None), found_after
 
 
 def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array], bool], seed: int) -> Array:

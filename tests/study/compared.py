@@ -67,9 +67,11 @@ class Compared:
         direct, cell = self.direct, self.cell
         others: dict[int, Trajectory] = {}
         for space in move_searches(cell, direct, self.candidate.open_paths, np.inf):
-            found = find_way_around(space.scene, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed)
-            if found.trajectory is not None:
-                others[space.move.primitive] = found.trajectory
+            trajectory, _ = find_way_around(
+                space.scene, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed
+            )
+            if trajectory is not None:
+                others[space.move.primitive] = trajectory
         motion = with_trajectories(cell, direct, others)
         scene = planned_motion(cell, direct.candidate, direct.world, motion)
         return observed(cell, scene, Adaptive(), full=False)
