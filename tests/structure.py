@@ -35,7 +35,7 @@ ROOMS = {
     "logic": ("logic", 2_419),
     "skill, program": ("skill program", 1_884),
     "task": ("task", 1_048),
-    "motion": ("motion", 2_838),
+    "motion": ("motion", 2_795),
     "sight": ("kernel sight", 1_515),
     "study": ("study", 4_439),
     "search": ("search", 4_566),
