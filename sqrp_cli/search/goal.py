@@ -7,7 +7,7 @@ from math import degrees, inf
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.document import Record
-from sqrp_cli.errors import InputError, bad_option, expected_names
+from sqrp_cli.errors import bad_option, expected_names
 from sqrp_cli.figures import Qualities, falls_short
 from sqrp_cli.files.units import SHARE, TIME, read_quantity
 from sqrp_cli.records import dataclass
@@ -84,8 +84,8 @@ class Goal(Record):
     """Longest time until a fault is noticed [s]."""
 
     def __str__(self) -> str:
-        parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value in self._stated(QUALITIES)]
-        return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value in self._stated(TIMES))])
+        parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value, _ in self._stated(QUALITIES)]
+        return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value, _ in self._stated(TIMES))])
 
     @property
     def only_events(self) -> bool:
@@ -96,21 +96,19 @@ class Goal(Record):
     def thresholds(self) -> dict[str, float]:
         """The same as thresholds of a task in a workspace."""
         keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
-        return {keys[name]: value for name, value in self._stated(NAMES)}
+        return {keys[name]: value for name, value, _ in self._stated(NAMES)}
 
     def missed(self, found: CandidateResult) -> tuple[str, ...]:
         """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
         if not found.feasible:
             return (f"it cannot be done: {found.reasons[0]}",)
         missed = []
-        for name, least in self._stated(QUALITIES):
-            quality = figure(found, name)
+        for name, least, quality in self._stated(QUALITIES, found):
             if quality is None:
                 missed.append(f"{SHOWN[name]} is undefined")
             elif falls_short(quality, least):
                 missed.append(f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %")
-        for name, most in self._stated(TIMES):
-            time = figure(found, name)
+        for name, most, time in self._stated(TIMES, found):
             if time == inf:
                 share = f"{100 * (found.unseen or 0.0):.3g} % of cases"
                 missed.append(f"a fault may never be noticed ({share}), not after {most:.4g} s")
@@ -124,34 +122,28 @@ class Goal(Record):
 
     def may_be_met(self, seen: Qualities) -> bool:
         """Whether qualities meet it; nothing is known of times yet."""
-        pairs = ((getattr(seen, name), least) for name, least in self._stated(QUALITIES))
-        return not any(quality is None or falls_short(quality, least) for quality, least in pairs)
+        known = self._stated(QUALITIES, seen)
+        return not any(quality is None or falls_short(quality, least) for _, least, quality in known)
 
     def shortfall(self, found: CandidateResult | None) -> float:
         """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
         if found is None or not found.feasible:
-            return float("inf")
-        missing = 0.0
-        for name, least in self._stated(QUALITIES):
-            missing += max(0.0, least - (figure(found, name) or 0.0))
-        for name, most in self._stated(TIMES):
-            missing += max(0.0, min(figure(found, name) or 0.0, most * _NEVER) / most - 1.0)
-        if self.delay is not None:
-            missing += found.unseen or 0.0
-        return missing
+            return inf
+        missing = sum(max(0.0, least - (quality or 0.0)) for _, least, quality in self._stated(QUALITIES, found))
+        times = self._stated(TIMES, found)
+        missing += sum(max(0.0, min(time or 0.0, most * _NEVER) / most - 1.0) for _, most, time in times)
+        return missing + (0.0 if self.delay is None else found.unseen or 0.0)
 
     def is_nearer(self, found: CandidateResult | None, start: CandidateResult) -> bool:
         """Whether a candidate misses it by less than another one, so that the figures show it."""
         shown = found is not None and self.missed(found) != self.missed(start)
         return shown and self.shortfall(found) < self.shortfall(start)
 
-    def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-        yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)
-
-
-def figure(found: CandidateResult, name: str) -> float | None:
-    """The figure of a candidate that a wish calls `name`; a delay is infinite where a fault may never be noticed."""
-    return found.latest if name == "delay" else getattr(found, name)
+    def _stated(self, names: tuple[str, ...], found: object = None) -> Iterator[tuple[str, float, float | None]]:
+        """Its parts that are stated: name, value, and figure of a candidate; a delay is infinite if it may be never."""
+        for name in names:
+            if (value := getattr(self, name)) is not None:
+                yield name, value, getattr(found, "latest" if name == "delay" else name, None)
 
 
 def read_goal(text: str) -> Goal:
@@ -161,21 +153,23 @@ def read_goal(text: str) -> Goal:
     """
     found: dict[str, float] = {}
     for part in text.split(","):
-        name, _, value = part.strip().replace("=", " ").partition(" ")
-        if name.lower() not in NAMES:
-            raise _refused(text, expected_names(name, NAMES) if name else "one part is empty")
-        dimension = SHARE if name.lower() in QUALITIES else TIME
-        quantity = read_quantity(value.strip())
-        if quantity is None or quantity.dimension not in (None, dimension) or quantity.value < 0:
+        named, _, value = part.strip().replace("=", " ").partition(" ")
+        name, why = named.lower(), ""
+        dimension, quantity = SHARE if name in QUALITIES else TIME, read_quantity(value.strip())
+        if name not in NAMES:
+            why = expected_names(named, NAMES) if named else "one part is empty"
+        elif quantity is None or quantity.dimension not in (None, dimension) or quantity.value < 0:
             example = "100 %" if dimension is SHARE else "20 s"
-            raise _refused(text, f"expected {dimension.name} after `{name}`, such as `{name} {example}`")
-        if dimension is SHARE and quantity.value > 1:
-            raise _refused(text, f"`{name}` is at most 100 %, which is 1 without a unit")
-        if dimension is TIME and quantity.value == 0:
-            raise _refused(text, f"`{name}` takes more than 0 s")
-        if name.lower() in found:
-            raise _refused(text, f"`{name}` is wished for twice")
-        found[name.lower()] = quantity.value
+            why = f"expected {dimension.name} after `{named}`, such as `{named} {example}`"
+        elif dimension is SHARE and quantity.value > 1:
+            why = f"`{named}` is at most 100 %, which is 1 without a unit"
+        elif dimension is TIME and quantity.value == 0:
+            why = f"`{named}` takes more than 0 s"
+        elif name in found:
+            why = f"`{named}` is wished for twice"
+        if why or quantity is None:
+            raise bad_option(f"the wish is `{text}`: {why}", mend='write parts such as "q_eoi 100 %, time 20 s"')
+        found[name] = quantity.value
     return Goal(**found)
 
 
@@ -183,10 +177,5 @@ def goal_of(expected: ExpectedTask | None) -> Goal:
     """The thresholds of a task that a workspace lists; Q_eoi 100 % where there are none."""
     if expected is None:
         return Goal(q_eoi=1.0)
-    wish = Goal(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
-    return wish if str(wish) else Goal(q_eoi=1.0)
-
-
-def _refused(text: str, why: str) -> InputError:
-    mend = 'write parts such as "q_eoi 100 %, time 20 s"'
-    return bad_option(f"the wish is `{text}`: {why}", mend=mend)
+    stated = Goal(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
+    return stated if str(stated) else Goal(q_eoi=1.0)

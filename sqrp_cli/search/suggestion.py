@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import NO_FIGURES
+from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
@@ -41,9 +42,8 @@ class SuggestedStep:
     """Of its best candidate, or of the first if none is feasible."""
 
     @classmethod
-    def of(cls, assessment: CandidateResult, world: World) -> SuggestedStep:
-        """The step of a candidate assessed in a world."""
-        candidate = assessment.candidate
+    def of(cls, candidate: Candidate, world: World | None, assessment: CandidateResult | None) -> SuggestedStep:
+        """The step of a candidate, assessed in a world."""
         action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
         return cls(candidate.task, str(action), world, assessment)
 
@@ -101,10 +101,7 @@ class Suggester:
         candidates: how many will be asked about; of more than `MOST_WITH_FIGURES`, it is only asked whether they can
         be done, after steps in their ways with `--ways fastest`.
         """
-        self.cell = cell
-        self.world = world
-        self.jobs = jobs
-        self._planner = planner
+        self.cell, self.world, self.jobs, self._planner = cell, world, jobs, planner
         self._wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
@@ -113,20 +110,20 @@ class Suggester:
     def in_best_way(self, suggestions: Sequence[Suggestion]) -> Suggestion | None:
         """Of suggestions that can be done the one whose last step ranks first, each of its steps in its best way."""
         if self._wanted.fastest:  # the first of each plan first
-            of_plan: Counter[object] = Counter()
-            ordered = []
+            of_plan = Counter[object]()
+            numbers = []
             for suggestion in suggestions:
                 plan = tuple(step.action for step in suggestion.steps or ())
-                ordered.append((of_plan[plan], suggestion))
+                numbers.append(of_plan[plan])
                 of_plan[plan] += 1
-            ordered.sort(key=lambda pair: pair[0])
-            suggestions = [suggestion for _, suggestion in ordered[:MOST_WITH_FIGURES]]
+            order = sorted(range(len(suggestions)), key=numbers.__getitem__)
+            suggestions = [suggestions[number] for number in order[:MOST_WITH_FIGURES]]
         figures = []
         for step in (suggestion.last for suggestion in suggestions):
             if step is not None and step.assessment is not None and step.world is not None:
-                assignment = RankJob(cell=self.cell, world=step.world, wanted=self._wanted)
+                job = RankJob(cell=self.cell, world=step.world, wanted=self._wanted)
                 known = step.assessment
-                figures.append(assignment.assess(known.candidate) if self._wanted.fastest else known)
+                figures.append(job.assess(known.candidate) if self._wanted.fastest else known)
         if not figures:
             return None
         first = rank(figures, "q_eoi")[0].candidate
@@ -156,10 +153,9 @@ class Suggester:
                     assessment = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
                 elif world is not None:
                     assessment = RankJob(cell=self.cell, world=world).assess(candidate)
-                action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
-                last = SuggestedStep(candidate.task, str(action), world, assessment)
-                listed = ", then ".join(map(str, steps))
-                return Suggestion("plan", f"first do {listed}", tuple(step for step, _ in done), last)
+                first = f"first do {', then '.join(map(str, steps))}"
+                last = SuggestedStep.of(candidate, world, assessment)
+                return Suggestion("plan", first, tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
                 return Suggestion("impossible", f"no sequence of this workspace's skills can establish {parts}")
@@ -171,14 +167,14 @@ class Suggester:
         """The last of several steps, in its best way in the world after those before it, and the world after it."""
         if steps not in self._done:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
-            workspace, step = self.cell.workspace, steps[-1]
-            candidates = read_task(_text(step, workspace), workspace).candidates
+            candidates = read_task(_text(steps[-1], self.cell.workspace), self.cell.workspace).candidates
             if world is None:
-                self._done[steps] = SuggestedStep(candidates[0].task, str(step), None, None), None
+                self._done[steps] = SuggestedStep.of(candidates[0], None, None), None
             else:
-                assignment = RankJob(cell=self.cell, world=world, wanted=self._wanted)
-                best = rank(tuple(assess_all(assignment, candidates, self.jobs)), "q_eoi")[0]
-                self._done[steps] = SuggestedStep.of(best, world), world_left(self.cell, best, world)
+                job = RankJob(cell=self.cell, world=world, wanted=self._wanted)
+                best = rank(tuple(assess_all(job, candidates, self.jobs)), "q_eoi")[0]
+                step = SuggestedStep.of(best.candidate, world, best)
+                self._done[steps] = step, world_left(self.cell, best, world)
         return self._done[steps]
 
 
@@ -238,30 +234,15 @@ class Feasibility:
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
-    if candidate.steps:
-        # Check a candidate of several steps, each in its way with `--ways fastest` after those before.
-        wanted = WantedWay(fastest=True)
-        found = RankJob(cell=suggester.cell, world=suggester.world, wanted=wanted).assess(first_grip(candidate))
-        return Feasibility(
-            candidate=candidate,
-            feasible=found.feasible,
-            reasons=found.reasons,
-            time=found.time,
-            suggestion=Suggestion("satisfied", ""),
-            remarks=found.remarks,
-        )
-    suggestion = suggester.suggest(candidate)
-    motion = some_motion(suggester.cell, candidate, suggester.world)
-    if isinstance(motion, Infeasible):
-        return Feasibility(candidate=candidate, feasible=False, reasons=motion.reasons, suggestion=suggestion)
-    return Feasibility(
-        candidate=candidate,
-        feasible=True,
-        time=motion.time,
-        suggestion=suggestion,
-        remarks=motion.remarks,
-        outside=formulas_outside(candidate, motion),
-    )
+    if candidate.steps:  # each in its way with `--ways fastest` after those before
+        job = RankJob(cell=suggester.cell, world=suggester.world, wanted=WantedWay(fastest=True))
+        found = job.assess(first_grip(candidate))
+        return from_fields(Feasibility, found, candidate=candidate, suggestion=Suggestion("satisfied", ""), outside=())
+    suggestion, motion = suggester.suggest(candidate), some_motion(suggester.cell, candidate, suggester.world)
+    feasible = not isinstance(motion, Infeasible)
+    outside = () if isinstance(motion, Infeasible) else formulas_outside(candidate, motion)
+    about: dict[str, Any] = {"candidate": candidate, "feasible": feasible, "suggestion": suggestion}
+    return from_fields(Feasibility, motion, **about, outside=outside)
 
 
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
@@ -271,13 +252,10 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     """
     now = [feasibility.candidate for feasibility in found if feasibility.feasible]
     if now:
-        assignment = RankJob(cell=suggester.cell, world=suggester.world)
-        best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0]
-        done = assignment.steps_done(best.candidate)
-        return tuple(SuggestedStep.of(one.assessment, one.before) for one in done) or (
-            SuggestedStep.of(best, suggester.world),
-        )
-    later = [feasibility.suggestion for feasibility in found if feasibility.suggestion.feasible]
-    chosen = suggester.in_best_way(later)
+        job = RankJob(cell=suggester.cell, world=suggester.world)
+        best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
+        done = [(step.before, step.assessment) for step in job.steps_done(best.candidate)]
+        return tuple(SuggestedStep.of(one.candidate, world, one) for world, one in done or [(suggester.world, best)])
+    chosen = suggester.in_best_way([one.suggestion for one in found if one.suggestion.feasible])
     steps = () if chosen is None else (*(chosen.steps or ()), chosen.last)
     return tuple(step for step in steps if step is not None)
