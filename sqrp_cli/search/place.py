@@ -44,7 +44,6 @@ from sqrp_cli.study.result import CandidateResult
 
 ROUNDS, ROUNDS_ASIDE = 200, 12  # most times that cameras are chosen: for the question, and to say what others would do
 _SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
-Pair = tuple[float | None, float | None]  # Q_eoi and Q_avg of a way, in 0..1; None where undefined
 _FINEST = 0.005  # moves are not tried in smaller steps than this [m]; aims not in less than a degree
 
 _HALVINGS = 4  # how often the step is halved, at most
@@ -104,13 +103,11 @@ class CameraPlacer:
             why = "no candidate can be done" + (" in that time" if table.too_slow else "")
             return self._document(None, met=False, reason=why)
         table.judge()
-        self._until = monotonic() + self._seconds
-        goal = wanted.goal
+        self._until, goal = monotonic() + self._seconds, wanted.goal
         if goal is not None and goal.delay is not None and any(way.scene.faults for way in table.ways):
-            kept = [table.options[option].lens.response for option in table.kept]
-            quickest = min([lens.response for lens in self.question.mounts.lenses] + kept, default=0.0)
-            if goal.delay < quickest - 1e-9:  # a frame and the latency alone take longer
-                return self._closest()
+            lenses = [*self.question.mounts.lenses, *(table.options[option].lens for option in table.kept)]
+            if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
+                return self._closest()  # a frame and the latency alone take longer
         found = self._search(wanted)
         best_in_all = (
             found.selection is not None
@@ -338,8 +335,7 @@ class CameraPlacer:
         everyone, placed = (*selection.options, *table.kept), []
         whole = (not wanted.failure_tolerance and result.value) or quality(*everyone)
         for option, name in zip(selection.options, names, strict=False):
-            rest = (one for one in everyone if one != option)
-            loss = max(0.0, whole - quality(*rest))
+            loss = max(0.0, whole - quality(*(one for one in everyone if one != option)))
             placed.append(CameraPlaced.at(table.options[option], name, alone=quality(option), loss=loss))
         return tuple(placed)
 
@@ -355,23 +351,19 @@ class CameraPlacer:
 
         They are where the quality that counts first is greater, and each candidate that met the goal meets it still.
         """
-        table, wanted, goal = self.table, self.question.requirements, result.requirements.goal
-        average = replace(wanted, objective="mean")
-
-        def value(pairs: Sequence[Pair]) -> tuple[float, float]:
-            return wanted.value(pairs, table.weights), average.value(pairs, table.weights)
-
-        moved = []
-        found = refined(table, [placed.place for placed in cameras], selection.ways, value)
+        table, goal, moved = self.table, result.requirements.goal, []
+        found = refined(table, [placed.place for placed in cameras], selection.ways)
         for placed, to in zip(cameras, found, strict=True):
             distance = float(np.linalg.norm(to.spot.position - placed.place.spot.position))
-            about: dict[str, Any] = {"mount": placed.mount, "alone": placed.alone, "loss": placed.loss}
-            moved.append(CameraPlaced.at(to, placed.name, **about, moved=distance))
-        there = [*(placed.camera for placed in moved), *stay]
-        better = table.with_delays(there, table.watched(there, selection.ways))
+            there = CameraPlaced.at(to, placed.name, alone=placed.alone, loss=placed.loss)
+            moved.append(replace(there, mount=placed.mount, moved=distance))
+        all_cameras = [*(placed.camera for placed in moved), *stay]
+        better = table.with_delays(all_cameras, table.watched(all_cameras, selection.ways))
         before, after = ([study.assessment("") for study in some] for some in (studies, better))
         kept = goal is None or all(goal.met(new) or not goal.met(old) for old, new in zip(before, after, strict=True))
-        gained = self._value(wanted, after) > self._value(wanted, before) + 2 * ROUNDED
+        gained = self._value(self.question.requirements, after) > (
+            self._value(self.question.requirements, before) + 2 * ROUNDED
+        )
         return (tuple(moved), better) if kept and gained else (cameras, studies)
 
     def _judged(
@@ -415,46 +407,40 @@ def _candidate(way: JudgedWay, found: CandidateResult, ranked: CandidateResult |
     return from_fields(PlacedCandidate, found, task=way.task, candidate=name, ranked=other, found=found)
 
 
-def refined(
-    table: VisibilityTable,
-    places: Sequence[Installation],
-    numbers: Sequence[int],
-    value: Callable[[Sequence[Pair]], tuple[float, float]],
-) -> tuple[Installation, ...]:
+def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Sequence[int]) -> tuple[Installation, ...]:
     """The cameras, each moved and turned as long as what they see at the samples is worth more.
 
-    numbers: of the ways. value: what Q_eoi and Q_avg of each way are worth, what counts first before the rest. Cameras
-    that stay see with them; none touches or hides another one, and none of those.
+    numbers: of the ways. Cameras that stay see with them; none touches or hides another one, and none of those.
     """
-    cell, ways = table.question.cell, [table.ways[number] for number in numbers]
+    cell, ways, wanted = table.question.cell, [table.ways[number] for number in numbers], table.question.requirements
     best = [*places, *(table.options[option] for option in table.kept)]
     seen = [[verdicts_of(cell, way, [place])[0] for way in ways] for place in places]
     seen += [[table.sees[number][option] for number in numbers] for option in table.kept]
 
-    def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, float]:
-        pairs: list[Pair] = []
+    def worth(each: Sequence[Sequence[Mask]]) -> tuple[float, ...]:
+        """The quality that counts first, then the mean, of what each camera sees of each way."""
+        pairs: list[tuple[float | None, float | None]] = []
         for number, way in enumerate(ways):
-            scene, sample, state = way.scene, way.items[0], np.any(way.required, axis=1)
+            scene, (sample, _), state = way.scene, way.items, np.any(way.required, axis=1)
             covered = sum(of_camera[number].astype(np.int64) for of_camera in each) >= way.needed
             state[sample[~covered]] = False
             steps = np.where(state[1:] & state[:-1], way.samples.steps, 0.0)
-            interesting = steps[scene.stage.of_interest(way.samples)[:-1]]
-            parts = ((interesting, scene.T_eoi), (steps, scene.T))
+            parts = ((steps[scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (steps, scene.T))
             q_eoi, q_avg = (float(part.sum() / total) if total > 0 else None for part, total in parts)
             pairs.append((q_eoi, q_avg))
-        first, rest = value(pairs)
-        return round(first, 6), round(rest, 6)
-
-    def is_clear(place: Installation, rest: Sequence[Installation]) -> bool:
-        spot = place.spot
-        apart = not any(True for other in rest for _ in touching_pairs([spot, other.spot]))
-        return apart and not any(blocked(cell, way.swept, [spot])[0] for way in ways)
+        each_objective = (wanted, replace(wanted, objective="mean"))
+        return tuple(round(one.value(pairs, table.weights), 6) for one in each_objective)
 
     present = worth(seen)
     for halving in range(1, _HALVINGS + 1):
         for number, place in enumerate(best[: len(places)]):
-            rest = best[:number] + best[number + 1 :]
-            tried = [one for one in _around(place, 0.5**halving) if is_clear(one, rest)]
+            rest = [other.spot for other in (*best[:number], *best[number + 1 :])]
+            tried = [
+                one
+                for one in _around(place, 0.5**halving)
+                if not any(True for other in rest for _ in touching_pairs([one.spot, other]))
+                and not any(blocked(cell, way.swept, [one.spot])[0] for way in ways)
+            ]
             if present >= (1.0, 1.0) or not tried:
                 continue
             each = list(zip(*(verdicts_of(cell, way, tried) for way in ways), strict=True))

@@ -54,19 +54,17 @@ class CameraPlaced(Record):
     camera: Camera = live()
 
     @classmethod
-    def at(
-        cls, place: Installation, name: str, *, alone: float, loss: float, mount: str = "", moved: float = 0.0
-    ) -> CameraPlaced:
-        """The camera of an installation; for the others see the fields. mount: by default the place's own."""
+    def at(cls, place: Installation, name: str, *, alone: float, loss: float) -> CameraPlaced:
+        """The camera of an installation; for the others see the fields."""
         at, camera = place.at, place.camera(name)
         return cls(
             name=name,
-            mount=mount or place.spot.name,
+            mount=place.spot.name,
             lens=place.lens.name,
             pose=camera.X_FC.tolist(),
             frame=camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
-            moved=moved,
+            moved=0.0,
             price=place.price,
             alone=alone,
             loss=loss,
@@ -299,15 +297,11 @@ class PlaceDocument(WorkspaceDocument):
     @property
     def other_ways(self) -> str:
         """Which candidates `rank` does in another way in the patched workspace, with other figures; empty if none."""
-
-        def shown(quality: float | None) -> str:
-            return "-" if quality is None else f"{100 * quality:.1f} %"
-
-        others = [
-            f"{one.candidate} (Q_eoi {shown(one.ranked.q_eoi)}, Q_avg {shown(one.ranked.q_avg)})"
-            for one in self.candidates
-            if one.ranked is not None
-        ]
+        others = []
+        for one in (one for one in self.candidates if one.ranked is not None):
+            pair = (getattr(one.ranked, name) for name in ("q_eoi", "q_avg"))
+            q_eoi, q_avg = ("-" if quality is None else f"{100 * quality:.1f} %" for quality in pair)
+            others.append(f"{one.candidate} (Q_eoi {q_eoi}, Q_avg {q_avg})")
         return f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else ""
 
     @property

@@ -73,20 +73,17 @@ class VisibilityTable:
         self.options, self.kept = list[Installation](), list[int]()
         """Every pose at every site with every lens that fits, and which of these, by index, are cameras that stay."""
         self.site: Indices = np.zeros(0, dtype=np.int64)  # of each option, by index, shape (options,)
-        self.ways: list[JudgedWay] = []
-        self.plans = Plans()  # all ways of the candidates
-        self.candidates: list[tuple[int, ...]] = []  # of each candidate, which of the ways are its own
-        self.infeasible: list[tuple[str, CandidateResult]] = []
-        self.others: list[list[PlannedMotion]] = []
-        """Of each candidate, ways that are looked at only where they may be better."""
-        self.too_slow = False  # whether no camera helps, because a candidate takes longer than is wished for
-        self.sees: list[Mask] = []  # of each way, which options see which items, shape (options, items)
         self.beside: dict[int, str] = {}  # sites where a camera would touch one that stays, with its name
-        self.late = set[Late]()  # choices that are known to miss the wished delay
-        self._shut: list[Mask] = []  # of each way, at which sites a camera would touch something
-        self._least_delays: list[Array] = []
-        """Of each way, how long the longest delay of a fault is at least with each option [s]."""
-        self._hiding = set[Hiding]()  # which cameras of choices that were found hide something that another one sees
+        self.plans, self.ways = Plans(), list[JudgedWay]()  # all ways of the candidates; those to choose from
+        self.candidates, self.others = list[tuple[int, ...]](), list[list[PlannedMotion]]()
+        """Of each candidate: which of the ways are its own, and ways that are looked at only if they may be better."""
+        self.infeasible = list[tuple[str, CandidateResult]]()
+        self.too_slow = False  # whether no camera helps, because a candidate takes longer than is wished for
+        self.sees, self._shut, self._least_delays = list[Mask](), list[Mask](), list[Array]()
+        """Of each way: which options see which items, shape (options, items); at which sites a camera would touch
+        something; and how long the longest delay of a fault is at least with each option [s]."""
+        self.late, self._hiding = set[Late](), set[Hiding]()
+        """Choices that are known to miss the wished delay, or in which a camera hides what another one sees."""
 
     def plan(self) -> None:
         """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
