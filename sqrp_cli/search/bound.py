@@ -48,9 +48,10 @@ class CameraBound:
         self.samples = tuple(samples)
         self.targets = tuple(target for step in steps for target in step.targets)
         self.states = states_of([step.stage for step in steps], samples)
-        self._goal, self._qualities, self._faults = goal, list[tuple[float, float, Array]](), list[_FaultRows]()
+        self._faults = list[tuple[Indices, Array, Mask]]()
+        """Of each: the r samples in which it may happen, their times (r,) [s], and those that tell nothing, (r,)."""
         lost, rows, columns = [], [], []
-        monitored, interesting = [np.zeros(0)], [np.zeros(0)]
+        interesting, monitored = [np.zeros(0)], [np.zeros(0)]
         row = column = 0
         for step, some in zip(steps, samples, strict=True):
             required = step.stage.requires(step.targets, some)
@@ -72,16 +73,17 @@ class CameraBound:
                     self._faults.append((at + row, some.t[at], unknown))
             row, column = row + len(some), column + len(step.targets)
         self._hopeless, self._row, self._target = map(np.concatenate, (lost, rows, columns))
-        for least, name, weights in ((goal.q_eoi, "T_eoi", interesting), (goal.q_avg, "T", monitored)):
-            if least is not None:
-                whole = sum(getattr(step.timeline, name) for step in steps)
-                self._qualities.append((least, whole, np.concatenate(weights)[:-1]))
-        decisive = np.zeros(row, dtype=bool)  # of these samples every one counts
+        parts = ((goal.q_eoi, "T_eoi", interesting), (goal.q_avg, "T", monitored))
+        self._qualities = [
+            (least, sum(getattr(step.timeline, name) for step in steps), np.concatenate(weights)[:-1])
+            for least, name, weights in parts
+            if least is not None
+        ]
+        self._decisive = np.zeros(row, dtype=bool)  # of these samples every one counts
         for least, _, weight in self._qualities:
             if least >= 1.0:
-                decisive[1:] |= weight > 0
-                decisive[:-1] |= weight > 0
-        self._decisive = decisive
+                self._decisive[1:] |= weight > 0
+                self._decisive[:-1] |= weight > 0
         spread = np.argsort(np.arange(len(self._row)) * 0.618 % 1.0, kind="stable")  # so that early ones are all over
         self._row, self._target = self._row[spread], self._target[spread]
 
@@ -97,9 +99,8 @@ class CameraBound:
             pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
             added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
             joined.append(samples.joined(added, samples.merge_order(added)))
-        if sum(map(len, joined)) == len(self._hopeless):
-            return self
-        return CameraBound(cell, steps, goal, camera, index, joined)
+        same = sum(map(len, joined)) == len(self._hopeless)
+        return self if same else CameraBound(cell, steps, goal, camera, index, joined)
 
     @property
     def corners(self) -> Array:
@@ -127,22 +128,21 @@ class CameraBound:
 
     def quality(self, lenses: Sequence[Camera], X_FC: Array) -> Array:
         """The share of the samples that are covered, to compare what does not pass; shapes as in `passes`."""
-        shares: Array = self._covered(lenses, X_FC, all_items=True).mean(axis=1)
+        shares: Array = self._covered(lenses, X_FC, every=True).mean(axis=1)
         return shares
 
     def _covered(
-        self, lenses: Sequence[Camera], X_FC: Array, *, limits_only: bool = False, all_items: bool = False
+        self, lenses: Sequence[Camera], X_FC: Array, *, limits_only: bool = False, every: bool = False
     ) -> Mask:
         """Whether each sample is covered with each lens at each pose, shape (l p, m).
 
-        A pose is given up at the first decisive sample that it does not cover, unless `all_items`.
+        A pose is given up at the first decisive sample that it does not cover, unless `every` is looked at.
         """
-        decisive = None if all_items else self._decisive[self._row]
+        decisive = None if every else self._decisive[self._row]
         items = self.targets, self.states, self._row, self._target
         sees = self._about[0].observer.seen_from(lenses, X_FC, *items, decisive=decisive, limits_only=limits_only)
-        sees = sees.reshape(len(lenses) * len(X_FC), len(self._row))  # no column where the others see all
-        covered = np.tile(~self._hopeless, (len(sees), 1))
-        pose, item = np.nonzero(~sees)
+        covered = np.tile(~self._hopeless, (len(lenses) * len(X_FC), 1))
+        pose, item = np.nonzero(~sees.reshape(len(covered), len(self._row)))  # no column where the others see all
         covered[pose, self._row[item]] = False
         return covered
 
@@ -158,12 +158,8 @@ class CameraBound:
             seen = covered[:, at] | unknown
             begins = ~seen & np.pad(seen, ((0, 0), (1, 0)), constant_values=True)[:, :-1]
             since = np.maximum.accumulate(np.where(begins, t, -np.inf), axis=1)
-            good &= np.where(seen, 0.0, t - since).max(axis=1) <= (self._goal.delay or 0.0) + 1e-9
+            good &= np.where(seen, 0.0, t - since).max(axis=1) <= (self._about[2].delay or 0.0) + 1e-9
         return good
-
-
-_FaultRows = tuple[Indices, Array, Mask]
-"""The r samples in which a fault may happen, their times (r,) [s], and those that tell nothing about it, (r,)."""
 
 
 def _wanted(goal: Goal, step: Analysis, samples: Samples) -> Indices:

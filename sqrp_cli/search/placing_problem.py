@@ -219,55 +219,46 @@ def covered_way(
     item = np.full((len(samples), len(targets)), NEVER)
     item[way.items] = np.arange(len(way.needed))
     piece, t = samples.piece.tolist(), samples.t.tolist()
-    alone = np.flatnonzero(np.bincount(samples.piece)[samples.piece] == 1).tolist()
-    steps = [(n, n + 1) for n in np.flatnonzero(np.diff(samples.piece) == 0).tolist()]
-    spans = sorted([*steps, *((n, n) for n in alone)])
+    single = np.flatnonzero(np.bincount(samples.piece)[samples.piece] == 1).tolist()
+    spans = [(n, n + 1) for n in np.flatnonzero(np.diff(samples.piece) == 0).tolist()]
+    spans = sorted([*spans, *((n, n) for n in single)])
 
     def row(span: tuple[int, int], column: int, tier: float) -> int:
         first, last = item[span[0], column], item[span[1], column]
         return rows.number((sees[:, first] | sees[:, last]) & (responses <= tier), targets[column].cameras + spare)
 
     groups: dict[tuple[int, ...], tuple[float, float]] = {}
-    for span in spans:
-        columns = np.flatnonzero(item[span[0]] != NEVER).tolist()
-        if columns and t[span[1]] > t[span[0]]:
-            key = rows.hardest(row(span, column, np.inf) for column in columns)
-            step, (of_interest, seconds) = t[span[1]] - t[span[0]], groups.get(key, (0.0, 0.0))
-            groups[key] = of_interest + step * scene.stage.pieces[piece[span[0]]].of_interest, seconds + step
-    asked, watched = watched_faults(scene)
-    faults = []
+    for first, last in spans:
+        columns = np.flatnonzero(item[first] != NEVER).tolist()
+        if columns and t[last] > t[first]:
+            key = rows.hardest(row((first, last), column, np.inf) for column in columns)
+            step, (of_interest, seconds) = t[last] - t[first], groups.get(key, (0.0, 0.0))
+            groups[key] = of_interest + step * scene.stage.pieces[piece[first]].of_interest, seconds + step
+    begin, (asked, watched), faults = np.array([t[first] for first, _ in spans]), watched_faults(scene), []
     for fault in watched:
-        known = (
-            []
-            if is_lost_by_fingers(scene.stage, fault)
-            else [
-                targets.index(asked[columns[0]])
-                for columns in fault.columns
-                if len(columns) == 1 and asked[columns[0]] in targets
+        alone = [asked[columns[0]] for columns in fault.columns if len(columns) == 1]
+        known = [targets.index(one) for one in alone if one in targets and not is_lost_by_fingers(scene.stage, fault)]
+        for interval in fault.intervals:
+            late = [span for span in spans if t[span[1]] >= interval.start - 1e-12]
+            shown = [span for span in late if fault.counts_in(scene.stage.pieces[piece[span[0]]])]
+            needed = [
+                [
+                    rows.hardest(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
+                    for span in shown
+                ]
+                for tier in tiers
             ]
-        )
-        for stretch in fault.intervals:
-            told = [
-                span
-                for span in spans
-                if t[span[1]] >= stretch.start - 1e-12 and fault.counts_in(scene.stage.pieces[piece[span[0]]])
-            ]
-            begin = np.array([t[first] for first, _ in spans])
-
-            def needed(span: tuple[int, int], tier: float, known: Sequence[int] = known) -> tuple[int, ...] | None:
-                found = rows.hardest(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
-                return None if NEVER in found else found
-
+            inside = (begin > interval.start) & (begin < interval.end)
             faults.append(
                 FaultIntervals(
-                    first=np.unique(np.append(begin[(begin > stretch.start) & (begin < stretch.end)], stretch.start)),
-                    begin=np.array([t[first] for first, _ in told]),
-                    end=np.array([t[last] for _, last in told]),
-                    rows=tuple(tuple(needed(span, tier) for span in told) for tier in tiers),
+                    first=np.unique(np.append(begin[inside], interval.start)),
+                    begin=np.array([t[first] for first, _ in shown]),
+                    end=np.array([t[last] for _, last in shown]),
+                    rows=tuple(tuple(None if NEVER in one else one for one in of_tier) for of_tier in needed),
                 )
             )
-    kept = {rows: times for rows, times in groups.items() if NEVER not in rows}
-    return CoveredWay((scene.T_eoi, scene.T), kept, tuple(faults))
+    seen = {key: times for key, times in groups.items() if NEVER not in key}
+    return CoveredWay((scene.T_eoi, scene.T), seen, tuple(faults))
 
 
 def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> str:
