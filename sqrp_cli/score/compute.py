@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible, InputError, Problem
@@ -24,6 +24,9 @@ from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_study import whole_study
 from sqrp_cli.task.task import Candidate
+
+if TYPE_CHECKING:
+    from sqrp_cli.score.cluster import Cluster
 
 CELLS_KEPT = 4  # cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other
 COMPUTED_WITHIN = 3600.0  # a process that takes longer for a candidate [s] is taken for dead
@@ -44,38 +47,31 @@ class PackedWorkspace:
         return cls(workspace.digest, workspace.meshes, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """A piece of work about a candidate, as it travels to a process or a machine."""
 
     workspace: PackedWorkspace
     seed: int  # of what planning draws at random
     candidate: Candidate
-
-    def done_in(self, cell: Cell) -> str:
-        """The outcome, as text."""
-        raise NotImplementedError
+    work: Callable[[Cell, Candidate], str]  # gives the outcome, as text: a function of a module, or a part of one
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ScoreJob(Job):
-    """The figures of a candidate."""
+def score_candidate(cell: Cell, candidate: Candidate, sampling: Sampling, *, coverage: bool) -> str:
+    """The figures of a candidate: an `Outcome`, as text.
 
-    sampling: Sampling
-    coverage: bool  # whether its coverage is wanted besides; it is then a way, which leaves nothing free
+    coverage: whether its coverage is wanted besides; it is then a way, which leaves nothing free.
+    """
+    world = cell.initial_world
+    if not coverage:
+        return Outcome(RankJob(sampling, cell=cell, world=world).assess(candidate), None).to_text()
+    from sqrp_cli.study.blind_spans import coverage_of, coverage_of_steps
 
-    def done_in(self, cell: Cell) -> str:
-        """An `Outcome`, as text."""
-        world, candidate = cell.initial_world, self.candidate
-        if not self.coverage:
-            return Outcome(RankJob(self.sampling, cell=cell, world=world).assess(candidate), None).to_text()
-        from sqrp_cli.study.blind_spans import coverage_of, coverage_of_steps
-
-        found = whole_study(cell, candidate, world, self.sampling, full=True)
-        if isinstance(found, Infeasible):
-            return Outcome(CandidateResult.infeasible(candidate, found.reasons), None).to_text()
-        coverage = [coverage_of(cell, step) for step in found.steps]
-        return Outcome(found.assessment, coverage_of_steps(coverage) if candidate.steps else coverage[0]).to_text()
+    found = whole_study(cell, candidate, world, sampling, full=True)
+    if isinstance(found, Infeasible):
+        return Outcome(CandidateResult.infeasible(candidate, found.reasons), None).to_text()
+    each = [coverage_of(cell, step) for step in found.steps]
+    return Outcome(found.assessment, coverage_of_steps(each) if candidate.steps else each[0]).to_text()
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspace: workspace) -> Answer:
@@ -89,7 +85,7 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspac
             _cells.move_to_end(name)
             if len(_cells) > CELLS_KEPT:
                 _cells.popitem(last=False)
-            return job.done_in(_cells[name])
+            return job.work(_cells[name], job.candidate)
         except InputError as error:
             return error.problems
         except Exception as error:
@@ -100,20 +96,13 @@ _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cell has working memory of its own, and a cluster may run threads
 
 
-class Workers(Protocol):
-    """Those that do jobs elsewhere, as a `cluster.Cluster` does."""
-
-    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
-        """The answer to each job, by number, as they come; none of those that are not done once it is enough."""
-
-
 @dataclass(frozen=True)
 class Means:
     """How to compute, with which workers, and where to keep results."""
 
     sampling: Sampling
     jobs: int = 1  # processes of this machine
-    cluster: Workers | None = None  # computes instead of them
+    cluster: Cluster | None = None  # computes instead of them
     out: Path | None = None  # folder of the results; None: they are kept in memory only
     seed: int = 0  # of what planning draws at random
 
@@ -125,14 +114,19 @@ class Wanted:
     workspace: Workspace
     content: str  # digest of all in the workspace that they depend on, see `score.content_digest`
     candidate: Candidate
-    coverage: bool = False  # as in `ScoreJob`
+    coverage: bool = False  # as in `score_candidate`
 
 
 @contextmanager
 def open_computer(means: Means) -> Iterator[Computer]:
     """A computer with these means. Raises InputError for a folder that cannot be used."""
-    with closing(Results(means.out)) as results, closing(Computer(means, results)) as computer:
-        yield computer
+    with closing(Results(means.out)) as results:
+        computer = Computer(means, results)
+        try:
+            yield computer
+        finally:
+            if computer.pool is not None:
+                computer.pool.kill()
 
 
 class Computer:
@@ -142,10 +136,9 @@ class Computer:
     """
 
     def __init__(self, means: Means, results: Results) -> None:
-        self.sampling = means.sampling
+        self.sampling, self._means, self._results = means.sampling, means, results
         self.computed = self.failed = 0
-        self._means, self._results = means, results
-        self._pool: Pool[Job, Answer] | None = None
+        self.pool: Pool[Job, Answer] | None = None  # the processes, once there are any
         self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None]) -> None:
@@ -154,29 +147,28 @@ class Computer:
         At Ctrl-C what other processes are at is finished and kept, then KeyboardInterrupt is raised. Raises InputError
         if results cannot be kept.
         """
+        means = self._means
         missing = {self._key(one): one for one in wanted if self.outcome(one) is None and not self.why_not(one)}
-        packed = {id(one.workspace): one.workspace for one in missing.values()}
-        workspaces = {name: PackedWorkspace.of(workspace) for name, workspace in packed.items()}
+        workspaces = {id(one.workspace): one.workspace for one in missing.values()}
+        packed = {name: PackedWorkspace.of(workspace) for name, workspace in workspaces.items()}
         jobs = [
-            ScoreJob(
-                workspace=workspaces[id(one.workspace)],
-                seed=self._means.seed,
-                candidate=one.candidate,
-                sampling=self.sampling,
-                coverage=one.coverage,
+            Job(
+                packed[id(one.workspace)],
+                means.seed,
+                one.candidate,
+                partial(score_candidate, sampling=self.sampling, coverage=one.coverage),
             )
             for one in missing.values()
         ]
-        keys, cluster = list(missing), self._means.cluster
+        keys, alone = list(missing), means.cluster is None and means.jobs < 2
         advance(len(wanted) - len(missing))
-        alone = cluster is None and self._means.jobs < 2
         with nullcontext(lambda: False) if alone else interrupts_later(second_raises=True) as interrupted:
             for index, answer in self._answers(jobs, interrupted):
-                if isinstance(answer, str) and cluster is not None:
+                if isinstance(answer, str) and means.cluster is not None:
+                    name = (candidate := jobs[index].candidate).name
                     try:
-                        Outcome.from_text(answer, jobs[index].candidate)
+                        Outcome.from_text(answer, candidate)
                     except ValueError:
-                        name = jobs[index].candidate.name
                         why = f"a worker of the cluster answered for {name} with what is no result"
                         answer = (Problem("worker-died", why),)
                 if isinstance(answer, str):
@@ -194,15 +186,10 @@ class Computer:
         elif self._means.jobs < 2:
             yield from enumerate(map(run_job, jobs))
         elif jobs:
-            if self._pool is None:  # a job carries its workspace: a second one would wait in the pipe
-                self._pool = Pool(self._means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
-            for index, answer in self._pool.answers(jobs, lambda job: job.workspace.digest, interrupted):
+            if self.pool is None:  # a job carries its workspace: a second one would wait in the pipe
+                self.pool = Pool(self._means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
+            for index, answer in self.pool.answers(jobs, lambda job: job.workspace.digest, interrupted):
                 yield index, (died(jobs[index].candidate.name),) if isinstance(answer, Exception) else answer
-
-    def close(self) -> None:
-        """End the processes."""
-        if self._pool is not None:
-            self._pool.kill()
 
     def outcome(self, wanted: Wanted) -> Outcome | None:
         """The outcome of a candidate, if there is one; a damaged file is as good as none."""

@@ -65,13 +65,11 @@ _TAG = "@"  # key of what a JSON object stands for, where it is no mapping
 @cache
 def program_digest() -> str:
     """Digest of the code and the libraries that compute: results of different ones are never mixed."""
-    hashed = hashlib.sha256(__version__.encode())
-    hashed.update(code_digest(Path(str(resources.files("sqrp_cli")))).encode())
+    hashed = hashlib.sha256(f"{__version__}{code_digest(Path(str(resources.files('sqrp_cli'))))}".encode())
     for library in _LIBRARIES:
-        try:
+        version = "none"
+        with suppress(metadata.PackageNotFoundError):
             version = metadata.version(library)
-        except metadata.PackageNotFoundError:
-            version = "none"
         hashed.update(f"{library} {version}\n".encode())
     return hashed.hexdigest()
 
@@ -171,23 +169,21 @@ _hints = cache(get_type_hints)
 def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 # a value and a type of any kind
     """Whether a value is of a type, as fields of records state them."""
     of, kinds = get_origin(hint), get_args(hint)
-    if hint is Any or hint is None or hint is type(None):
+    if hint is Any or hint is None:
         return hint is Any or value is None
     if of in (Union, UnionType):
         return any(_fits(value, kind) for kind in kinds)
     if of is Literal:
         return value in kinds
-    if of is tuple and isinstance(value, tuple):
-        if kinds[1:] == (Ellipsis,):
-            return all(_fits(entry, kinds[0]) for entry in value)
-        return len(value) == len(kinds) and all(map(_fits, value, kinds))
-    if of is list:
-        return isinstance(value, list) and all(_fits(entry, kinds[0]) for entry in value)
-    if of is Mapping:
-        return isinstance(value, dict) and all(_fits(entry, kinds[1]) for entry in value.values())
-    if hint is float:
-        return isinstance(value, float | int) and not isinstance(value, bool)
-    return isinstance(value, of or hint) and (hint is bool or not isinstance(value, bool))
+    if of in (tuple, list, Mapping):
+        if not isinstance(value, dict if of is Mapping else of):
+            return False
+        if of is tuple and kinds[1:] != (Ellipsis,):
+            return len(value) == len(kinds) and all(map(_fits, value, kinds))
+        entries, kind = (value.values(), kinds[1]) if of is Mapping else (value, kinds[0])
+        return all(_fits(entry, kind) for entry in entries)
+    number = isinstance(value, float | int if hint is float else of or hint)
+    return number and (hint is bool or not isinstance(value, bool))
 
 
 COVERAGE: TypeAdapter[Coverage | None] = TypeAdapter(Coverage | None, config=ConfigDict(defer_build=True))

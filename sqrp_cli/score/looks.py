@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,49 +13,36 @@ from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.records import dataclass
-from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
+from sqrp_cli.score.cluster import Cluster
+from sqrp_cli.score.compute import Job, PackedWorkspace
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, verdicts_of
 from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
+from sqrp_cli.task.task import Candidate
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LookJob(Job):
-    """A batch of installations, for a worker that plans the same motion again."""
-
-    task: str
-    samples: Samples
-    places: Sequence[Installation]
-
-    def done_in(self, cell: Cell) -> str:
-        """What the installations see, as text."""
-        motion = feasible_motion(cell, self.candidate, cell.initial_world)
-        if isinstance(motion, Infeasible):
-            raise ValueError(f"{self.candidate.name} was feasible a moment ago")
-        scene = planned_motion(cell, self.candidate, cell.initial_world, motion)
-        way = replace(judged(cell, self.task, self.candidate, scene), samples=self.samples)
-        return as_line(verdicts_of(cell, way, self.places))
+def verdicts_as_text(
+    cell: Cell, candidate: Candidate, task: str, samples: Samples, places: Sequence[Installation]
+) -> str:
+    """What installations see of a way, for a worker that plans the same motion again."""
+    motion = feasible_motion(cell, candidate, cell.initial_world)
+    if isinstance(motion, Infeasible):
+        raise ValueError(f"{candidate.name} was feasible a moment ago")
+    scene = planned_motion(cell, candidate, cell.initial_world, motion)
+    way = replace(judged(cell, task, candidate, scene), samples=samples)
+    return as_line(verdicts_of(cell, way, places))
 
 
 def cluster_verdicts(
-    cluster: Workers, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
+    cluster: Cluster, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`. Raises InputError if a batch cannot be computed, or no worker is left."""
-    packed = PackedWorkspace.of(workspace)
-    jobs = [
-        LookJob(
-            workspace=packed,
-            seed=seed,
-            candidate=way.scene.candidate,
-            task=way.task,
-            samples=way.samples,
-            places=places,
-        )
-        for way, places in batches
-    ]
+    packed, jobs = PackedWorkspace.of(workspace), []
+    for way, places in batches:
+        work = partial(verdicts_as_text, task=way.task, samples=way.samples, places=places)
+        jobs.append(Job(packed, seed, way.scene.candidate, work))
     with interrupts_later(second_raises=True) as interrupted:
         for index, answer in cluster.answers(jobs, interrupted):
             if not isinstance(answer, str):
@@ -70,10 +58,9 @@ def kept_verdicts(
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
     missing: list[tuple[int, str]] = []
-    for number, batch in enumerate(batches):
-        judged_way, places = batch[0], list[object]()
-        way = judged_way.scene.candidate
-        for one in batch[1]:
+    for number, (judged_way, installations) in enumerate(batches):
+        way, samples, places = judged_way.scene.candidate, judged_way.samples, []
+        for one in installations:
             lens, own = one.lens, one.lens.intrinsics
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
@@ -81,10 +68,9 @@ def kept_verdicts(
             places.append([one.spot.frame, one.X_FC.tolist(), said])
         vias = {name: via.tolist() for name, via in way.vias.items()}
         motion = [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
-        samples = (judged_way.samples.piece.tolist(), judged_way.samples.t.tolist())
-        key = key_of("place", workspace.digest, seed, motion, *samples, places)
+        key = key_of("place", workspace.digest, seed, motion, samples.piece.tolist(), samples.t.tolist(), places)
         try:
-            yield number, _mask_in(results.get(key) or "", batch)
+            yield number, _mask_in(results.get(key) or "", batches[number])
         except ValueError:  # nothing is kept, or its file is damaged
             missing.append((number, key))
     for index, sees in others([batches[number] for number, _ in missing]) if missing else ():
@@ -95,8 +81,7 @@ def kept_verdicts(
 
 def _mask_in(text: str, batch: ViewBatch) -> Mask:
     """What a batch shows, of a text. Raises ValueError for any other text."""
-    sees = from_line(text)
-    expected = (len(batch[1]), len(batch[0].needed))
-    if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != expected:
+    sees, (way, places) = from_line(text), batch
+    if not isinstance(sees, np.ndarray) or sees.dtype != bool or sees.shape != (len(places), len(way.needed)):
         raise ValueError("no verdicts of these views")
     return sees
