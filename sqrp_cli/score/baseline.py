@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
 from pathlib import Path
@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.figures import Seconds, Share
-from sqrp_cli.files.entries import FileRecord, refused
+from sqrp_cli.files.entries import FileRecord, from_fields, refused
 from sqrp_cli.files.input_file import missing_file, read_text
 from sqrp_cli.files.json_file import json_document, parse_json
 from sqrp_cli.files.source import LeafValue, describe
@@ -35,19 +35,21 @@ MOST_PROBLEMS = 10  # most problems of a baseline that are reported
 LEAST_ALIKE = 0.5  # least share of equal values by which a workspace is taken for one of another name in a baseline
 
 
+_SAMPLINGS: Mapping[str, tuple[Callable[[str], Sampling], str]] = {
+    "Adaptive(tolerance": (lambda number: Adaptive(float(number)), "--tolerance"),
+    "FixedCount(samples": (lambda number: FixedCount(int(number)), "--samples"),
+    "FixedStep(dt": (lambda number: FixedStep(float(number)), "--dt"),
+}
+"""What makes each kind of sampling of its number, and its option, by how its text begins."""
+
+
 def _sampling(value: object) -> Sampling:
     """What `_sampling_text` wrote; a sampling stays as it is."""
     if isinstance(value, Adaptive | FixedCount | FixedStep):
         return value
     kind, _, number = str(value).removesuffix(")").partition("=")
-    with suppress(ValueError):
-        match kind:
-            case "Adaptive(tolerance":
-                return Adaptive(float(number))
-            case "FixedCount(samples":
-                return FixedCount(int(number))
-            case "FixedStep(dt":
-                return FixedStep(float(number))
+    with suppress(ValueError, LookupError):
+        return _SAMPLINGS[kind][0](number)
     expected = f"expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
     raise refused("wrong-value", f"found {describe(value)}, {expected}")
 
@@ -85,18 +87,9 @@ class WayRecord(FileRecord):
     @staticmethod
     def of(found: CandidateResult, coverage: Coverage | None) -> WayRecord:
         """The record of a candidate."""
-        return WayRecord(
-            candidate=found.candidate.name,
-            choice=choice_in_words(found.candidate, found.way) if found.feasible else None,
-            feasible=found.feasible,
-            reasons=found.reasons,
-            time=found.time,
-            q_avg=found.q_avg,
-            q_eoi=found.q_eoi,
-            delay=found.delay_worst,
-            unseen=found.unseen,
-            coverage=coverage,
-        )
+        choice = choice_in_words(found.candidate, found.way) if found.feasible else None
+        about = {"candidate": found.candidate.name, "choice": choice, "delay": found.delay_worst, "coverage": coverage}
+        return from_fields(WayRecord, found, **about)
 
 
 @dataclass(frozen=True)
@@ -137,14 +130,13 @@ class Baseline(FileRecord):
         computer: has the coverage of their ways, see `comparison.look_up`.
         """
         workspaces: dict[str, WorkspaceRecord] = {}
-        known: dict[str, dict[str, LeafValue]] = {}
+        known: dict[str, Mapping[str, LeafValue]] = {}
         for cell in cells:
             if cell.workspace is None:
                 continue
             files = {role: file.digest for role, file in sorted(cell.workspace.files.items())}
-            for role, digest in files.items():
-                if digest not in known:
-                    known[digest] = fields_of(cell.workspace, role)
+            new = {digest: role for role, digest in files.items() if digest not in known}
+            known |= {digest: fields_of(cell.workspace, role) for digest, role in new.items()}
             tasks = {
                 result.task: TaskRecord(
                     best=None if result.best is None else result.best.candidate.name,
@@ -189,9 +181,13 @@ class Baseline(FileRecord):
         except InputError as error:
             # It may be anything, so the mend must not overwrite it.
             mend = f"make one with: sqrp score ... --save-baseline {path.with_name(f'{path.stem}-new.json')}"
-            raise InputError(*(_no_baseline(one, mend) for one in error.problems[:MOST_PROBLEMS])) from error
+            none = "this is no baseline, or a damaged one: "
+            problems = error.problems[:MOST_PROBLEMS]
+            raise InputError(
+                *(replace(one, code="bad-baseline", message=none + one.message, mend=mend) for one in problems)
+            ) from error
         if baseline.sampling != sampling:
-            made, used = _option(baseline.sampling), _option(sampling)
+            made, used = map(_option, (baseline.sampling, sampling))
             message = f"the baseline was made with {made}, but this run samples with {used}"
             mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
             raise bad_input("other-sampling", message, Place(path), mend=mend)
@@ -234,17 +230,10 @@ def seen(computer: Computer, score: TaskScore, way: CandidateResult) -> Coverage
     return None if outcome is None else outcome.coverage
 
 
-def _no_baseline(problem: Problem, mend: str) -> Problem:
-    message = f"this is no baseline, or a damaged one: {problem.message}"
-    return replace(problem, code="bad-baseline", message=message, mend=mend)
-
-
 def _option(sampling: Sampling) -> str:
     """The command-line option of a sampling."""
-    match sampling:
-        case Adaptive(tolerance):
-            return f"--tolerance {100 * tolerance:g}{' (the default)' if tolerance == DEFAULT_TOLERANCE else ''}"
-        case FixedCount(samples):
-            return f"--samples {samples}"
-        case FixedStep(dt):
-            return f"--dt {dt:g}"
+    if isinstance(sampling, Adaptive):
+        usual = " (the default)" if sampling.tolerance == DEFAULT_TOLERANCE else ""
+        return f"--tolerance {100 * sampling.tolerance:g}{usual}"
+    kind, _, number = _sampling_text(sampling).removesuffix(")").partition("=")
+    return f"{_SAMPLINGS[kind][1]} {number}"

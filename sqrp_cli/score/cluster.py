@@ -21,13 +21,13 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, bad_option, needed
+from sqrp_cli.errors import Place, Problem, bad_input, bad_option, needed
 from sqrp_cli.files.input_file import LARGEST, read_input, read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.platform.files import write_atomically
@@ -107,8 +107,20 @@ def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None 
             raise bad_option("--tls is about --cluster, which is missing")
         yield None
         return
-    client = _client(address, tls)
-    ended = threading.Event()
+    client, ended = _client(address, tls), threading.Event()
+
+    def watch() -> None:
+        """Warn once each time that all workers are gone."""
+        warned = False
+        while not ended.wait(LOOKS):
+            try:
+                gone = not client.nthreads()
+            except (OSError, RuntimeError, concurrent.futures.CancelledError):
+                continue  # the connection is lost or being closed, which shows elsewhere
+            if gone and not warned:
+                warn("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
+            warned = gone
+
     try:
         workers = tuple(sorted(client.nthreads()))
         if not workers:
@@ -116,7 +128,7 @@ def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None 
             scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
             raise bad_input("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1")
         client.run(prepare_worker, wait=False, on_error="ignore")
-        threading.Thread(target=_watch, args=(client, warn, ended), daemon=True).start()
+        threading.Thread(target=watch, daemon=True).start()
         yield Cluster(client, workers)
     finally:
         ended.set()
@@ -164,21 +176,19 @@ def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> st
                 write_atomically(place, contents[digest])
             _checked.add(place)
     answer = run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
-    if not isinstance(answer, str):
-        answer = tuple(map(partial(_as_sent, {place: path for path, place in places.items()}), answer))
-    return _answers().dump_json(answer).decode()
+    if isinstance(answer, str):
+        return _answers().dump_json(answer).decode()
+    as_sent = []  # with the files' names on the sender's machine
+    for problem in answer:
+        message, where = problem.message, problem.place
+        for original, local in places.items():
+            message = message.replace(str(local), str(original))
+            where = replace(where, file=original) if where and where.file == local else where
+        as_sent.append(replace(problem, message=message, place=where))
+    return _answers().dump_json(tuple(as_sent)).decode()
 
 
 _checked: set[Path] = set()  # files whose content this process has verified
-
-
-def _as_sent(originals: Mapping[Path, Path], problem: Problem) -> Problem:
-    """A problem with the files' names on the sender's machine."""
-    message, place = problem.message, problem.place
-    for local, original in originals.items():
-        message = message.replace(str(local), str(original))
-    place = place and replace(place, file=originals.get(place.file, place.file))
-    return replace(problem, message=message, place=place)
 
 
 def read_answer(text: object) -> Answer:
@@ -195,19 +205,6 @@ def _answers() -> TypeAdapter[Answer]:
     from pydantic import Field, TypeAdapter
 
     return TypeAdapter(str | Annotated[tuple[Problem, ...], Field(min_length=1)])
-
-
-def _watch(client: Any, warn: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
-    """Warn once each time that all workers are gone, until `ended`."""
-    warned = False
-    while not ended.wait(LOOKS):
-        try:
-            gone = not client.nthreads()
-        except (OSError, RuntimeError, concurrent.futures.CancelledError):
-            continue  # the connection is lost or being closed, which shows elsewhere
-        if gone and not warned:
-            warn("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
-        warned = gone
 
 
 def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of Dask's
@@ -236,11 +233,11 @@ def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of
             raise ValueError(f"there is no port {port}")
         asyncio.run(asyncio.wait_for(_greeted(address, security), CONNECT_TIMEOUT))
         return distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security)
-    except MemoryError as error:  # the first bytes of a greeting say how long it is
-        raise InputError(_no_cluster(cluster, "what answers there is something else")) from error
-    except (OSError, ValueError, TypeError, LookupError, RuntimeError) as error:
+    except (MemoryError, OSError, ValueError, TypeError, LookupError, RuntimeError) as error:
         why = str(error) or f"nothing was said within {CONNECT_TIMEOUT:g} s"
-        raise InputError(_no_cluster(cluster, why)) from error
+        if isinstance(error, MemoryError):  # the first bytes of a greeting say how long it is
+            why = "what answers there is something else"
+        raise bad_input("no-cluster", f"no Dask scheduler answers at `{cluster}`: {why}", mend=_MEND) from error
 
 
 class _PlainUnpickler(pickle.Unpickler):
@@ -270,10 +267,6 @@ def _distrust() -> None:
                 if value is theirs:
                     setattr(module, attribute, plain)
     sys.modules["distributed.client"].pickle = SimpleNamespace(loads=plain)  # type: ignore[attr-defined]
-
-
-def _no_cluster(cluster: str, why: str) -> Problem:
-    return Problem("no-cluster", f"no Dask scheduler answers at `{cluster}`: {why}", mend=_MEND)
 
 
 async def _greeted(address: str, security: Any) -> None:  # noqa: ANN401 # of Dask's

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from sqrp_cli.score.baseline import Baseline, TaskRecord, WayRecord, seen
 from sqrp_cli.score.changes import workspace_changes
 from sqrp_cli.score.compute import Computer
 from sqrp_cli.score.result import (
+    METRICS,
     Change,
     Comparison,
     LostView,
@@ -72,17 +72,14 @@ def compare_with(
     for one in scorecard.results:
         record = tasks.get(one.workspace, {}).get(one.task or "")
         compared.append((one, record, () if record is None else tuple(_changed_ways(record, one, allowance))))
-    explained = ((one, one.ways[way.way]) for one, _, ways in compared for way in ways if _explained(way))
+    explained = ((one, one.ways[way.way]) for one, _, ways in compared for way in ways if way.is_explained)
     look_up(explained, computer, progress)
     names = {known.get(cell.name, ""): [task.expected.task for task in cell.tasks] for cell in cells}
     unreadable = {known.get(cell.name) for cell in cells if cell.workspace is None}
     return replace(
         scorecard,
         results=tuple(
-            one
-            if one.status == "error"
-            else _compared(one, record, ways, computer, changes.get(one.workspace, ()), may_vanish=may_vanish)
-            for one, record, ways in compared
+            _compared(*one, computer, changes.get(one[0].workspace, ()), may_vanish=may_vanish) for one in compared
         ),
         changes={name: found for name, found in changes.items() if found},
         vanished=tuple(
@@ -94,11 +91,6 @@ def compare_with(
         may_vanish=may_vanish,
         renamed={name: before for name, before in known.items() if name != before},
     )
-
-
-def _explained(change: WayChange) -> bool:
-    """Whether what cameras no longer see tells why a way got worse."""
-    return change.worse and not change.another_way
 
 
 def _changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> Iterator[WayChange]:
@@ -118,23 +110,19 @@ def _changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> Itera
 
 
 def _shifts(old: WayRecord, new: WayRecord, share: float) -> Iterator[Shift]:
+    """The figures that differ by more than a share: of Q, or of a time before."""
     if old.feasible != new.feasible:
         yield Shift("feasible", float(old.feasible), float(new.feasible), worse=old.feasible)
         return
-    qualities: tuple[tuple[Literal["q_eoi", "q_avg"], float | None, float | None], ...]
-    qualities = (("q_eoi", old.q_eoi, new.q_eoi), ("q_avg", old.q_avg, new.q_avg))
-    for quality, before, now in qualities:
-        if before is not None and now is not None and abs(now - before) > share:
-            yield Shift(quality, before, now, worse=now < before)
-    times: tuple[tuple[Literal["time", "delay"], float | None, float | None], ...]
-    worst = (inf if old.unseen else old.delay, inf if new.unseen else new.delay)
-    times = (("time", old.time, new.time), ("delay", *worst))
-    for name, before, now in times:
+    for metric in METRICS:
+        before, now = (inf if metric == "delay" and one.unseen else getattr(one, metric) for one in (old, new))
         if before is None or now is None or now == before:
             continue
-        if abs(now - before) > (share * before if before < inf else 0.0) + 1e-6:
+        quality = metric in ("q_eoi", "q_avg")
+        allowed = share if quality else (share * before if before < inf else 0.0) + 1e-6
+        if abs(now - before) > allowed:
             known = [None if one == inf else one for one in (before, now)]
-            yield Shift(name, known[0], known[1], worse=now > before)
+            yield Shift(metric, known[0], known[1], worse=now < before if quality else now > before)
 
 
 def _compared(
@@ -147,12 +135,12 @@ def _compared(
     may_vanish: bool,
 ) -> TaskScore:
     """A task with what changed since its baseline, the worst first. changes: of its workspace."""
-    if record is None:
-        return replace(score, baseline=Comparison("new"))
+    if score.status == "error" or record is None:
+        return score if score.status == "error" else replace(score, baseline=Comparison("new"))
     found = []
     for change in ways:
         before = record.ways[change.way].coverage
-        now = seen(computer, score, score.ways[change.way]) if _explained(change) else None
+        now = seen(computer, score, score.ways[change.way]) if change.is_explained else None
         found.append(change if before is None or now is None else replace(change, lost=lost(before, now)))
     worse = any(change.worse for change in found)
     gone = tuple(name for name in record.ways if name not in score.ways)

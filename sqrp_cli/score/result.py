@@ -64,11 +64,15 @@ class LostView(Record):
         return f"{self.camera} no longer sees {self.literal} {TimeInterval(self.start, self.end).when}: {self.why}"
 
 
+Metric = Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
+METRICS: tuple[Metric, ...] = ("q_eoi", "q_avg", "time", "delay")  # those with a figure
+
+
 @dataclass(frozen=True)
 class Shift(Record):
     """A figure that got better or worse; values in 0..1 or s, None if undefined or infeasible."""
 
-    metric: Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
+    metric: Metric
     """Which figure; `delay` is the longest time that a fault may remain unnoticed, null where it may for ever."""
     before: float | None
     """In the baseline; of `feasible`, 1 or 0."""
@@ -136,6 +140,11 @@ class WayChange(Record):
     def worse(self) -> bool:
         """Whether anything got worse."""
         return any(shift.worse for shift in self.shifts)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether what cameras no longer see tells why it got worse."""
+        return self.worse and not self.another_way
 
     @property
     def severity(self) -> float:
