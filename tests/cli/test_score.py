@@ -256,6 +256,17 @@ def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monke
         assert word in outcome.err
 
 
+@pytest.mark.parametrize("option", ["--save-baseline", "--junit", "--summary"])
+def test_only_files_that_score_wrote_are_overwritten(sqrp, own_watch, tmp_path, option):
+    file = tmp_path / "p.yaml"
+    file.write_text("steps: []\n")
+    outcome = sqrp("score", own_watch, option, file)
+    assert (outcome.code, outcome.out, file.read_text()) == (2, "", "steps: []\n")
+    assert f"it was left as it is to mend it: choose another name: {option} FILE" in " ".join(outcome.err.split())
+    file.write_text("")  # as a CI server makes one
+    assert [sqrp("score", own_watch, option, file).code for _ in range(2)] == [0, 0]
+
+
 def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch) -> None:
     monkeypatch.setattr("sqrp_cli.score.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)

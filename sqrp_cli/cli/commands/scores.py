@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import Command, argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import Patches, answer, check_needed, check_report, note_late, page_is_written
+from sqrp_cli.cli.options import Patches, answer, check_needed, check_own, check_report, note_late, page_is_written
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable
@@ -24,6 +24,13 @@ if TYPE_CHECKING:
     from sqrp_cli.score.score import ScoredCell
 
 PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
+
+_OURS = {
+    "--save-baseline": ('{\n "format": "sqrp baseline 1"', "baseline"),
+    "--junit": ('<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="sqrp score"', "JUnit file of `sqrp score`"),
+    "--summary": ("## SQRP: ", "summary of `sqrp score`"),
+}
+"""How each file that is written begins, and what it is called: no other one is overwritten."""
 
 ALLOW = "What may get worse: points of Q, percent of times."
 ALLOWANCE = 0.5  # changes for the worse that are no regression yet: points of Q, percent of times
@@ -95,8 +102,10 @@ def score(ask: _Score) -> ExitCode:
     if ask.vary and (ask.baseline is not None or ask.outputs):
         raise bad_option("--vary goes without baselines and reports")
     check_distinct(ask.outputs)
-    for path in ask.outputs.values():
+    for name, path in ask.outputs.items():
         check_writable(path)
+        if name in _OURS:
+            check_own(path, *_OURS[name], f"choose another name: {name} FILE")
     if ask.report is not None:
         check_report(ask.report)
     with connected(ask.cluster, note_late, ask.tls) as workers:
