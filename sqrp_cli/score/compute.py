@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible, InputError, Problem
@@ -24,9 +24,6 @@ from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.whole_study import whole_study
 from sqrp_cli.task.task import Candidate
-
-if TYPE_CHECKING:
-    from sqrp_cli.score.cluster import Cluster
 
 CELLS_KEPT = 4  # cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other
 COMPUTED_WITHIN = 3600.0  # a process that takes longer for a candidate [s] is taken for dead
@@ -96,13 +93,20 @@ _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cell has working memory of its own, and a cluster may run threads
 
 
+class Workers(Protocol):
+    """Those that do jobs elsewhere, as a `cluster.Cluster` does, which imports this module."""
+
+    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
+        """The answer to each job, by number, as they come; none of those that are not done once it is enough."""
+
+
 @dataclass(frozen=True)
 class Means:
     """How to compute, with which workers, and where to keep results."""
 
     sampling: Sampling
     jobs: int = 1  # processes of this machine
-    cluster: Cluster | None = None  # computes instead of them
+    cluster: Workers | None = None  # computes instead of them
     out: Path | None = None  # folder of the results; None: they are kept in memory only
     seed: int = 0  # of what planning draws at random
 

@@ -13,8 +13,7 @@ from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.score.cluster import Cluster
-from sqrp_cli.score.compute import Job, PackedWorkspace
+from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, verdicts_of
 from sqrp_cli.study.assessment import planned_motion
@@ -36,7 +35,7 @@ def verdicts_as_text(
 
 
 def cluster_verdicts(
-    cluster: Cluster, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
+    cluster: Workers, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`. Raises InputError if a batch cannot be computed, or no worker is left."""
     packed, jobs = PackedWorkspace.of(workspace), []
