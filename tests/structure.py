@@ -42,7 +42,7 @@ ROOMS = {
     "checks": ("checks", 1_242),
     "run": ("run", 7_961),
     "field": ("field ros", 3_114),
-    "score": ("score", 2_384),
+    "score": ("score", 2_387),
     "show": ("show", 5_010),
     "ask": ("ask cli __init__ __main__", 5_450),
     "studio": ("studio", 2_050),
