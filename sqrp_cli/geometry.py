@@ -6,24 +6,19 @@ ordered x, y, z, w. All functions of poses and quaternions broadcast over leadin
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-
 BOX_SIGNS: Array = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 """Corners of the box [-1, 1]^3, shape (8, 3), x slowest and z fastest."""
-
 _PARALLEL = 1e-9
 """Sine of the angle below which two directions count as parallel."""
-
 _ORTHONORMAL = 1e-9
 """Tolerance of R^T R = I for a rotation matrix, per entry."""
-
 Indices = NDArray[np.int64]
-
 Mask = NDArray[np.bool_]
 
 
@@ -200,18 +195,12 @@ def box_corners(size: ArrayLike) -> Array:
     return 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS
 
 
-class Ranges(NamedTuple):
-    """The integers of many ranges, one range after the other, k in all."""
+def ranges(first: NDArray[Any], last: NDArray[Any]) -> tuple[Indices, Indices]:
+    """The integers of each range from `first`, included, to `last`, excluded: whose range each is in, and each.
 
-    of: Indices
-    """Index of the range that each number is in, shape (k,)."""
-    number: Indices
-    """Shape (k,)."""
-
-
-def ranges(first: NDArray[Any], last: NDArray[Any]) -> Ranges:
-    """The integers of each range from `first`, included, to `last`, excluded."""
+    Shape (k,) both.
+    """
     first = first.astype(np.int64)
     count = np.maximum(last.astype(np.int64) - first, 0)
     index = np.repeat(np.arange(len(count)), count)
-    return Ranges(index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count))
+    return index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count)

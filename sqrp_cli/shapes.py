@@ -19,7 +19,6 @@ from sqrp_cli.records import dataclass
 
 Geometry = Literal["collision", "visual"]
 """Which of the two geometries of a link."""
-
 LEAST_SIZE = 1e-6
 """Least size of a shape after shrinking [m]."""
 
@@ -192,7 +191,6 @@ FIGURES = {
     "capsule": {"radius": 1, "length": 1},
 }
 """What each kind of shape needs, and of how many numbers it is, in the order of `shape_of`."""
-
 _ROUND: dict[str, type[Sphere | Cylinder | Capsule]] = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
 
 

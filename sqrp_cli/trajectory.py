@@ -43,12 +43,9 @@ class PiecewiseCubic:
         A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
         """
         u, (c0, c1, c2, c3) = self._within_pieces(t)
-        derivatives = np.empty((4, *u.shape))
-        derivatives[0] = c0 + u * (c1 + u * (c2 + u * c3))
-        derivatives[1] = c1 + u * (2 * c2 + u * 3 * c3)
-        derivatives[2] = 2 * c2 + u * 6 * c3
-        derivatives[3] = 6 * c3
-        return derivatives
+        return np.array(
+            [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3]
+        )
 
     def positions(self, t: ArrayLike) -> Array:
         """The parameter s alone at times t [s] of shape (m,), shape (m,), as `derivatives` gives it."""
@@ -88,13 +85,6 @@ class JointSpan(NamedTuple):
     """Shape (n,) [rad or m]."""
     upper: Array
     """Shape (n,) [rad or m]."""
-
-
-class Extremes(NamedTuple):
-    """The least and the greatest position of one joint [rad or m]."""
-
-    least: float
-    greatest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +147,7 @@ class JointPath:
         middle = self.coefficients[:, 0]
         return JointSpan((middle - width).min(axis=0), (middle + width).max(axis=0))
 
-    def extremes(self, joint: int) -> Extremes:
+    def extremes(self, joint: int) -> tuple[float, float]:
         """The least and the greatest position of one joint over the whole path [rad or m], exact up to rounding.
 
         They are at the ends of a piece or where its derivative is zero: the eigenvalues of the colleague matrix.
@@ -169,19 +159,20 @@ class JointPath:
             flat = np.clip(np.real(chebyshev.chebroots(slopes)), -1.0, 1.0) if len(slopes) > 1 else ()
             found.append(chebyshev.chebval(np.array([-1.0, 1.0, *flat]), piece))
         positions = np.concatenate(found)
-        return Extremes(float(positions.min()), float(positions.max()))
-
-    def _derived(self, order: int) -> Array:
-        """Chebyshev coefficients of the derivative of an order with respect to x in [-1, 1], shape (..., p, n)."""
-        derived = self._derivatives
-        while len(derived) <= order:
-            derived.append(_chebyshev_derivative(derived[-1]))
-        return derived[order]
+        return float(positions.min()), float(positions.max())
 
     @cached_property
     def _derivatives(self) -> list[Array]:
-        """Cached results of `_derived`, by order."""
+        """Chebyshev coefficients of the derivatives with respect to x in [-1, 1] by order, shape (..., p, n) each.
+
+        From the path itself on; `_derived` adds those that are missing.
+        """
         return [self.coefficients.swapaxes(0, 1)]
+
+    def _derived(self, order: int) -> Array:
+        while len(self._derivatives) <= order:
+            self._derivatives.append(_chebyshev_derivative(self._derivatives[-1]))
+        return self._derivatives[order]
 
     def shifted(self, offset: ArrayLike) -> JointPath:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
@@ -190,25 +181,17 @@ class JointPath:
         return JointPath(self.breaks, coefficients)
 
 
-class JoinedPaths(NamedTuple):
-    """Paths of n joints each joined into one, which takes hardly longer to evaluate than one of them."""
+def side_by_side(paths: Sequence[JointPath]) -> Iterator[tuple[Indices, JointPath]]:
+    """Paths joined into one for each polynomial degree, which takes hardly longer to evaluate than one of them.
 
-    rows: Indices
-    """Indices of the paths, shape (b,)."""
-    path: JointPath
-    """One path of all b n joints; those of the first path come first."""
-
-
-def side_by_side(paths: Sequence[JointPath]) -> Iterator[JoinedPaths]:
-    """The paths joined, one result for each polynomial degree.
-
-    All paths must have the same breaks and the same number of joints.
+    Each with the indices of its paths, shape (b,); those of the first path's n joints come first. All paths must have
+    the same breaks and the same number of joints.
     """
     degrees = np.array([path.coefficients.shape[1] for path in paths])
     for degree in sorted(set(degrees.tolist())):
         rows = np.flatnonzero(degrees == degree)
         joints = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
-        yield JoinedPaths(rows, JointPath(paths[0].breaks, joints))
+        yield rows, JointPath(paths[0].breaks, joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,11 +254,9 @@ class Trajectory:
         """
         if self.duration <= 0.0 or other.duration <= 0.0:
             return self if other.duration <= 0.0 else other
-        degree = max(part.path.coefficients.shape[1] for part in (self, other))
-        pieces = [
-            np.pad(part.path.coefficients, ((0, 0), (0, degree - part.path.coefficients.shape[1]), (0, 0)))
-            for part in (self, other)
-        ]
+        both = [part.path.coefficients for part in (self, other)]
+        degree = max(part.shape[1] for part in both)
+        pieces = [np.pad(part, ((0, 0), (0, degree - part.shape[1]), (0, 0))) for part in both]
         path = JointPath(np.concatenate([self.path.breaks[:-1], 1.0 + other.path.breaks]) / 2, np.concatenate(pieces))
         later = 0.5 * other.law.coefficients
         later[:, 0] += 0.5
@@ -284,19 +265,16 @@ class Trajectory:
 
     def to_numbers(self) -> dict[str, Any]:
         """Nested lists of plain numbers; `from_numbers` restores the same trajectory, bit for bit."""
+        parts = (("path", self.path), ("law", self.law))
         return {
-            "path": {"breaks": self.path.breaks.tolist(), "coefficients": self.path.coefficients.tolist()},
-            "law": {"breaks": self.law.breaks.tolist(), "coefficients": self.law.coefficients.tolist()},
+            name: {"breaks": part.breaks.tolist(), "coefficients": part.coefficients.tolist()} for name, part in parts
         }
 
     @classmethod
     def from_numbers(cls, numbers: Mapping[str, Mapping[str, Sequence[Any]]]) -> Trajectory:
         """The trajectory that `to_numbers` wrote."""
-        path, law = numbers["path"], numbers["law"]
-        return cls(
-            JointPath(np.array(path["breaks"]), np.array(path["coefficients"])),
-            PiecewiseCubic(np.array(law["breaks"]), np.array(law["coefficients"])),
-        )
+        path, law = ([np.array(numbers[name][key]) for key in ("breaks", "coefficients")] for name in ("path", "law"))
+        return cls(JointPath(*path), PiecewiseCubic(*law))
 
 
 def chain_rule(law: Array, path: Sequence[Array]) -> Array:

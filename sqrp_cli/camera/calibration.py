@@ -33,7 +33,6 @@ from sqrp_cli.geometry import read_only
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {0: "none", 5: "plumb_bob", 8: "rational_polynomial"}
 """Default model by number of coefficients, for files that name no model."""
-
 MOST_SCALED = 5.0  # largest factor by which rectification scales the focal lengths
 MOST_MOVED = 0.2  # largest shift of the principal point by rectification, as a share of the image
 MOST_CAMERAS_NESTED = 3  # levels of a file in which cameras are looked for

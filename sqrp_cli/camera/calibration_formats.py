@@ -25,7 +25,6 @@ from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml, read_yaml, top_key
 
 FACTS = read_yaml(Path(__file__).with_suffix(".yaml")).data  # of formats and of distortion models
-
 _INI = re.compile(r"^[ \t]*\[[\w/. -]+\][ \t\r]*$", re.MULTILINE)
 _INI_KEYS = {"camera matrix": "camera_matrix", "distortion": "distortion_coefficients"}
 _INI_KEY = re.compile(rf"^[ \t]*({'|'.join(_INI_KEYS)})[ \t\r]*$", re.MULTILINE)
@@ -186,7 +185,6 @@ class Format(NamedTuple):
 
 K_KEYS, _D_KEYS, WIDTHS, HEIGHTS = FACTS["formats"]["camera_info"]["keys"]
 SIZES = ("resolution", "image_size", "imageSize")
-
 _Numbers = Annotated[list[Number], BeforeValidator(flat)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
 _Matrix = foreign(rows=_Count, cols=_Count, data=_Numbers)
@@ -315,6 +313,5 @@ FORMATS = {
     for name, row in FACTS["formats"].items()
 }
 """Of a mapping the first whose keys it has."""
-
 TOP_KEYS = ("cam0", "model_type", *(key for name, one in FORMATS.items() for key in one.keys if name != "colmap"))
 """Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""

@@ -21,12 +21,9 @@ from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
 from sqrp_cli.records import dataclass
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
-
 DISTORTION_LENGTHS: dict[DistortionModel, int] = {"none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 """Number of coefficients of each distortion model, in the order of ROS camera calibration files."""
-
 MAX_PIXELS = 200_000_000  # most pixels of an image; industrial cameras have up to 150 million
-
 PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
 FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]

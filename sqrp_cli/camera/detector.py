@@ -31,13 +31,9 @@ from sqrp_cli.records import dataclass
 
 Steepness = Annotated[float, In(None, 0.0, 1000.0)]
 MostLikely = Annotated[float, In(SHARE, 0.01, 1.0)]
-
 LEAST_FEATURE = 1e-3  # a size in pixels and a cosine below this count as this, so that they have logarithms
-
-
 COEFFICIENTS = ("pixels", "incidence", "distance", "visible", "blur")
 """The terms that a curve may have, by what of `BoxSights` they are about."""
-
 BoxSights = Array
 """How cameras see boxes, shape (5, ...), in the order of `COEFFICIENTS`.
 
@@ -94,11 +90,9 @@ class Curve(FileRecord):
 MODULE_PIXELS, PER_BIT = 1.59, 0.19
 """Pixels along a module of a marker that is read in nine of ten images, if each side has one bit and none may be wrong;
 by n bits along a side, of which b in all may be wrong, 1.59 (n / (1 + b))^0.19: of more bits one is lost more often."""
-
 LEAST_SIDE = 0.011
 """Least side of a marker in the image that is looked at, as a share of the longer side of the image. OpenCV passes over
 outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outlines are rough, some 0.011."""
-
 STEEPEST = radians(80.0)  # the largest angle at which markers are read [rad]
 
 
@@ -167,10 +161,8 @@ def package_of(entry: EntryPoint) -> str:
 
 
 LEAST_VISIBLE = 0.001  # a box of which less than this share is visible is never seen
-
 BESIDE = 0.95
 """Share of a marker's box from which on images usually show it, though a part of the robot covers some of its edge."""
-
 BUILT_IN = ("aruco", "color")  # the kinds of detectors that need no other package
 
 
@@ -310,7 +302,6 @@ class Detector(DetectorEntry):
 
 
 LEAST_PIXELS = 4.0  # least square root of the area of a silhouette that can be judged by colour [pixels]
-
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
 """Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
 detector requires to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
@@ -319,14 +310,11 @@ background: at its edges, and where it meets the robot."""
 BORDER = 1.8
 """Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
 taken to be a pixel wider than it is, and pixels at its edge show both."""
-
 FULL, EMPTY = 0.6, 0.1
 """A box is filled if it shows at least this share of the colour that its object would show, empty if at most this.
 An object that is not held counts as in a place that is filled by more than half of the former."""
-
 SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
 """How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
-
 ALIKE = 0.02
 """Places explain an image equally well if they differ by no more than this share of the part's silhouette; the nearest
 to where the tool would show it counts."""

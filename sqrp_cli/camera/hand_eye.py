@@ -37,17 +37,11 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.ros.bag import Bag, is_bag
 
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
-
 MOST_MESSAGES = 10_000  # most messages that are read; each node that publishes static transforms sends one
-
 PUBLISHER = "static_transform_publisher"
-
 LARGEST_TRANSLATION = 1e4  # largest coordinate [m]
-
 _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
-
 _SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
-
 _POSITION = ("x", "y", "z")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 
@@ -110,7 +104,6 @@ _PARAMETERS: Any = {
 }
 _EASY_HANDEYE, _EARLY = foreign(**_RESULT, parameters=foreign(**_PARAMETERS)), foreign(**_RESULT, **_PARAMETERS)
 """Results of easy_handeye; in early versions the parameters stand beside the transformation."""
-
 _KEYS = (
     "parameters", "transform", "transformation", "tracking_base_frame", "header", "transforms", "child_frame_id",
 )  # fmt: skip

@@ -42,11 +42,9 @@ COLORS: Mapping[str, Rgb] = {
     "black": (0.06, 0.06, 0.06),
 }
 """Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
-
 HUES = 180  # how many hues there are, as OpenCV counts: steps of two degrees
 HUE_TOLERANCE = 12  # how far a hue may be from that of the paint that is looked for
 LEAST_SATURATION = 0.3  # below it, in 0..1, a paint has no hue to look for
-
 LEAST_SEEN_SATURATION, LEAST_VALUE = 90 / 255, 40 / 255
 """Below these, in 0..1, a detector of colours counts a pixel as grey or black, not as coloured."""
 
@@ -80,7 +78,6 @@ def detected_as(color: str, pixel: Sequence[float]) -> bool:
 
 MOST_LIGHTS = 8  # lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw
 MOST_INTENSITY = 1000.0  # of a light, and most gain of a camera
-
 Intensity = Annotated[float, In(None, 0.0, MOST_INTENSITY)]
 Beam = Annotated[float, In(ANGLE, radians(1.0), radians(160.0))]
 

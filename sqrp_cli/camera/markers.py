@@ -61,9 +61,7 @@ def _dictionary(value: object) -> str:
 
 
 _SETS = "Which set it is from: aruco_original, 4x4_50 to 7x7_1000, apriltag_36h11 and others."
-
 DictionaryName = Annotated[str, PlainValidator(_dictionary), WithJsonSchema({"type": "string"})]
-
 MarkerNumber = Annotated[int, Field(strict=True, ge=0, le=max(one.ids for one in DICTIONARIES.values()) - 1)]
 
 

@@ -123,9 +123,7 @@ class SerializedAs:
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-
 _Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
-
 PoseMatrix = Annotated[
     Array, SerializedAs(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist)
 ]
@@ -184,10 +182,8 @@ MappingOr = Annotated[
     Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>"),
 ]
 """The first type where a file has a mapping, else the second."""
-
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 """A name that logic formulas can use: letters, digits, `_` and `-`, starting with a letter."""
-
 Text = Annotated[str, StringConstraints(min_length=1)]
 
 
@@ -241,11 +237,7 @@ Time = Annotated[float, In(units.TIME, 0.0, units.LONGEST)]
 Pixels = Annotated[float, In(units.PIXELS, 0.0, units.LARGEST)]
 Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
 Number = Annotated[float, In(None, -units.LARGEST, units.LARGEST)]
-
-
 _A_NUMBER = {"type": "number", "minimum": -units.LARGEST, "maximum": units.LARGEST}
-
-
 _JOINT = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
 
 

@@ -15,14 +15,10 @@ from sqrp_cli.files.entries import SerializedAs, Text
 from sqrp_cli.geometry import Array, read_only
 
 WORLD = "world"  # the cell's world, wherever a frame is named
-
 WORLD_LINK = "robot/world"
 """Name of a URDF's link `world`, which is at the robot's base and need not be the cell's world."""
-
 TOOL = "tool"  # in a skill: the tool frame, or all parts of the tool
-
 _START = "@start"
-
 _X_WW = read_only(np.eye(4))
 
 

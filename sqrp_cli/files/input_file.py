@@ -20,10 +20,7 @@ from sqrp_cli.records import dataclass
 
 LARGEST = 200_000_000  # most bytes of any input file, meshes included
 NOT_THERE = "no such file or folder"  # what messages say of a path at which there is nothing
-
 YAML_ENDINGS = (".yaml", ".yml")
-
-
 _noted: ContextVar[set[Path] | None] = ContextVar("noted", default=None)
 
 

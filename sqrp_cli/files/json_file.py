@@ -19,7 +19,6 @@ from sqrp_cli.files.units import as_number
 MAX_DEPTH = 32  # deepest nesting of objects and lists
 MAX_DIGITS = 20  # most characters of a whole number
 LONGEST_NAME = 60  # most characters of a key in messages
-
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
 _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")

@@ -17,14 +17,11 @@ from sqrp_cli.files.input_file import missing_file
 
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
 """Packages of robot descriptions that pip installs, with the command line's name for them."""
-
 LONGEST_PATH = 1000  # most characters of a path in a message
 MANIFEST = "package.xml"  # the file that makes a folder a ROS package, and names it
 DEEPEST_PACKAGE = 4  # folders between a root and a package in it, as in `src/universal_robot/ur_description`
 MOST_FOLDERS = 3000  # most folders of a root that are looked into for packages
-
 _NAME = re.compile(r"<name>\s*([^<>\s]+)\s*</name>")
-
 _NO_PACKAGES = frozenset({"build", "log", "node_modules", "__pycache__", "site-packages", "meshes", "doc", "docs"})
 """Folders that are not looked into."""
 

@@ -12,9 +12,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.records import dataclass
 
 KeyPath = tuple[str | int, ...]  # keys and list indices from the top of a document to a value
-
 LeafValue = str | float | int | bool | None
-
 Data = dict[str, Any]  # a mapping of a file: nested dicts, lists, text, numbers, booleans and None
 
 

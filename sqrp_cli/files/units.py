@@ -21,13 +21,9 @@ SMALLEST_SIZE = 1e-6  # smallest extent of a shape [m]
 SHORTEST_DIRECTION = 1e-9  # a vector that is shorter has no direction
 SMALLEST_LIMIT = 1e-6  # smallest velocity, acceleration and jerk; below it motions would never end
 NO_LIMIT = 1e18  # largest joint limit in a URDF; some descriptions write huge numbers for "no limit"
-
-
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(\S.*?)?\s*")
-
 TURN = 6.2832  # slightly more than a turn [rad]. A larger angle without a unit was meant in degrees
-
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
 

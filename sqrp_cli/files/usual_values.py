@@ -44,13 +44,10 @@ def _rows(entries: Sequence[Mapping[str, str]]) -> tuple[Usual, ...]:
 
 
 WORKSPACE, SKILL, CALIBRATION, HAND_EYE = map(_rows, read_yaml(ROWS).data.values())
-
 FIELD_OF_VIEW = next(row for row in WORKSPACE if row.at == "cameras.*.image.horizontal_fov")
 """Also applies to the angle that follows from `fx` or a calibration."""
-
 FISHEYE_VIEW = Usual("", radians(1.0), radians(360), ANGLE, "an equidistant lens shows all around at most")
 """The angle that follows from `fx` of an equidistant lens, without its distortion; in no file."""
-
 MOST_STRETCHED = 2.0  # largest usual ratio of a camera's two focal lengths
 
 

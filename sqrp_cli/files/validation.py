@@ -14,9 +14,7 @@ from sqrp_cli.errors import InputError, Problem, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument, describe
 
 Model = TypeVar("Model", bound=BaseModel)
-
 _SPELLING = 0.85  # likeness from which a key is taken for a misspelt one: `image_width` and `image_height` have 0.7
-
 _QUOTED = re.compile(r"`(\w+)`")
 
 _EXPECTED = {

@@ -21,7 +21,6 @@ MAX_BYTES = 10_000_000  # largest XML file that is read
 MAX_DEPTH = 64  # deepest nesting of elements
 MAX_ELEMENTS = 200_000  # most elements of a file
 _BUFFER = 1 << 20  # size of the parser's text buffer [bytes]
-
 _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 
 

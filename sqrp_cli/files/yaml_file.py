@@ -22,16 +22,11 @@ from sqrp_cli.files.input_file import decoded, read_input
 MAX_BYTES = 1_000_000  # largest YAML file that is read
 MAX_VALUES = 100_000  # most values in a file; each use of an alias counts
 MAX_DEPTH = 32  # deepest nesting of mappings and lists
-
 _INTEGER = re.compile(r"[-+]?[0-9]+")
-
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
-
 _CLOSING = re.compile(r"\n---\s*\Z")  # the line that ROS prints after each message; in YAML it begins another document
 _QUOTED = re.compile(r"([`']).*\1", re.DOTALL)  # a quote of a file in a message, quotation marks within it included
-
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 _SYNTAX_HINTS = {
