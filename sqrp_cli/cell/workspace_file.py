@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,7 +31,8 @@ def read_workspace_document(path: Path, content: bytes | None = None) -> SourceD
         expected = "expected a workspace"
         if isinstance(named, str):
             expected = f"its workspace is {from_folder(document.path.parent, named)}"
-        raise bad_input("no-workspace", f"this is a program; {expected}", Place(document.path))
+        mend = f"sqrp program {shlex.quote(str(path))}"
+        raise bad_input("no-workspace", f"this is a program; {expected}", Place(document.path), mend=mend)
     if "primitives" in document.data and "robot" not in document.data:
         raise bad_input("no-workspace", "this is a skill; name the workspace that uses it", Place(path))
     return document

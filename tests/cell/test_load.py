@@ -82,7 +82,9 @@ def test_a_whole_path_can_be_read_from_a_working_folder_that_was_deleted(cell, t
 @pytest.mark.parametrize("name", ["skill.yaml", "other.yaml"])
 def test_a_program_or_skill_where_a_workspace_is_expected_is_one_message(tmp_path, name, text, says):
     (tmp_path / name).write_text(text)
-    assert str(refused(load_workspace, tmp_path / name)) == f"{tmp_path / name}: {says.format(folder=tmp_path)}"
+    found = refused(load_workspace, tmp_path / name)
+    assert str(found) == f"{tmp_path / name}: {says.format(folder=tmp_path)}"
+    assert found.mend == (f"sqrp program {tmp_path / name}" if "program" in says else None)
 
 
 def test_values_are_in_si_units(cell: Path) -> None:

@@ -224,6 +224,7 @@ def test_a_camera_along_any_axis_with_any_up_covers_only_what_its_image_holds(
         ("rules", "wrong-unit"),
         ("check", WATCH),
         ("check", WATCH, "watch cube"),
+        ("show", WATCH),
         ("rank", WATCH, "watch green", "--samples", "3"),
         ("rank", WATCH, "watch green", "--dt", "0.5", "--ways", "all", "--calibration", "5 mm, 0.5 deg"),
         ("explain", WATCH, "watch seen"),
@@ -252,6 +253,8 @@ def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, comman
         ('{"schema": 1, "document": "paint"}', "is of `paint`"),
         ('{"schema": 1, "document": "rules", "rules": [{"code": 3}]}', "rules[0].code"),
         ('{"schema": 1, "document": "rules"', "no JSON"),
+        ("{}", "does not say which command wrote it"),
+        ('{"format": 4, "workspaces": {}}', "this is a baseline of `sqrp score`"),
     ],
 )
 def test_a_file_without_a_result_of_this_version_is_refused_with_its_place(sqrp, tmp_path, text, said):
@@ -261,6 +264,7 @@ def test_a_file_without_a_result_of_this_version_is_refused_with_its_place(sqrp,
     assert (outcome.code, outcome.out) == (2, "")
     assert str(file) in outcome.err
     assert said in outcome.err
+    assert outcome.err.count("error: ") == 1
 
 
 def test_every_document_says_which_command_wrote_it(sqrp):

@@ -51,9 +51,10 @@ def test_the_document_has_the_fields_of_the_contract(show):
     for detector in show["detectors"].values():
         assert set(detector) == {"kind", "distance", "max_incidence", "min_pixels", "min_visible"}
     for thing in show["objects"].values():
-        assert set(thing) == {"type", "color", "size", "pose", "fixed"}
+        assert set(thing) - {"on", "attributes"} == {"type", "color", "size", "pose", "fixed"}
     for joint in show["robot"]["joints"].values():
-        assert set(joint) == {"lower", "upper", "velocity", "acceleration", "jerk"}
+        assert set(joint) - {"slides"} == {"lower", "upper", "velocity", "acceleration", "jerk"}
+    assert set(show["robot"]["arm"]) <= set(show["robot"]["joints"])
 
 
 def test_every_pose_is_rigid(show):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 from sqrp_cli.ask import values
@@ -14,11 +15,11 @@ LARGEST = 1 << 30  # most bytes of a file with a result
 
 
 def is_result(path: Path) -> bool:
-    """Whether a file begins as a result of `--json` does, sound or not."""
+    """Whether a file is JSON that begins as a result of `--json` or a baseline does, or is empty: no workspace."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return re.match(rb'\s*\{\s*"schema"\s*:', file.read(1000)) is not None
+        return re.match(rb'\s*\{\s*("(schema|format)"\s*:|\})', file.read(1000)) is not None
 
 
 def read_result(path: str | Path) -> Document:
@@ -36,6 +37,10 @@ def read_result(path: str | Path) -> Document:
     data = parse_json(file, text)
     kind = data.get("document") if isinstance(data, dict) else None
     again = "run its command again, with --json"
+    if isinstance(data, dict) and "workspaces" in data:
+        message = "this is a baseline of `sqrp score`, which has no table of its own"
+        mend = f"sqrp score WORKSPACE --baseline {shlex.quote(str(path))}"
+        raise bad_input("no-result", message, Place(file), mend=mend)
     if not isinstance(kind, str) or kind not in KINDS:
         told = "does not say which command wrote it" if kind is None else f"is of `{kind}`"
         message = f"this {told}, so no table can be drawn from it; expected the JSON of {', '.join(KINDS)}"
@@ -48,8 +53,4 @@ def read_result(path: str | Path) -> Document:
         where = json_name(tuple(part for part in first["loc"] if isinstance(part, int) or part.isidentifier()))
         message = f"this is no result of `sqrp {kind}` of this version: {where}: {first['msg'].lower()}"
         raise bad_input("no-result", message, Place(file), mend=again) from None
-    if not record.VIEW:
-        raise bad_input(
-            "no-result", f"no table of `sqrp {kind}` can be drawn from its JSON alone", Place(file), mend=again
-        )
     return found

@@ -38,9 +38,8 @@ def show(ask: _Show) -> ExitCode:
     from sqrp_cli.show.terminal.console import print_problems
 
     cell = OpenCell.read(ask.workspace)
-    scene = cell.scene()
-    print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(scene.cell)))
-    answer(scene, as_json=ask.json)
+    print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(cell.cell)))
+    answer(cell.scene(), as_json=ask.json)
     return ExitCode.OK
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera, DistortionModel
 from sqrp_cli.camera.detector import Curve, DetectorKind, marker_ranges
 from sqrp_cli.cell.mesh import mesh_unit
-from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many, live
+from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
@@ -35,6 +34,8 @@ class JointScene(Record):
     """Greatest acceleration [rad/s^2 or m/s^2]."""
     jerk: float
     """Greatest jerk [rad/s^3 or m/s^3]."""
+    slides: bool = field(default=False, metadata=LEFT_OUT)
+    """True of a joint that slides; left out where it turns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,12 +66,16 @@ class RobotScene(RobotTraits, Record):
     """Of the root link in the world."""
     tool: ToolScene | None
     """Null if the tool is part of the robot's URDF, or there is none."""
+    arm: list[str]
+    """The joints of the arm, from the root to the tool frame."""
     joints: Mapping[str, JointScene]
     """Limits of every movable joint, by its name."""
     held: str | None
     """The object that the tool holds at the start."""
     unchecked_pairs: list[list[str]]
     """Pairs of links that are not checked for contact, besides neighbours."""
+    contact: str
+    """How many pairs of parts are checked for contact, and which are not, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +149,10 @@ class ObjectScene(Record):
     """Of that box's centre in the world; null if unknown."""
     fixed: bool
     """Whether it never moves."""
+    attributes: list[str] = field(default_factory=list, metadata=LEFT_OUT)
+    """Further words that a task may use for it; left out where there are none."""
+    on: str | None = field(default=None, metadata=LEFT_OUT)
+    """The object that it stands on; left out where nothing is said."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +193,8 @@ class OpaquePart(Record):
 class ShowDocument(WorkspaceDocument):
     """What `sqrp show` prints."""
 
+    VIEW = "sqrp_cli.show.terminal.cell_tables:print_scene"
+
     document: Literal["show"] = "show"
     digest: str
     """Of what was understood of the workspace: the same whatever its comments, layout and folder."""
@@ -206,9 +217,6 @@ class ShowDocument(WorkspaceDocument):
     tasks: list[str]
     """The tasks that `sqrp score` ranks, as the workspace has them."""
 
-    cell: Any = live()
-    """The `Cell`, of which the table shows more than the document has."""
-
     @classmethod
     def of(cls, cell: Cell) -> ShowDocument:
         """What was understood of a cell."""
@@ -218,10 +226,11 @@ class ShowDocument(WorkspaceDocument):
         for name, one in workspace.detectors.items():
             known = ranges if one.kind == "aruco" and any(ranges.values()) else None
             detectors[name] = from_fields(DetectorScene, one, ranges=known)
-        objects = {
-            name: from_fields(ObjectScene, one, size=list(one.size), pose=X_WO[name].tolist() if name in X_WO else None)
-            for name, one in workspace.objects.items()
-        }
+        objects = {}
+        for name, item in workspace.objects.items():
+            pose = X_WO[name].tolist() if name in X_WO else None
+            lists = {"size": list(item.size), "attributes": list(item.attributes)}
+            objects[name] = from_fields(ObjectScene, item, pose=pose, **lists)
         lights = {
             name: LightScene(
                 intensity=one.intensity,
@@ -232,7 +241,6 @@ class ShowDocument(WorkspaceDocument):
             for name, one in workspace.lights.items()
         }
         return cls(
-            cell=cell,
             workspace=workspace.name,
             digest=workspace.digest,
             robot=_robot(cell),
@@ -251,17 +259,27 @@ class ShowDocument(WorkspaceDocument):
         """Its main figures, in a line."""
         return f"{self.workspace}: {how_many(self.cameras, 'camera')}, {how_many(self.objects, 'object')}"
 
-    def show(self, **how: bool) -> None:
-        """Print it, while its cell is known."""
-        import_module("sqrp_cli.show.terminal.cell_tables").print_scene(self.cell, **how)
-
 
 def _robot(cell: Cell) -> RobotScene:
-    own, model = cell.workspace.robot, cell.model
+    from sqrp_cli.motion.collision import SAMPLES
+
+    own, model, contacts = cell.workspace.robot, cell.model, cell.self_contacts
     tool = None
     if own.tool is not None:
         urdf = None if own.tool.file is None else str(own.tool.file)
         tool = ToolScene(urdf=urdf, link=own.tool.link, pose=own.tool.X_LT.tolist())
+    contact = f"{len(cell.collision.self_pairs)} pairs of parts are checked for contact"
+    if contacts is None:
+        named = "the SRDF" if own.srdf is None else own.srdf.name
+        contact += f"; {named} leaves out {len(own.disabled_pairs)} pairs of links."
+    else:
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
+        contact += (
+            f". There is no SRDF: left out are neighbours, and links that touch at home or always: {names}. "
+            f"{len(contacts.never)} pairs of links touched at none of {SAMPLES} positions tried, and are checked all "
+            "the same."
+        )
+    turns = dict(zip((joint.name for joint in model.tree.joints), model.tree.turns.tolist(), strict=True))
     return from_fields(
         RobotScene,
         own,
@@ -272,12 +290,16 @@ def _robot(cell: Cell) -> RobotScene:
         base=own.X_WB.tolist(),
         tool=tool,
         joints={
-            name: from_fields(JointScene, one, lower=_finite(one.lower), upper=_finite(one.upper))
+            name: from_fields(
+                JointScene, one, lower=_finite(one.lower), upper=_finite(one.upper), slides=not turns[name]
+            )
             for name, one in own.limits.items()
         },
+        arm=list(model.arm),
         home=model.joint_values(model.home),
         held=cell.initial_world.held,
         unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
+        contact=contact,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby
-from math import atan, degrees
+from math import atan, degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from rich.text import Text
 
 from sqrp_cli.show.terminal.console import (
     SEVERITY_STYLES,
+    Cell,
     Column,
     Share,
     Styled,
@@ -24,15 +25,15 @@ from sqrp_cli.show.terminal.console import (
     say_command,
     say_line,
 )
-from sqrp_cli.show.terminal.console import Cell as Shown
 from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
 
 if TYPE_CHECKING:
     from sqrp_cli.checks.registry import RuleEntry
+    from sqrp_cli.document import Pose
     from sqrp_cli.figures import FaultMetrics
-    from sqrp_cli.motion.cell import Cell
     from sqrp_cli.show.documents.checks import Check, PlannedStep, RulesDocument
     from sqrp_cli.show.documents.programs import NewCell, ProgramDocument
+    from sqrp_cli.show.documents.scene import ShowDocument
 
 
 def print_check(found: Check) -> None:
@@ -114,23 +115,25 @@ def print_rules(found: RulesDocument) -> None:
             say_line(f"  {line}")
 
 
-def print_scene(cell: Cell) -> None:
+def print_scene(found: ShowDocument) -> None:
     """Robot, cameras, objects, skills and state."""
-    from sqrp_cli.camera.detector import marker_ranges
-    from sqrp_cli.motion.collision import SAMPLES
+
+    def position(pose: Pose | None) -> str:
+        return "unknown" if pose is None else numbered(row[3] for row in pose[:3])
 
     def numbered(values: Iterable[float]) -> str:
         """Numbers [m] to 1 mm."""
         return " ".join(f"{value:z.3f}" for value in values)
 
-    workspace, model, robot = cell.workspace, cell.model, cell.workspace.robot
-    arm = f"{robot.urdf.path.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}"
-    say(f"{workspace.name}: {arm}\n", "bold")
-    limits = (model.lower, model.upper, model.velocity, model.acceleration, model.jerk, model.home)
-    joints = [
-        (name, *(f"{degrees(value):z.0f}" if turns else f"{1000 * value:z.0f} mm" for value in values))
-        for name, turns, *values in zip(model.arm, model.turns, *limits, strict=True)
-    ]
+    robot = found.robot
+    arm = f"{Path(robot.urdf).name} with {len(robot.arm)} arm joints, tool frame {robot.tool_frame}"
+    say(f"{found.workspace}: {arm}\n", "bold")
+    joints = []
+    for name in robot.arm:
+        one = robot.joints[name]
+        limits = (one.lower, one.upper, one.velocity, one.acceleration, one.jerk, robot.home[name])
+        ends = (-inf if one.lower is None else one.lower, inf if one.upper is None else one.upper, *limits[2:])
+        joints.append((name, *(f"{1000 * v:z.0f} mm" if one.slides else f"{degrees(v):z.0f}" for v in ends)))
     print_table([Column("joint [deg, s]"), *numbers("min", "max", "v", "a", "j", "home")], joints)
     if robot.angle_tolerance:
         say(f"\ntool may be turned by {degrees(robot.angle_tolerance):g} deg from a pose")
@@ -143,60 +146,47 @@ def print_scene(cell: Cell) -> None:
     if robot.markers:
         markers = (f"{link} (id {m.id} of {m.dictionary}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
         say(f"markers  {', '.join(markers)}")
-    checked, contacts = f"\n{len(cell.collision.self_pairs)} pairs of parts are checked for contact", cell.self_contacts
-    if contacts is None:
-        named = "the SRDF" if robot.srdf is None else robot.srdf.name
-        say(f"{checked}; {named} leaves out {len(robot.disabled_pairs)} pairs of links.\n")
-    else:
-        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
-        say(
-            f"{checked}. There is no SRDF: left out are neighbours, and links that touch at home or always: {names}. "
-            f"{len(contacts.never)} pairs of links touched at none of {SAMPLES} positions tried, and are checked all "
-            "the same.\n"
-        )
+    say(f"\n{robot.contact}\n")
     cameras = [
         (
-            one.name, one.frame, numbered(one.X_FC[:3, 3]), f"{one.width}x{one.height}",
-            f"{degrees(2 * atan(one.width / 2 / one.matrix[0, 0])):.0f}", one.distortion_model,
-            f"{one.near:g}-{one.far:g}", f"{one.rate:g}", f"{1000 * one.lag:.0f}",
+            name, one.frame, position(one.pose), f"{one.width}x{one.height}",
+            f"{degrees(2 * atan(one.width / 2 / one.K[0][0])):.0f}", one.distortion_model if any(one.D) else "none",
+            f"{one.near:g}-{inf if one.far is None else one.far:g}", f"{one.rate:g}", f"{1000 * one.latency:.0f}",
         )
-        for one in workspace.cameras.values()
+        for name, one in found.cameras.items()
     ]  # fmt: skip
     print_table(
         [*map(Column, ("camera", "frame", "at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms"))], cameras
     )
-    if workspace.markers:  # from where to where each camera reads each marker that faces it
-        ranges = marker_ranges(workspace.cameras, workspace.markers)
-        reads = [(name, *(f"{one.near:.2f}-{one.far:.2f}" for one in own.values())) for name, own in ranges.items()]
+    ranges = next((one.ranges for one in found.detectors.values() if one.ranges), {})
+    if ranges:  # from where to where each camera reads each marker that faces it
+        reads = [(name, *(f"{near:.2f}-{far:.2f}" for near, far in own.values())) for name, own in ranges.items()]
         say()
-        print_table([Column("reads [m]"), *numbers(*workspace.markers)], reads)
-    for camera in workspace.cameras.values():
+        print_table([Column("reads [m]"), *numbers(*next(iter(ranges.values())))], reads)
+    for name, camera in found.cameras.items():
         files = {"lens": camera.lens_file, "pose": camera.pose_file}
         if known := [f"{what} from {file}" for what, file in files.items() if file is not None]:
-            say(f"{camera.name}: {', '.join(known)}")
+            say(f"{name}: {', '.join(known)}")
     say()
-    X_WO = cell.initial_world.X_WO
     objects = [
-        (one.name, " ".join(filter(None, (one.color, one.type, *one.attributes))), numbered(one.size),
-         numbered(X_WO[one.name][:3, 3]) if one.name in X_WO else "unknown",
-         "fixed" if one.fixed else "movable", "tool" if one.X_TO is not None else one.on or "")
-        for one in workspace.objects.values()
+        (name, " ".join(filter(None, (one.color, one.type, *one.attributes))), numbered(one.size), position(one.pose),
+         "fixed" if one.fixed else "movable", "tool" if name == robot.held else one.on or "")
+        for name, one in found.objects.items()
     ]  # fmt: skip
     print_table(list(map(Column, ("object", "what", "size [m]", "at [m]", "", "on"))), objects)
-    if workspace.lights:
+    if found.lights:
         lights = [
             (
-                name, f"{one.intensity:g}", "everywhere" if one.is_ambient else numbered(one.heading),
-                "" if one.position is None else numbered(one.position),
-                "" if one.position is None else f"{degrees(2 * one.half_beam):.0f}",
+                name, f"{one.intensity:g}", "everywhere" if one.direction is None else numbered(one.direction),
+                numbered(one.position or ()), "" if one.beam is None else f"{degrees(one.beam):.0f}",
             )
-            for name, one in workspace.lights.items()
+            for name, one in found.lights.items()
         ]  # fmt: skip
         say()
         print_table(list(map(Column, ("light", "intensity", "direction", "at [m]", "beam [deg]"))), lights)
-    say(f"\nskills  {', '.join(workspace.skills)}")
-    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
-    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+    say(f"\nskills  {', '.join(found.skills)}")
+    say(f"state   {', '.join(found.state) or 'nothing holds'}")
+    say(f"tasks   {', '.join(found.tasks) or 'none'}")
 
 
 def print_new_cell(made: NewCell) -> None:
@@ -223,7 +213,7 @@ def print_program(found: ProgramDocument) -> None:
     say(joined([(Path(found.program).name, "bold"), title]))
     if count:
         titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
-        rows: list[list[Shown]] = []
+        rows: list[list[Cell]] = []
         for number, step in enumerate(found.steps, 1):
             figures = [Share(step.q_eoi), Share(step.q_avg), _slowest(step.faults.values())]
             rows.append([str(number), step.label, f"{step.start:.2f}", f"{step.time:.2f}", *figures])
