@@ -84,8 +84,19 @@ def digest_of_values(values: CanonicalValues) -> str:
 def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collection[str]) -> tuple[str, ...]:
     """What differs, in a short sentence each, such as `cam1 moved 2.0 cm`; skills: those that matter."""
     before, now = with_skills(before, skills), with_skills(now, skills)
-    subjects = dict.fromkeys((*before, *now))
-    return tuple(one for subject in subjects for one in _differences(subject, before.get(subject), now.get(subject)))
+    found: list[str] = []
+    for subject in dict.fromkeys((*before, *now)):
+        old, new = before.get(subject), now.get(subject)
+        if subject == "state":
+            found += [f"{fact} no longer holds" for fact in old or {} if fact not in (new or {})]
+            found += [f"{fact} holds now" for fact in new or {} if fact not in (old or {})]
+        elif old is None or new is None:
+            found.append(f"{subject} is {'new' if old is None else 'gone'}")
+        else:
+            unit = "m" if "prismatic" in (old.get("type"), new.get("type")) else "rad"
+            changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in {**old, **new})
+            found += filter(None, changes)
+    return tuple(found)
 
 
 def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN401 # a Workspace, which uses this module
@@ -196,65 +207,41 @@ def _pose(X: Array) -> tuple[float, ...]:
     return tuple((np.concatenate([np.round(X[:3, 3], DECIMALS), sign * quaternion]) + 0.0).tolist())
 
 
-def _differences(subject: str, before: Mapping[str, Plain] | None, now: Mapping[str, Plain] | None) -> Iterator[str]:
-    if subject == "state":
-        yield from (f"{fact} no longer holds" for fact in before or {} if fact not in (now or {}))
-        yield from (f"{fact} holds now" for fact in now or {} if fact not in (before or {}))
-    elif before is None or now is None:
-        yield f"{subject} is {'new' if before is None else 'gone'}"
-    else:
-        unit = "m" if "prismatic" in (before.get("type"), now.get("type")) else "rad"
-        for name in dict.fromkeys((*before, *now)):
-            old, new = before.get(name), now.get(name)
-            same = old == new and isinstance(old, bool) == isinstance(new, bool)
-            one, other = ((value,) if isinstance(value, float) else value for value in (old, new))
-            if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
-                same = np.allclose(one, other, rtol=1e-9, atol=1e-9)
-            if not same:
-                yield _moved(subject, name, old, new) or _altered(subject, name, (old, new), unit)
-
-
-def _moved(subject: str, name: str, old: Plain, new: Plain) -> str | None:
-    """How far a pose has moved and turned; None for other values."""
-    inside, _, last = name.rpartition(".")
-    if last != "pose" or not isinstance(old, tuple) or not isinstance(new, tuple):
+def _change(subject: str, name: str, old: Plain, new: Plain, unit: str) -> str | None:
+    """A sentence about a value before and now, of a pose how far it has moved and turned; None if they are the same."""
+    same = old == new and isinstance(old, bool) == isinstance(new, bool)
+    one, other = ((value,) if isinstance(value, float) else value for value in (old, new))
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        same = np.allclose(one, other, rtol=1e-9, atol=1e-9)
+    if same:
         return None
-    way = float(np.linalg.norm(np.subtract(new[:3], old[:3])))
-    # The angle of a rotation matrix [rad], exact for small ones, too.
-    R = quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:])
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    turn = math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
-    length = f"{100 * way:.1f} cm" if 0.01 <= way < 1 else f"{way:.4g} m" if way >= 1 else f"{1000 * way:.3g} mm"
-    parts = [f"moved {length}"] if way > 1e-9 else []
-    parts += [f"turned {math.degrees(turn):.3g} deg"] if turn > 1e-9 else []
-    return f"{_owner(subject)}{f' {inside}' if inside else ''} {' and '.join(parts)}"
-
-
-def _owner(subject: str) -> str:
-    """A camera, object or joint by its name alone."""
-    kind, _, name = subject.partition(" ")
-    return name if kind in ("camera", "object") else subject if name else f"the {subject}"
-
-
-def _altered(subject: str, name: str, values: tuple[Plain, Plain], unit: str) -> str:
-    """A value before and now."""
-    what, whose, after, limit = f"`{name}`", _owner(subject), "", name.rpartition(".")[-1]
-    if subject.startswith("joint ") and limit in _UNITS:
-        stop = "stop " if name.startswith("stop.") else ""
-        what, whose, after = f"{stop}{limit} joint limit", subject.partition(" ")[2], f" {unit}{_UNITS[limit]}"
-    elif subject.startswith("joint ") and name in ("home", "open", "closed"):
+    kind, _, named = subject.partition(" ")
+    whose = named if kind in ("camera", "object") else subject if named else f"the {subject}"
+    inside, _, last = name.rpartition(".")
+    if last == "pose" and isinstance(old, tuple) and isinstance(new, tuple):
+        way = float(np.linalg.norm(np.subtract(new[:3], old[:3])))
+        # The angle of a rotation matrix [rad], exact for small ones, too.
+        R = quaternion_to_matrix(old[3:]).T @ quaternion_to_matrix(new[3:])
+        axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        turn = math.atan2(float(np.linalg.norm(axis)), float(np.trace(R)) - 1.0)
+        length = f"{100 * way:.1f} cm" if 0.01 <= way < 1 else f"{way:.4g} m" if way >= 1 else f"{1000 * way:.3g} mm"
+        parts = [f"moved {length}"] if way > 1e-9 else []
+        parts += [f"turned {math.degrees(turn):.3g} deg"] if turn > 1e-9 else []
+        return f"{whose}{f' {inside}' if inside else ''} {' and '.join(parts)}"
+    what, after = f"`{name}`", ""
+    if kind == "joint" and last in _UNITS:
+        what, whose = f"{'stop ' if name.startswith('stop.') else ''}{last} joint limit", named
+        after = f" {unit}{_UNITS[last]}"
+    elif kind == "joint" and name in ("home", "open", "closed"):
         what, after = name, f" {unit}"
-
-    def shown(value: Plain) -> str:
-        if isinstance(value, tuple):
-            return f"[{', '.join(f'{number:g}' for number in value)}]"
-        return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
-
-    old, new = map(shown, values)
-    if old == new:
-        old, new = map(str, values)
-    if name == "shape" and old.startswith("mesh ") and new.startswith("mesh "):
+    before, now = (
+        f"[{', '.join(f'{number:g}' for number in value)}]" if isinstance(value, tuple)
+        else "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+        for value in (old, new)
+    )  # fmt: skip
+    before, now = (before, now) if before != now else (str(old), str(new))
+    if name == "shape" and before.startswith("mesh ") and now.startswith("mesh "):
         return f"the mesh of {whose} is another"
-    if max(len(old), len(new)) > _LONGEST or old == new:
+    if max(len(before), len(now)) > _LONGEST or before == now:
         return f"{what} of {whose} is another"
-    return f"{what} of {whose} {old} -> {new}{after}"
+    return f"{what} of {whose} {before} -> {now}{after}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,32 +18,20 @@ from sqrp_cli.files.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, 
 from sqrp_cli.files.yaml_edit import appended, with_entries, with_values
 from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.records import dataclass
 
 _SAME = 1e-9  # numbers that differ by less are the same
 _THEN = " then "  # between the steps of a task of several
 _LEAST = ("min_q_eoi", "min_q_avg")  # the thresholds of tasks that are least shares; the others are longest times
 
 
-class LookAt(NamedTuple):
-    """Where a camera looks."""
-
-    point: Array
-    """In the middle of its image, shape (3,) [m]."""
-    up: Array
-    """Shape (3,)."""
-
-
-def stated_look_at(workspace: Workspace, camera: str) -> LookAt | None:
-    """Where a camera looks, if the workspace states it so."""
+def stated_look_at(workspace: Workspace, camera: str) -> Array | None:
+    """The point in the middle of a camera's image [m] over what is up in it, (2, 3), if the workspace states it so."""
     path = f"cameras.{camera}.pose"
-    point = [read_quantity(workspace.values.get(f"{path}.look_at.{axis}")) for axis in range(3)]
-    up = [read_quantity(workspace.values.get(f"{path}.up.{axis}")) for axis in range(3)]
-    places = np.array([entry.value for entry in point if entry is not None])
-    if len(places) < 3:
-        return None
-    stated = [entry.value for entry in up if entry is not None]
-    return LookAt(places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0]))
+    point, up = (
+        [one.value for axis in range(3) if (one := read_quantity(workspace.values.get(f"{path}.{key}.{axis}")))]
+        for key in ("look_at", "up")
+    )
+    return np.array([point, up if len(up) == 3 else (0.0, 0.0, 1.0)]) if len(point) == 3 else None
 
 
 def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array | None) -> bytes:
@@ -58,8 +46,8 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
     content = document.content
     if not np.array_equal(before.X_FC, camera.X_FC):
         if "pose" not in entry:
-            quaternion = _flow(_rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 6))
-            numbers = f"position {_flow(_places(camera.X_FC[:3, 3]))}, quaternion {quaternion} in `{camera.frame}`"
+            quaternion = _flow(_rounded(matrix_to_quaternion(camera.X_FC[:3, :3])))
+            numbers = f"position {_flow(_rounded(camera.X_FC[:3, 3]))}, quaternion {quaternion} in `{camera.frame}`"
             raise _elsewhere(document, path, "hand_eye", numbers)
         content = _with_pose(document, (*path, "pose"), camera.X_FC, look_at, body=entry.get("convention") == "body")
     if not np.array_equal(before.matrix, camera.matrix):
@@ -87,7 +75,7 @@ def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) 
 
 def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:
     """The file with one more camera, with image and sensing of another one of that name."""
-    entry = {"pose": {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}}
+    entry = {"pose": {"position": _rounded(camera.X_FC[:3, 3]), "look_at": _rounded(look_at)}}
     where = ("pose", "hand_eye", "convention", "frame")
     entry |= {key: value for key, value in _at(document, ("cameras", like)).items() if key not in where}
     return appended(document, ("cameras",), f"{camera.name}: {_flow(entry)}")
@@ -100,35 +88,28 @@ _SENSING = (
 """How a camera senses, with the units that people use."""
 
 
-@dataclass(frozen=True, eq=False)
-class NewCamera:
-    """A camera that a workspace file is to have."""
-
-    camera: Camera
-    image: ImageEntry
-    look_at: Array | None
-    """The point in the middle of its image in its frame, (3,); None to state its orientation."""
-    up: Array
-    """What is up in the image then, (3,)."""
+NewCamera = tuple[Camera, ImageEntry, Array | None, Array]
+"""A camera that a workspace file is to have, its image, the point in the middle of that, (3,) in the camera's frame, or
+None to state the orientation, and what is up in it, (3,)."""
 
 
 def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Sequence[NewCamera]) -> bytes:
     """The file with these cameras instead of all that it has but the kept ones."""
     entries = []
-    for new in cameras:
-        camera, lens = new.camera, new.image.distortion
-        pose_entry: Data = {"position": _places(camera.X_FC[:3, 3])}
-        if new.look_at is None:
+    for camera, image, look_at, up in cameras:
+        pose_entry: Data = {"position": _rounded(camera.X_FC[:3, 3])}
+        if look_at is None:
             pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
         else:
-            pose_entry["look_at"] = _places(new.look_at)
-            if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
-                pose_entry["up"] = _rounded(new.up, 9)
-        image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
-        if new.image.horizontal_fov is not None:
-            image["horizontal_fov"] = _number("0 deg", new.image.horizontal_fov, ANGLE)
-        if lens is not None:
-            image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
+            pose_entry["look_at"] = _rounded(look_at)
+            if not np.allclose(up, (0.0, 0.0, 1.0), atol=_SAME):
+                pose_entry["up"] = _rounded(up, 9)
+        lens = {name: value for name, value in vars(image).items() if value is not None and name != "distortion"}
+        if image.horizontal_fov is not None:
+            lens["horizontal_fov"] = _number("0 deg", image.horizontal_fov, ANGLE)
+        if image.distortion is not None:
+            distortion = {"model": image.distortion.model, "coefficients": list(image.distortion.coefficients)}
+            lens["distortion"] = distortion
         sensing = {}
         for name, unit, dimension in _SENSING:
             value = getattr(camera, name)
@@ -137,7 +118,7 @@ def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Seque
         if camera.gain is not None:
             sensing["gain"] = f"{camera.gain:.6g}"
         frame = {} if camera.frame == WORLD else {"frame": camera.frame}
-        entries.append(f"{camera.name}: {_flow({**frame, 'pose': pose_entry, 'image': image, **sensing})}")
+        entries.append(f"{camera.name}: {_flow({**frame, 'pose': pose_entry, 'image': lens, **sensing})}")
     return with_entries(document, ("cameras",), kept, entries)
 
 
@@ -158,7 +139,7 @@ def with_base(document: SourceDocument, X_WB: Array) -> bytes:
     if path in document.values:
         return _with_pose(document, path, X_WB, None, body=False)
     turned = {} if np.allclose(X_WB[:3, :3], np.eye(3), atol=_SAME) else {"rpy": matrix_to_rpy(X_WB[:3, :3])}
-    entry = {"position": _places(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
+    entry = {"position": _rounded(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
     return with_values(document, {dotted(path): _flow(entry)})
 
 
@@ -196,9 +177,9 @@ def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array
     stated = _at(document, path)
     R = (inverse(camera_axes_as_body(np.eye(4))) if body else np.eye(4))[:3, :3]
     X_stated = X @ pose(R)
-    wanted: dict[str, list[float]] = {"position": _places(X[:3, 3])}
+    wanted: dict[str, list[float]] = {"position": _rounded(X[:3, 3])}
     if "look_at" in stated and look_at is not None:
-        wanted["look_at"] = _places(look_at)
+        wanted["look_at"] = _rounded(look_at)
     elif "quaternion" in stated:
         wanted["quaternion"] = _rounded(matrix_to_quaternion(X_stated[:3, :3]), 9)
     elif "rpy" in stated or "look_at" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
@@ -235,11 +216,7 @@ def _at(document: SourceDocument, path: KeyPath) -> Any:  # noqa: ANN401 # a map
     raise bad_input("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path))
 
 
-def _places(point: Array) -> list[float]:
-    return _rounded(point, 6)
-
-
-def _rounded(values: Iterable[float], digits: int) -> list[float]:
+def _rounded(values: Iterable[float], digits: int = 6) -> list[float]:
     return [round(float(value), digits) + 0.0 for value in values]
 
 

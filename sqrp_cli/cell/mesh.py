@@ -14,8 +14,9 @@ import re
 import warnings
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from math import isnan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,17 +45,9 @@ _EXACT = (".step", ".stp", ".iges", ".igs", ".brep")
 """Endings of files of CAD programs, whose surfaces are exact and not triangles."""
 
 
-class _Surface(NamedTuple):
-    """The content of a mesh file."""
-
-    points: Array
-    """Corners in the unit of the file, shape (V, 3)."""
-    faces: Integers
-    """Indices of three corners each, shape (F, 3)."""
-    unit: float = 1.0
-    """[m]"""
-    line_of: Callable[[int], int | None] = lambda _: None
-    """The line of a point, for messages."""
+_Surface = tuple[Array, Integers, float, Callable[[int], int | None]]
+"""The content of a mesh file: corners in its unit, (V, 3), indices of three corners each, (F, 3), the unit [m], and what
+gives the line of a point, for messages."""
 
 
 def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Triangles:
@@ -66,7 +59,7 @@ def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -
     Raises InputError for a file that cannot be read, is damaged, empty, too large, or of another format, and for a mesh
     that reaches further than `LARGEST_LENGTH`.
     """
-    points, faces, unit, _ = _surface(path)
+    points, faces, unit = _surface(path)
     vertices = points * (unit * np.array(scale))
     if not (np.abs(vertices) <= LARGEST_LENGTH).all():
         message = f"this mesh reaches further than {LARGEST_LENGTH:g} m from its origin"
@@ -77,10 +70,10 @@ def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -
 
 def mesh_unit(path: Path) -> float:
     """The length of the unit of a mesh file [m]: what a COLLADA file says, otherwise 1. Raises as `read_mesh`."""
-    return _surface(path).unit
+    return _surface(path)[2]
 
 
-def _surface(path: Path) -> _Surface:
+def _surface(path: Path) -> tuple[Array, Integers, float]:
     try:
         stat = path.stat()
     except OSError as error:
@@ -89,7 +82,7 @@ def _surface(path: Path) -> _Surface:
 
 
 @lru_cache(maxsize=1024)
-def _read(path: Path, size: int, _time: int) -> _Surface:
+def _read(path: Path, size: int, _time: int) -> tuple[Array, Integers, float]:
     suffix = path.suffix.lower()
     if suffix not in _READERS:
         message = f"found a mesh with the ending `{path.suffix}`, expected .stl, .obj or .dae"
@@ -117,7 +110,7 @@ def _read(path: Path, size: int, _time: int) -> _Surface:
     if not cross(b - a, c - a).any():
         raise bad_input("mesh-empty", "no triangle of this mesh has an area", Place(path))
     faces.setflags(write=False)
-    return _Surface(points, faces, unit)
+    return points, faces, unit
 
 
 def _damaged(path: Path, message: str, line: int | None = None, mend: str = "export it again") -> InputError:
@@ -152,7 +145,7 @@ def _stl(path: Path, content: bytes) -> _Surface:
     if len(content) == promised:
         _check_count(path, stated)
         corners = np.frombuffer(content, dtype=_FACET, offset=84)["corners"].reshape(-1, 3).astype(float)
-        return _Surface(corners, np.arange(len(corners)).reshape(-1, 3))
+        return corners, np.arange(len(corners)).reshape(-1, 3), 1.0, lambda _: None
     if content[:100].lstrip()[:5].lower() != b"solid":
         message = f"this STL file has {len(content):,} bytes, but its header promises {stated:,} triangles"
         raise _damaged(path, f"{message} (bytes 80 to 83), which are {promised:,} bytes: it is damaged")
@@ -176,17 +169,9 @@ def _stl(path: Path, content: bytes) -> _Surface:
     try:
         corners = np.array(facets, dtype=float).reshape(-1, 3)
     except ValueError:
-        first = next(number for number, facet in enumerate(facets) if not all(map(_is_number, facet)))
+        first = next(number for number, facet in enumerate(facets) if any(map(isnan, map(as_number, facet))))
         raise _damaged(path, "a corner of this triangle is not three numbers", line_of(3 * first)) from None
-    return _Surface(corners, np.arange(len(corners)).reshape(-1, 3), 1.0, line_of)
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return corners, np.arange(len(corners)).reshape(-1, 3), 1.0, line_of
 
 
 # OBJ
@@ -209,7 +194,7 @@ def _obj(path: Path, content: bytes) -> _Surface:
         words = line.partition(b"#")[0].split()
         keyword = words[0] if words else b"g"
         if keyword == b"v":
-            if len(words) < 4 or not all(map(_is_number, words[1:])):
+            if len(words) < 4 or any(map(isnan, map(as_number, words[1:]))):
                 raise _damaged(path, f"found the vertex `{_shown(words[1:])}`, expected three numbers", number)
             vertices.append(words[1:4])
             lines.append(number)
@@ -236,7 +221,7 @@ def _obj(path: Path, content: bytes) -> _Surface:
         number += 1 + line.count(b"\v")
     points = np.array(vertices, dtype=float).reshape(-1, 3)
     faces = _cut(path, points, np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64))
-    return _Surface(points, faces, 1.0, lines.__getitem__)
+    return points, faces, 1.0, lines.__getitem__
 
 
 def _shown(words: list[bytes]) -> str:
@@ -364,7 +349,7 @@ def _dae(path: Path, content: bytes) -> _Surface:
     listed = [one for library in root.all("library_visual_scenes") for one in library.all("visual_scene")]
     for one in listed if instance is None else [_referred(instance, "url", scenes)]:
         place(one, np.eye(4), 0)
-    return _Surface(np.concatenate(points), np.concatenate(faces), as_number(stated))
+    return np.concatenate(points), np.concatenate(faces), as_number(stated), lambda _: None
 
 
 def _by_id(elements: Iterable[Element]) -> dict[str, list[Element]]:
@@ -467,7 +452,7 @@ def _numbers(element: Element, kind: Any) -> NDArray[Any]:  # noqa: ANN401 - a t
             return np.fromstring(text, dtype=kind, sep=" ") if text.strip() else np.zeros(0, kind)
     except (ValueError, DeprecationWarning):
         words = enumerate(text.split(), 1)
-        number, word = next(((number, word) for number, word in words if not _is_number(word.encode())), (0, ""))
+        number, word = next(((number, word) for number, word in words if isnan(as_number(word))), (0, ""))
         found = f"number {number:,} is `{word[:60]}`, expected a number" if number else "expected whole numbers"
         raise _wrong(element, f"{element}: {found}") from None
 

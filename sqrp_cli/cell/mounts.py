@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.camera.camera import ImageEntry, Intrinsics, Sensing, catalogue, check_image
+from sqrp_cli.camera.camera import ImageEntry, Sensing, catalogue, check_image
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files.entries import (
@@ -49,13 +49,6 @@ Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
 HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
 
 
-class Laid(NamedTuple):
-    """The axes along which places are laid out, shape (k, 3), and how many there are along each, shape (k,)."""
-
-    axes: Array
-    counts: NDArray[np.int64]
-
-
 @dataclass(frozen=True, kw_only=True)
 class SpanEntry(FileRecord):
     """Places at equal steps: on a rail along a line; on a grid along the axes of the frame, between two corners."""
@@ -64,13 +57,6 @@ class SpanEntry(FileRecord):
     end: Annotated[Position, Field(alias="to", description="Where it ends; the opposite corner.")]
     step: Size
     """Between neighbouring places, of a grid along each axis."""
-
-    def laid(self, *, is_line: bool) -> Laid:
-        """How the places of a rail, or of a grid, are laid out; without making them."""
-        way = np.subtract(self.end, self.start)
-        lengths = np.array([np.linalg.norm(way)]) if is_line else np.abs(way)
-        axes = way[None] / max(float(lengths[0]), SHORTEST_DIRECTION) if is_line else np.diag(np.sign(way))
-        return Laid(axes, np.floor(lengths / self.step + 1e-9).astype(int) + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,24 +143,28 @@ class MountEntry(FileRecord):
                 "conflicting-keys", "`targets` stand still; on a link use `fixed`, `at` or a `cone`"
             )
 
-    @property
-    def span(self) -> SpanEntry | None:
-        """The places at equal steps, if they are not single ones."""
-        return self.rail or self.grid
+    def _laid(self) -> tuple[SpanEntry, Array, NDArray[np.int64]] | None:
+        """A rail or grid, the axes along which its places are, (k, 3), and how many there are along each, (k,)."""
+        span = self.rail or self.grid
+        if span is None:
+            return None
+        way = np.subtract(span.end, span.start)
+        lengths = np.abs(way) if self.rail is None else np.array([np.linalg.norm(way)])
+        axes = np.diag(np.sign(way)) if self.rail is None else way[None] / max(float(lengths[0]), SHORTEST_DIRECTION)
+        return span, axes, np.floor(lengths / span.step + 1e-9).astype(int) + 1
 
     @property
     def count(self) -> int:
         """How many places there are, without making them."""
-        if self.span is None:
-            return len(self.points or ())
-        return int(np.prod(self.span.laid(is_line=self.rail is not None).counts))
+        laid = self._laid()
+        return len(self.points or ()) if laid is None else int(np.prod(laid[2]))
 
     def places(self) -> Array:
         """The places, of a grid x slowest, z fastest; shape (n, 3)."""
-        if self.span is None:
+        if (laid := self._laid()) is None:
             return np.array(self.points, dtype=float).reshape(-1, 3)
-        axes, counts = self.span.laid(is_line=self.rail is not None)
-        places: Array = self.span.start + self.span.step * np.array(list(product(*map(range, counts)))) @ axes
+        span, axes, counts = laid
+        places: Array = span.start + span.step * np.array(list(product(*map(range, counts)))) @ axes
         return places
 
 
@@ -217,13 +207,6 @@ class LensChoice(LensEntry):
     """A camera with its lens, as it may be bought."""
 
     name: str
-    source: str = ""
-    """Of its figures, for one from the catalogue."""
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """What its image is like."""
-        return self.image.intrinsics()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -289,7 +272,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     for name, one in file.lenses.items():
         known = catalogue()[one.catalogue] if isinstance(one, CatalogueLens) else one
         lenses[name] = from_fields(LensChoice, known, name=name, price=one.price)
-        check_image(document, ("lenses", name, "image"), lenses[name].intrinsics)
+        check_image(document, ("lenses", name, "image"), lenses[name].image.intrinsics())
     spots, aimless = list[Spot](), list[Problem]()
     for name, entry in file.mounts.items():
         places, aims = np.round(entry.places(), 9) + 0.0, entry.aims

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, Seat, check_image
+from sqrp_cli.camera.camera import Camera, CameraEntry, PoseFile, check_image
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.mesh import read_mesh
@@ -55,7 +55,21 @@ class CellReader(RobotReader):
         for name, entry in self.file.cameras.items():
             with self._collecting():
                 path: KeyPath = ("cameras", name)
-                seat = self._seat(path, entry)
+                found = None if entry.hand_eye is None else self._hand_eye(path, entry, entry.hand_eye)
+                if found is None:
+                    assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+                    frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
+                else:
+                    frame, X_FC = entry.frame or link_called(found.frame, self.links), found.X_FC
+                if frame != WORLD and frame not in self.links:
+                    in_file = found if entry.frame is None else None
+                    place = self.document.value_place((*path, "frame")) if in_file is None else in_file.place
+                    message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; "
+                    message += expected_names(frame, [WORLD, *self.links])
+                    mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+                    self.problems.append(Problem("unknown-frame", message, place, mend=None if found is None else mend))
+                X_FC = read_only(camera_axes_as_body(X_FC) if entry.convention == "body" else X_FC)
+                pose_file = None if found is None else found.pose_file
                 if entry.calibration is not None:
                     from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
 
@@ -70,31 +84,15 @@ class CellReader(RobotReader):
                     assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
                     intrinsics = entry.image.intrinsics()
                     check_image(self.document, (*path, "image"), intrinsics)
-                cameras[name] = from_fields(Camera, entry, intrinsics, seat, name=name)
+                cameras[name] = from_fields(
+                    Camera, entry, intrinsics, name=name, frame=frame, X_FC=X_FC, pose_file=pose_file
+                )
         return cameras
 
     def _place_of_file(self, path: KeyPath) -> Place:
         """Where the entry at `path` names its file: under the key `file`, if it is more than that."""
         named = (*path, "file")
         return self.document.value_place(named if named in self.document.keys else path)
-
-    def _seat(self, path: KeyPath, entry: CameraEntry) -> Seat:
-        """Where a camera is, by its entry or by a file."""
-        found = None if entry.hand_eye is None else self._hand_eye(path, entry, entry.hand_eye)
-        if found is None:
-            assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
-            frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
-        else:
-            frame, X_FC = entry.frame or link_called(found.frame, self.links), found.X_FC
-        if frame != WORLD and frame not in self.links:
-            expected = expected_names(frame, [WORLD, *self.links])
-            in_file = found is not None and entry.frame is None
-            at = found.place if found is not None and in_file else self.document.value_place((*path, "frame"))
-            message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
-            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
-            self.problems.append(Problem("unknown-frame", message, at, mend=None if found is None else mend))
-        X_FC = read_only(camera_axes_as_body(X_FC) if entry.convention == "body" else X_FC)
-        return Seat(frame=frame, X_FC=X_FC, pose_file=None if found is None else found.pose_file)
 
     def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
         """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""

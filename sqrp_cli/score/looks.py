@@ -60,7 +60,7 @@ def kept_verdicts(
     for number, (judged_way, installations) in enumerate(batches):
         way, samples, places = judged_way.scene.candidate, judged_way.samples, []
         for one in installations:
-            lens, own = one.lens, one.lens.intrinsics
+            lens, own = one.lens, one.lens.image.intrinsics()
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
             said = [lens.name, *size, own.matrix.tolist(), *distortion, sensing]

@@ -110,7 +110,9 @@ class Installation:
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
-        return from_fields(Camera, self.lens, self.lens.intrinsics, name=name, frame=self.spot.frame, X_FC=self.X_FC)
+        return from_fields(
+            Camera, self.lens, self.lens.image.intrinsics(), name=name, frame=self.spot.frame, X_FC=self.X_FC
+        )
 
     @property
     def price(self) -> float:

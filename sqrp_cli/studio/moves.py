@@ -108,14 +108,14 @@ def aim(workspace: Workspace, camera: Camera) -> Array:
     """The point that a camera looks at, in the frame that carries it, shape (3,) [m]; 1 m ahead if none is stated."""
     stated = stated_look_at(workspace, camera.name)
     ahead: Array = camera.X_FC[:3, 3] + camera.X_FC[:3, 2]
-    return ahead if stated is None else stated.point
+    return ahead if stated is None else stated[0]
 
 
 def way_up(workspace: Workspace, camera: Camera) -> Array:
     """What is up in a camera's image, in the frame that carries it, shape (3,)."""
     stated = stated_look_at(workspace, camera.name)
     up: Array = -camera.X_FC[:3, 1]
-    return up if stated is None else stated.up
+    return up if stated is None else stated[1]
 
 
 def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.camera.camera import ImageEntry
-from sqrp_cli.cell.edits import NewCamera, with_cameras
+from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from tests.cells import shipped_cell, write_cell
@@ -97,7 +97,7 @@ def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, t
     for name, is_stated in (("cam1", False), ("cam2", True)):
         camera = load_workspace(workspace).cameras[name]
         image = ImageEntry(width=640, height=480, horizontal_fov=1.0)
-        new = NewCamera(camera, image, None, np.array([0.0, 0.0, 1.0]))
+        new = (camera, image, None, np.array([0.0, 0.0, 1.0]))
         written = with_cameras(read_workspace_document(workspace / "workspace.yaml"), [], [new]).decode()
         assert ("latency" in written) == is_stated
 

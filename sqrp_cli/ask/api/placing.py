@@ -9,7 +9,7 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
-from sqrp_cli.cell.edits import NewCamera, with_cameras
+from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.mounts import Mounts, place_file, read_mounts
 from sqrp_cli.cell.workspace_file import read_again
 from sqrp_cli.errors import bad_input, bad_option, expected_names
@@ -77,7 +77,7 @@ def find_placement(
     file = read_again(workspace.whole_file.file, workspace.files["workspace"].digest, content)
     if not found.cameras:
         return replace(found, file=file, content=file.content)
-    added = [NewCamera(one.camera, one.place.lens.image, one.place.at, one.place.up) for one in found.cameras]
+    added = [(one.camera, one.place.lens.image, one.place.at, one.place.up) for one in found.cameras]
     patched = with_cameras(file, keep, added)
     return replace(found, file=file, content=patched, patch=patch(file, patched))
 
