@@ -46,8 +46,8 @@ _EXACT = (".step", ".stp", ".iges", ".igs", ".brep")
 
 
 _Surface = tuple[Array, Integers, float, Callable[[int], int | None]]
-"""The content of a mesh file: corners in its unit, (V, 3), indices of three corners each, (F, 3), the unit [m], and what
-gives the line of a point, for messages."""
+"""The content of a mesh file: corners in its unit, (V, 3), indices of three corners each, (F, 3), the unit [m], and
+what gives the line of a point, for messages."""
 
 
 def read_mesh(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Triangles:
