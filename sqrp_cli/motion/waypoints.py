@@ -83,9 +83,9 @@ class WaypointGrounder:
                 X_WT = self.pose(other)
                 shift = np.array([number(part) for part in offset])
                 return pose(position=(X_WT if axes is None else axes)[:3, :3] @ shift) @ X_WT
-            case skill.PoseWaypoint(X_FT=X_FT, frame=frame, of=held):
+            case skill.PoseWaypoint(pose=stated, frame=frame, of=held):
                 of_tool = pose() if held is None else inverse(self._held(held))
-                return self._placed(frame) @ X_FT @ of_tool
+                return self._placed(frame) @ stated.matrix() @ of_tool
 
     def _placed(self, frame: str) -> Array:
         """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""

@@ -68,7 +68,7 @@ def load_program(path: Path) -> Program:
     if "sqrp_program" not in document.data:
         raise no_program
     program = validate(document, Program)
-    problems = [document.problem(flaw.code, flaw.at, flaw.message) for flaw in flaws(program)]
+    problems = [document.problem(*flaw) for flaw in flaws(program)]
     for number, step in enumerate(program.steps):
         for index, formula in enumerate(step.formulas):
             parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
@@ -145,7 +145,7 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
         raise InputError(doubt)
     if found := list(flaws_in(program, workspace)):
         document = read_yaml(path, keys=_KEYS)
-        raise InputError(*(document.problem(flaw.code, flaw.at, flaw.message) for flaw in found))
+        raise InputError(*(document.problem(*flaw) for flaw in found))
     check_unedited(program, path)
 
 

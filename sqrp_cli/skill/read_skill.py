@@ -150,14 +150,13 @@ class _SkillReader:
                     self._known(str(value), [*valid, skill.HOME] if mark.home else valid, mark.what, at)
             elif not isinstance(value, settings.Reference):
                 if isinstance(value, Quantity | str) and (complaint := mark.complaint(value)) is not None:
-                    self._report(complaint.code, at, complaint.message)
+                    self._report(complaint[0], at, complaint[1])
             elif (name := value.parameter) in self.file.motion:
                 self.kinds[name].append(mark)
                 complaints = filter(None, map(mark.complaint, self.values[name]))
                 if (complaint := next(complaints, None)) is not None and name not in self._refused:
                     self._refused.add(name)  # once, however many settings use it
-                    message = f"{complaint.message} (`{dotted(at)}` uses it)"
-                    self._report(complaint.code, ("motion", name), message)
+                    self._report(complaint[0], ("motion", name), f"{complaint[1]} (`{dotted(at)}` uses it)")
             elif name != PATH or mark is not settings.PATHS:
                 known = expected_names(name, self.file.motion)
                 self._report("unknown-parameter", at, f"found `${name}`, which is no parameter under `motion`; {known}")

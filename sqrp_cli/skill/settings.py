@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, GetCoreSchemaHandler, PlainValidator, Tag, WithJsonSchema
@@ -62,13 +62,6 @@ Setting = Annotated[
 """A value, or a reference to a motion parameter; the `Kind` beside it limits the values."""
 
 
-class Complaint(NamedTuple):
-    """What is wrong with the value of a setting, as the code and message of a problem."""
-
-    code: str
-    message: str
-
-
 @dataclass(frozen=True)
 class Kind:
     """The values that a setting can take: a quantity of a dimension within bounds, or one of some words."""
@@ -85,8 +78,8 @@ class Kind:
         """A quantity as its number; one of another dimension stays as it is, and `read_skill` refuses it."""
         return value.value if isinstance(value, units.Quantity) and self.complaint(value) is None else value
 
-    def complaint(self, value: units.Quantity | str) -> Complaint | None:
-        """What is wrong with a value, or None."""
+    def complaint(self, value: units.Quantity | str) -> tuple[str, str] | None:
+        """What is wrong with a value, as the code and message of a problem; None if nothing is."""
         dimension, words = self.dimension, ", ".join(f"`{word}`" for word in self.words)
         expected = f"one of {words}"
         if dimension is not None:
@@ -101,22 +94,22 @@ class Kind:
                 plain = f"a number in {next(iter(dimension.units))}, or "
             close = nearest(value, self.words)
             hint = f"; did you mean `{close}`?" if close else ""
-            return Complaint("wrong-value", f"found `{value}`, expected {plain}{expected}{hint}")
+            return "wrong-value", f"found `{value}`, expected {plain}{expected}{hint}"
         number, is_plain = value.value, value.dimension is None
         if dimension is None or value.dimension not in (None, dimension):
             found = value.dimension.name if value.dimension else f"`{number:g}`"
-            return Complaint("wrong-unit", f"found {found}, expected {expected}")
+            return "wrong-unit", f"found {found}, expected {expected}"
         if self.least <= number <= self.most:
             return None
         if is_plain and dimension is units.ANGLE:
-            return Complaint("wrong-unit", f"found {number:g}, which would be radians; expected {expected}")
+            return "wrong-unit", f"found {number:g}, which would be radians; expected {expected}"
         found = f"{number:g}" if is_plain else units.in_unit(number, dimension)
         if number < self.least:
             least = units.in_unit(self.least, dimension)
-            return Complaint("wrong-value", f"found {found}, expected a value of at least {least}")
+            return "wrong-value", f"found {found}, expected a value of at least {least}"
         message = f"found {found}, expected a value of at most {units.in_unit(self.most, dimension)}"
         meant = units.meant_instead(number if is_plain else None, dimension, self.least, self.most)
-        return Complaint("wrong-value", message + (f"; {meant[0]}" if meant else ""))
+        return "wrong-value", message + (f"; {meant[0]}" if meant else "")
 
 
 PATHS = Kind(words=(DIRECT, SEEN, ANY))  # the paths of joint moves

@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, StringConstraints, Tag, model_validator
-from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.files.entries import Entry, ListOr, MappingOr, Name, Pose, Text, Time, one_of
 from sqrp_cli.files.frames import TOOL, WORLD
 from sqrp_cli.files.source import KeyPath, dotted
-from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.records import dataclass
@@ -37,38 +36,30 @@ class Names:
     home: bool = False
 
 
-class Marked(NamedTuple):
-    """A name or setting of a waypoint or primitive action, with the mark of its field."""
-
-    path: KeyPath
-    value: object
-    mark: Names | Kind
-
-
-def marked(value: object, path: KeyPath = (), marks: Sequence[object] = ()) -> Iterator[Marked]:
+def marked(
+    value: object, path: KeyPath = (), marks: Sequence[object] = ()
+) -> Iterator[tuple[KeyPath, object, Names | Kind]]:
     """The names and settings of an entry at `path`, also those in lists and in entries within it.
 
-    marks: of the field that holds the value.
+    Each with its path and the mark of its field. marks: of the field that holds the value.
     """
     if isinstance(value, Entry):
         for name, info in type(value).model_fields.items():
-            yield from marked(getattr(value, name), (*path, info.alias or name), marks_of(info))
+            yield from marked(
+                getattr(value, name), (*path, info.alias or name), [*info.metadata, *marks_in(info.annotation)]
+            )
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
             yield from marked(item, (*path, index), marks)
     elif value is not None:
-        yield from (Marked(path, value, mark) for mark in marks if isinstance(mark, Names | Kind))
+        yield from ((path, value, mark) for mark in marks if isinstance(mark, Names | Kind))
 
 
-def marks_of(field: FieldInfo) -> list[object]:
-    """The marks of a field, of the items of its list and of the members of its union."""
-    return [*field.metadata, *_marks_within(field.annotation)]
-
-
-def _marks_within(annotation: object) -> Iterator[object]:
+def marks_in(annotation: object) -> Iterator[object]:
+    """The marks in the type of a field, of the items of its list and of the members of its union."""
     yield from getattr(annotation, "__metadata__", ())
     for part in get_args(annotation):
-        yield from _marks_within(part)
+        yield from marks_in(part)
 
 
 ParameterName = Annotated[Name, Names("skill parameter")]
@@ -140,11 +131,6 @@ class PoseWaypoint(Entry):
     of: ParameterName | None = None
     """The skill parameter that names the held object whose pose it is, not the tool's."""
 
-    @property
-    def X_FT(self) -> Array:
-        """The pose as a matrix, shape (4, 4)."""
-        return read_only(self.pose.matrix())
-
 
 Waypoint = Annotated[
     Annotated[GraspWaypoint, Tag("<object>")]
@@ -160,8 +146,8 @@ Waypoint = Annotated[
 
 def origins(waypoint: Waypoint) -> dict[str, KeyPath]:
     """The other waypoints that one is defined by, apart from `HOME`, each with the path of its name in the entry."""
-    found = (part for part in marked(waypoint) if isinstance(part.mark, Names) and part.mark.what == "waypoint")
-    return {str(part.value): part.path for part in found if part.value != HOME}
+    waypoints = (Names("waypoint"), Names("waypoint", home=True))
+    return {str(name): path for path, name, mark in marked(waypoint) if mark in waypoints and name != HOME}
 
 
 class Primitive(Entry):

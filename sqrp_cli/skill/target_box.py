@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
-from dataclasses import replace
-from typing import Annotated, Self
+from collections.abc import Container
+from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
-from sqrp_cli.files.frames import TOOL, FrameField, FrameName
+from sqrp_cli.files.frames import TOOL, FrameField
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -89,23 +88,6 @@ class TargetBox(FileRecord):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
-
-    def seen_through(self, parts: Iterable[str]) -> Self:
-        """The same box, from which some more parts hide nothing."""
-        return replace(self, encloses=(*self.encloses, *dict.fromkeys(parts)))
-
-    @classmethod
-    def on_object(
-        cls,
-        name: str,
-        detector: str,
-        size: tuple[float, float, float],
-        X_OB: Array,
-        normal: tuple[float, float, float] | None,
-    ) -> TargetBox:
-        """A box of full extents `size` [m] that moves with an object, at X_OB (4, 4) in its frame."""
-        frame = FrameName(name)
-        return cls(name=name, detector=detector, frame=frame, size=size, X_FB=X_OB, normal=normal, encloses=(name,))
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

@@ -27,7 +27,7 @@ from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task import pieces
 from sqrp_cli.task.feasibility import feasible_motion
-from sqrp_cli.task.grounding import TargetGrounder, formulas_outside, ground_formulas
+from sqrp_cli.task.grounding import formulas_outside, ground_formulas, ground_targets
 from sqrp_cli.task.task import Candidate
 
 _PROMPT = 1e-3
@@ -135,31 +135,21 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
 
 def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
     """A candidate with its motion from `world`, and what must be seen when."""
-    workspace, model = cell.workspace, cell.model
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
-    grounder = TargetGrounder(
-        candidate=candidate,
-        world=world,
-        motion=motion,
-        objects=workspace.objects,
-        detectors=workspace.detectors,
-        robot=workspace.robot,
-        model=model,
-    )
-    targets = grounder.targets(formulas)
+    targets = ground_targets(cell, candidate, world, motion, formulas)
     column = {target.atom: number for number, target in enumerate(targets)}
-    faults = pieces.fault_literals(formulas).items()
+    faults, (T, T_eoi) = pieces.fault_literals(formulas).items(), pieces.monitored_times(formulas)
     return PlannedMotion(
         candidate=candidate,
         world=world,
         motion=motion,
         formulas=formulas,
         targets=targets,
-        stage=Stage(model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO),
+        stage=Stage(cell.model, motion, pieces.cut_into_pieces(list(spans.values()), formulas), world.X_WO),
         faults={name: tuple(dict.fromkeys(column[one.atom] for one in literals)) for name, literals in faults},
-        T=pieces.monitored_time(formulas),
-        T_eoi=pieces.interesting_time(formulas),
+        T=T,
+        T_eoi=T_eoi,
     )
 
 

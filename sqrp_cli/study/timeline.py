@@ -54,9 +54,9 @@ class Timeline:
     faults: Mapping[str, tuple[int, ...]]
     """The columns of the atoms of each fault, by its name."""
     T: float
-    """Duration of the union of all formulas' intervals, see `pieces.monitored_time` [s]."""
+    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
     T_eoi: float
-    """Duration of the union of the events of interest, see `pieces.interesting_time` [s]."""
+    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
 
     @classmethod
     def of(cls, request: ObservationRequest, samples: Samples, observation: Observation) -> Timeline:

@@ -57,12 +57,12 @@ class Candidate(SkillChoice):
     @property
     def leaves_free(self) -> bool:
         """Whether there may be several ways of doing it: a motion parameter is free, or a path need not be direct."""
-        return ANY in self.values.values() or bool(self.open_paths)
+        return ANY in self.values.values() or bool(self._open_moves)
 
     @property
     def open_paths(self) -> frozenset[str]:
         """Names of the joint moves whose paths need not be direct."""
-        return frozenset(move.name for move in self._joint_moves if self._path(move) != DIRECT)
+        return frozenset(move.name for move in self._open_moves)
 
     def with_paths(self, vias: Mapping[str, Array]) -> Candidate:
         """The way in which joint moves with open paths bend around vias, by the name of the move, if they have any.
@@ -70,18 +70,17 @@ class Candidate(SkillChoice):
         An open path becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
         """
         paths: dict[str, MotionValue] = {}
-        for move in self._joint_moves:
-            if isinstance(move.path, Reference) and self._path(move) != DIRECT:
+        for move in self._open_moves:
+            if isinstance(move.path, Reference):
                 paths[move.path.parameter] = SEEN if move.name in vias else paths.get(move.path.parameter, DIRECT)
         return replace(self, values={**self.values, **paths}, vias=vias)
 
     @property
-    def _joint_moves(self) -> list[JointMove]:
-        return [primitive for primitive in self.skill.primitives if isinstance(primitive, JointMove)]
-
-    def _path(self, move: JointMove) -> MotionValue:
-        """What a move's path is to be; direct unless the candidate or the skill says otherwise."""
-        return self.values.get(move.path.parameter, DIRECT) if isinstance(move.path, Reference) else move.path
+    def _open_moves(self) -> list[JointMove]:
+        """The joint moves whose paths the candidate, or the skill, does not say are direct."""
+        moves = [one for one in self.skill.primitives if isinstance(one, JointMove)]
+        paths = [self.values.get(m.path.parameter, DIRECT) if isinstance(m.path, Reference) else m.path for m in moves]
+        return [move for move, path in zip(moves, paths, strict=True) if path != DIRECT]
 
 
 @dataclass(frozen=True)

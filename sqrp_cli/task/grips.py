@@ -5,7 +5,7 @@ They are sides, yaws and stops; of what looks the same one counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from math import gcd
@@ -34,8 +34,6 @@ from sqrp_cli.skill.skill import HOME, GraspWaypoint, JointMove, PutWaypoint, Sk
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.task import Candidate, in_words
 
-_Values = Mapping[str, MotionValue]
-
 
 def first_grip(candidate: Candidate) -> Candidate:
     """The candidate with the first choice of all that it leaves free, other than branches and paths."""
@@ -44,9 +42,9 @@ def first_grip(candidate: Candidate) -> Candidate:
     first = {
         parameter: choice
         for setting, choice in (("side", FIRST_SIDE), ("yaw", FIRST_NUMBER), ("via", DIRECT))
-        for parameter in _free(candidate.skill, setting, candidate.values)
+        for parameter in _free(candidate, setting)
     }
-    return _with(candidate, first) if first else candidate
+    return replace(candidate, values={**candidate.values, **first}) if first else candidate
 
 
 def grips(cell: Cell, candidate: Candidate, world: World) -> tuple[Candidate, ...]:
@@ -56,67 +54,45 @@ def grips(cell: Cell, candidate: Candidate, world: World) -> tuple[Candidate, ..
     the part, and for a round tool at every yaw. A stop at home is none for a robot that is there.
     """
     found = [candidate]
-    found = [_with(one, values) for one in found for values in _sides(cell, one)]
-    found = [_with(one, values) for one in found for values in _yaws(cell, one)]
-    return tuple(_with(one, values) for one in found for values in _stops(cell, one, world))
+    for setting in ("side", "yaw", "via"):
+        longer: list[Candidate] = []
+        for one in found:
+            choices = {name: _choices(cell, one, world, setting, parts) for name, parts in _free(one, setting).items()}
+            chosen = (dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
+            longer += [replace(one, values={**one.values, **values}) for values in chosen]
+        found = longer
+    return tuple(found)
 
 
-def _sides(cell: Cell, candidate: Candidate) -> Iterator[_Values]:
-    """The sides of a grasped object that look the same; of several objects, those that do for all."""
-    objects, choices = cell.workspace.objects, dict[str, list[str]]()
-    for parameter, parts in _free(candidate.skill, "side", candidate.values).items():
-        grasps = (part for part in parts if isinstance(part, GraspWaypoint))
-        first, *others = (equal_sides(objects[candidate.binding[part.object]]) for part in grasps)
-        choices[parameter] = [side for side in first if all(side in other for other in others)]
-    return _combined(choices)
+def _choices(
+    cell: Cell, candidate: Candidate, world: World, setting: str, parts: Sequence[Entry]
+) -> Sequence[MotionValue]:
+    """The choices of a side, yaw or stop for all waypoints or joint moves that it is for, the first one first."""
+    if setting == "via":
+        begin, home = cell.model.arm_positions(world.joints), cell.model.home
+        begins_there = parts == [candidate.skill.primitives[0]] and np.allclose(begin, home, rtol=0.0, atol=1e-9)
+        return [DIRECT] if begins_there else [DIRECT, HOME]
+    placed = [part for part in parts if isinstance(part, GraspWaypoint | PutWaypoint)]
+    objects = [cell.workspace.objects[candidate.binding[part.object]] for part in placed]
+    if setting == "side":
+        first, *others = map(equal_sides, objects)
+        return [side for side in first if all(side in other for other in others)]
+    turns = [1] * (len(parts) - len(placed))
+    for part, obj in zip(placed, objects, strict=True):
+        grasped = isinstance(part, GraspWaypoint)
+        side = side_of(setting_value(part.side, candidate.values)) if isinstance(part, GraspWaypoint) else FIRST_SIDE
+        turns.append(ROUND if grasped and tool_turns(cell.model) == ROUND else part_turns(obj, side))
+    return equal_turns(gcd(*turns))
 
 
-def _yaws(cell: Cell, candidate: Candidate) -> Iterator[_Values]:
-    """The yaws at which what is grasped or put looks the same."""
-
-    def turns(part: Entry) -> int:
-        if not isinstance(part, GraspWaypoint | PutWaypoint):
-            return 1
-        if isinstance(part, GraspWaypoint) and tool_turns(cell.model) == ROUND:
-            return ROUND
-        side = FIRST_SIDE
-        if isinstance(part, GraspWaypoint):
-            side = side_of(setting_value(part.side, candidate.values))
-        return part_turns(cell.workspace.objects[candidate.binding[part.object]], side)
-
-    free = _free(candidate.skill, "yaw", candidate.values)
-    return _combined({parameter: equal_turns(gcd(*map(turns, parts))) for parameter, parts in free.items()})
-
-
-def _stops(cell: Cell, candidate: Candidate, world: World) -> Iterator[_Values]:
-    """With and without a stop at home."""
-    begin, first = cell.model.arm_positions(world.joints), candidate.skill.primitives[0]
-    is_home = np.allclose(begin, cell.model.home, rtol=0.0, atol=1e-9)
-
-    def choices(moves: Sequence[Entry]) -> list[MotionValue]:
-        return [DIRECT] if is_home and list(moves) == [first] else [DIRECT, HOME]
-
-    free = _free(candidate.skill, "via", candidate.values)
-    return _combined({parameter: choices(moves) for parameter, moves in free.items()})
-
-
-def _free(skill: Skill, setting: str, values: _Values) -> dict[str, list[Entry]]:
+def _free(candidate: Candidate, setting: str) -> dict[str, list[Entry]]:
     """The parameters that leave a setting free, each with the waypoints or joint moves that it is for."""
     found: dict[str, list[Entry]] = {}
-    for part in (*skill.waypoints.values(), *skill.primitives):
+    for part in (*candidate.skill.waypoints.values(), *candidate.skill.primitives):
         stated = getattr(part, setting, None)
-        if isinstance(stated, Reference) and values[stated.parameter] == ANY:
+        if isinstance(stated, Reference) and candidate.values[stated.parameter] == ANY:
             found.setdefault(stated.parameter, []).append(part)
     return found
-
-
-def _combined(choices: Mapping[str, Sequence[MotionValue]]) -> Iterator[_Values]:
-    """Every combination of the choices of some parameters, the first ones first."""
-    return (dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
-
-
-def _with(candidate: Candidate, values: _Values) -> Candidate:
-    return replace(candidate, values={**candidate.values, **values})
 
 
 ROUND = 0

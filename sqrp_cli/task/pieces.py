@@ -53,14 +53,9 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
     return tuple(pieces) or (piece(last_primitive, end, end),)
 
 
-def monitored_time(formulas: Sequence[GroundOperator]) -> float:
-    """T: duration of the union of all intervals [s]."""
-    return union_length(formulas)
-
-
-def interesting_time(formulas: Sequence[GroundOperator]) -> float:
-    """T_eoi: duration of the union of the events of interest [s]."""
-    return union_length(one for one in formulas if one.operator == "eventually")
+def monitored_times(formulas: Sequence[GroundOperator]) -> tuple[float, float]:
+    """T and T_eoi: durations of the union of all intervals, and of those of the events of interest [s]."""
+    return union_length(formulas), union_length(one for one in formulas if one.operator == "eventually")
 
 
 def fault_literals(formulas: Sequence[GroundOperator]) -> dict[str, tuple[Literal, ...]]:

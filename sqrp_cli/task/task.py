@@ -217,7 +217,7 @@ def _motion_values(parameter: MotionParameter, setting: str | None) -> tuple[Mot
         value = read_quantity(text) or text
         for kind in parameter.kinds:
             if (complaint := kind.complaint(value)) is not None:
-                raise bad_input(complaint.code, f"`{parameter.name}={setting}`: {complaint.message}")
+                raise bad_input(complaint[0], f"`{parameter.name}={setting}`: {complaint[1]}")
         plain = value if isinstance(value, str) else value.value
         if plain in values:
             raise bad_input("repeated-value", f"`{parameter.name}={setting}`: a value is given twice")

@@ -159,7 +159,8 @@ def test_every_name_and_setting_of_a_skills_motion_has_a_mark_that_is_read() -> 
         hints = get_type_hints(model, include_extras=True)
         for name, info in model.model_fields.items():
             where = f"{model.__name__}.{name}"
-            marks = [mark for mark in skill.marks_of(info) if isinstance(mark, Kind | Names)]
+            own = [*info.metadata, *skill.marks_in(info.annotation)]
+            marks = [mark for mark in own if isinstance(mark, Kind | Names)]
             asked = [part for part in parts(hints[name]) if isinstance(part, PlainValidator | StringConstraints)]
             own_word = name == "does" or info.description == "What formulas call it, as in `a1.start`."
             assert bool(marks) == (bool(asked) and not own_word), where

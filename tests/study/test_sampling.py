@@ -37,7 +37,7 @@ from sqrp_cli.study.sampling import (
 )
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import Timeline, observe
-from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.task.task import read_task
 from tests.conftest import TABLETOP
 from tests.sight.views import make_camera
@@ -303,8 +303,7 @@ def test_pieces_begin_and_end_where_the_formulas_say(text: str, T: float, T_eoi:
     formula = bind(parse_formula(text, Place(Path("skill.yaml"))), {}, {"p": ((),), "q": ((),)})
     formulas = ground_operators(formula, SPANS, 4.0)
     pieces = cut_into_pieces(list(SPANS.values()), formulas)
-    assert monitored_time(formulas) == pytest.approx(T)
-    assert interesting_time(formulas) == pytest.approx(T_eoi)
+    assert monitored_times(formulas) == pytest.approx((T, T_eoi))
     assert {round(time, 9) for piece in pieces for time in (piece.start, piece.end)} == edges
     for piece in pieces:
         middle = (piece.start + piece.end) / 2

@@ -21,7 +21,7 @@ from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import ObservationRequest, Timeline, observe
-from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.trajectory import Trajectory
 from tests.sight.views import (
     box_part,
@@ -51,7 +51,7 @@ class WatchedMotion:
 
     @property
     def request(self) -> ObservationRequest:
-        T, T_eoi = monitored_time(self.formulas), interesting_time(self.formulas)
+        T, T_eoi = monitored_times(self.formulas)
         return ObservationRequest(stage=self.stage, targets=self.targets, faults=self.faults, T=T, T_eoi=T_eoi)
 
 

@@ -12,7 +12,7 @@ from sqrp_cli.logic.formula_time import GroundOperator, TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import Observation, Timeline
-from sqrp_cli.task.pieces import cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from tests.task.studies import always, eventually
 
 ATOMS = (Atom("hold"), Atom("placed"))
@@ -62,8 +62,8 @@ def make_story(
             matrix=None,
         ),
         faults={"slip": columns},
-        T=monitored_time(formulas),
-        T_eoi=interesting_time(formulas),
+        T=monitored_times(formulas)[0],
+        T_eoi=monitored_times(formulas)[1],
     )
     return Story(timeline, formulas, TimeInterval(operator.start, operator.end), float(ends[-1]))
 
