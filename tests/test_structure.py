@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
-from tests import structure
-from tests.structure import RECORD_FIELDS, ROOMS, ROOT, SourceTree, main
+from tests.structure import RECORD_FIELDS, ROOMS, ROOT, Figure, SourceTree
 
 SOURCE = """
 class Box:
@@ -26,9 +24,12 @@ def _own() -> tuple[int, str]: ...
 """
 
 
+PACKAGE = SourceTree(ROOT)
+
+
 @pytest.fixture(scope="module")
-def package() -> SourceTree:
-    return SourceTree(ROOT)
+def figures() -> dict[str, Figure]:
+    return PACKAGE.figures()
 
 
 def test_what_is_counted(tmp_path: Path) -> None:
@@ -49,8 +50,8 @@ def test_what_is_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("field", [RECORD_FIELDS[subject] for subject in ("target's box", "fault's figures", "camera")])
-def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree) -> None:
-    assert 1 <= len(package.modules_that_write(field)) <= 3
+def test_a_new_field_touches_at_most_three_files(field: str) -> None:
+    assert 1 <= len(PACKAGE.modules_that_write(field)) <= 3
 
 
 @pytest.mark.parametrize(
@@ -61,48 +62,17 @@ def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree
         ("pairs of records that share half of their fields", 42),
     ],
 )
-def test_a_result_is_said_once(title: str, most: int, package: SourceTree) -> None:
-    assert package.figures()[title][0] <= most, package.figures()[title][1]
+def test_a_result_is_said_once(title: str, most: int, figures: dict[str, Figure]) -> None:
+    assert figures[title][0] <= most, figures[title][1]
 
 
-def test_every_room_keeps_its_budget(package: SourceTree) -> None:
-    rooms = package.rooms()
+def test_every_room_keeps_its_budget(figures: dict[str, Figure]) -> None:
+    rooms = PACKAGE.rooms()
     assert {room: lines - ROOMS[room][1] for room, lines in rooms.items() if lines > ROOMS[room][1]} == {}
-    assert sum(rooms.values()) == package.figures()["lines"][0]  # no module has no room
-
-
-CONTRACTS = """
-[tool.importlinter]
-root_package = "sqrp_cli"
-
-[[tool.importlinter.contracts]]
-name = "Down only"
-type = "layers"
-layers = ["sqrp_cli.two", "sqrp_cli.one"]
-"""
+    assert sum(rooms.values()) == figures["lines"][0]  # no module has no room
 
 
 def test_meshes_are_read_by_one_module() -> None:
     # Coal's own loader numbers the vertices of a part from the first vertex of the whole.
     sources = {path: path.read_text(encoding="utf-8") for path in (ROOT / "sqrp_cli").rglob("*.py")}
     assert [path for path, source in sources.items() if "MeshLoader" in source] == []
-
-
-def test_the_table_has_a_column_for_each_checkout(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    package, now = tmp_path / "before" / "sqrp_cli", tmp_path / "now"
-    package.mkdir(parents=True)
-    (package / "one.py").write_text(SOURCE)
-    shutil.copytree(package.parent, now)
-    for name, text in {"__init__": "", "one": "import sqrp_cli.two", "two": ""}.items():
-        (now / "sqrp_cli" / f"{name}.py").write_text(text)
-    (now / "pyproject.toml").write_text(CONTRACTS)
-    monkeypatch.setattr(structure, "ROOT", now)
-    main([str(package.parent)])
-    figures, rooms = capsys.readouterr().out.split("\n\n")
-    heading, files, *_, broken = figures.splitlines()
-    assert rooms.splitlines()[0].split() == ["room", "before", "now", "budget", "left"]
-    assert heading.split() == ["before", "now"]
-    assert files.split() == ["files", "1", "3"]
-    assert broken.split()[-2:] == ["-", "1"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from sqrp_cli.camera.calibration import Intrinsics, read_calibration
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from tests.cells import refused
+from tests.cells import read_cases, refused
 
 CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
 FISHEYE = """\
@@ -24,44 +23,7 @@ projection_matrix: {rows: 3, cols: 4, data: [250, 0, 400, 0, 0, 250, 300, 0, 0, 
 """
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What a person reads in a file: width, height; fx, fy, cx, cy; model and coefficients."""
-
-    size: tuple[int, int]
-    pinhole: tuple[float, float, float, float]
-    model: str
-    coefficients: tuple[float, ...]
-
-
-FILES = {
-    "camera_calibration.yaml": Expected(
-        (1280, 720), (912.34871, 911.90217, 641.20553, 358.77120), "plumb_bob",
-        (0.112043, -0.231871, 0.000412, -0.001097, 0.0),
-    ),
-    "rounded_without_projection.yaml": Expected(
-        (640, 480), (617, 617, 322, 238), "plumb_bob", (0.12, -0.24, 0, -0.001, 0)
-    ),
-    "rational.yaml": Expected(
-        (4096, 3072), (1965.2, 1964.7, 2046.8, 1556.1), "rational_polynomial",
-        (0.45, -2.51, 6.1e-4, -2.2e-4, 1.44, 0.33, -2.33, 1.37),
-    ),
-    "fisheye.yaml": Expected(
-        (848, 800), (285.5, 286.4, 421.4, 401.2), "equidistant", (-0.0076, 0.0441, -0.0417, 0.0081)
-    ),
-    "opencv_filestorage.yaml": Expected(
-        (1600, 1200), (1413.2, 1412.8, 799.55, 601.25), "plumb_bob", (-0.091, 0.1, 0.0003, -0.0004, -0.02)
-    ),
-    "camera_info_ros2.yaml": Expected(
-        (1280, 720), (908.5, 907.9, 646.1, 362.4), "plumb_bob", (-0.055, 0.064, -0.0006, 0.0005, -0.02)
-    ),
-    "camera_info_ros1.yaml": Expected(
-        (640, 480), (525.1, 525.3, 319.6, 239.4), "plumb_bob", (0.04, -0.13, -0.001, 0.0006, 0.0)
-    ),
-    "nested_rows.yaml": Expected(
-        (1920, 1200), (1211.0, 1210.5, 959.0, 600.5), "plumb_bob", (-0.11, 0.08, 1e-4, 2e-4, 0.0)
-    ),
-}  # fmt: skip
+FILES = read_cases("calibrations.yaml")["files"]
 
 
 def read(text: str, folder: Path) -> Intrinsics:
@@ -72,12 +34,11 @@ def read(text: str, folder: Path) -> Intrinsics:
 
 @pytest.mark.parametrize("name", FILES)
 def test_files_are_read_as_their_programs_write_them(name: str) -> None:
-    camera, expected = read_calibration(CAMERAS / name)[0], FILES[name]
-    fx, fy, cx, cy = expected.pinhole
-    assert (camera.width, camera.height) == expected.size
+    camera, (size, (fx, fy, cx, cy), model, coefficients) = read_calibration(CAMERAS / name)[0], FILES[name]
+    assert [camera.width, camera.height] == size
     np.testing.assert_allclose(camera.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=1e-12)
-    assert camera.distortion_model == expected.model
-    np.testing.assert_allclose(camera.distortion, expected.coefficients, rtol=1e-12)
+    assert camera.distortion_model == model
+    np.testing.assert_allclose(camera.distortion, coefficients, rtol=1e-12)
 
 
 def test_every_file_is_tried() -> None:
@@ -107,20 +68,17 @@ def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(old, new,
         assert problem.place.line is not None
 
 
-@pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "equidistant"])
+@pytest.mark.parametrize(("model", "right"), [("plumb_bob", 5), ("rational_polynomial", 8), ("equidistant", 4)])
 @pytest.mark.parametrize("count", [0, 2, 4, 5, 8, 12, 14])
-def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, count: int) -> None:
+def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, right: int, count: int) -> None:
+    stated = f"{{rows: 1, cols: {count}, data: {[0.01] * count}}}"
     text = FISHEYE.replace("equidistant", model).replace(
-        "{rows: 4, cols: 1, data: [0.01, 0.002, -0.0003, 0.00004]}",
-        f"{{rows: 1, cols: {count}, data: {[0.01] * count}}}",
+        FISHEYE[FISHEYE.index("{rows: 4") : FISHEYE.index("\nproj")], stated
     )
-    if count == {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}[model]:
+    if count == right:
         assert len(read(text, tmp_path).distortion) == count
     else:
-        with pytest.raises(InputError) as caught:
-            read(text, tmp_path)
-        place = caught.value.problems[0].place
-        assert place.line == 5
+        assert refused(read, text, tmp_path).place.line == 5
 
 
 def test_a_field_of_view_reaches_from_edge_to_edge(cell: Path) -> None:

@@ -38,11 +38,10 @@ class Damage:
 def damage(content: bytes, random: Random) -> Damage:
     """One damage of a kind drawn by `random`; always a change."""
     while True:
-        kind = random.choice(_KINDS)
-        changed = kind(content, random)
+        kind = random.choice([*_BYTES, *_LINES, *_MATCHES, *_TWICE])
+        changed = _changed(kind, content, random)
         if changed != content:
-            lines, words = _concerned(content, changed)
-            return Damage(kind.__name__.strip("_"), changed, lines, words)
+            return Damage(kind, changed, *_concerned(content, changed))
 
 
 def _concerned(before: bytes, after: bytes) -> tuple[range, frozenset[str]]:
@@ -55,121 +54,69 @@ def _concerned(before: bytes, after: bytes) -> tuple[range, frozenset[str]]:
         tail += 1
     touched = [*old[start : len(old) - tail], *new[start : len(new) - tail]]
     words = frozenset(word.lower() for line in touched for word in (*_WORD.findall(line), *_KEY.findall(line)))
-    return range(min(start, _owner(old, start) + 1), len(new) - tail + 2), words
-
-
-def _owner(lines: list[str], at: int) -> int:
-    """The line above with less indentation than one."""
 
     def indentation(line: str) -> int:
         return len(line) - len(line.lstrip(" -"))
 
-    own = indentation(lines[at]) if at < len(lines) else 0
-    return next((k for k in range(at - 1, -1, -1) if lines[k].strip() and indentation(lines[k]) < own), at)
+    own = indentation(old[start]) if start < len(old) else 0  # the line above with less of it is the owner
+    owner = next((k for k in range(start - 1, -1, -1) if old[k].strip() and indentation(old[k]) < own), start)
+    return range(min(start, owner + 1), len(new) - tail + 2), words
 
 
-def _flip_byte(content: bytes, random: Random) -> bytes:
-    at = random.randrange(len(content))
-    return content[:at] + bytes([content[at] ^ (1 << random.randrange(8))]) + content[at + 1 :]
+_BYTES: dict[str, Callable[[bytes, int, Random], bytes]] = {
+    "flip_byte": lambda text, at, random: text[:at] + bytes([text[at] ^ (1 << random.randrange(8))]) + text[at + 1 :],
+    "random_byte": lambda text, at, random: text[:at] + random.randbytes(1) + text[at + random.randrange(2) :],
+    "insert_character": lambda text, at, random: text[:at] + random.choice(_CHARACTERS).encode() + text[at:],
+    "delete_range": lambda text, at, random: text[:at] + text[at + random.choice([1, 1, 2, 5, 20, 100]) :],
+    "double_range": lambda text, at, random: text[: at + random.choice([1, 2, 5, 20, 100])] + text[at:],
+    "truncate": lambda text, at, _random: text[:at],
+}
+_LINES: dict[str, Callable[[list[bytes], int, Random], list[bytes]]] = {
+    "delete_line": lambda lines, at, _random: lines[:at] + lines[at + 1 :],
+    "double_line": lambda lines, at, _random: [*lines[:at], lines[at], *lines[at:]],
+    "swap_lines": lambda lines, at, random: _swapped(lines, at, random.randrange(len(lines))),
+    "indent_line": lambda lines, at, random: [
+        *lines[:at],
+        random.choice([b"  " + lines[at], lines[at][1:]]),
+        *lines[at + 1 :],
+    ],
+}
+_MATCHES: dict[str, tuple[re.Pattern[str], Callable[[str, Random], str]]] = {
+    "change_number": (_NUMBER, lambda _number, random: random.choice(_NUMBERS)),
+    "scale_number": (_NUMBER, lambda number, random: f"{float(number) * random.choice([-1, 1e3, 1e-3, 1e6, 1.01]):g}"),
+    "misspell": (_WORD, lambda word, random: _misspelt(word, random)),
+    "replace_word": (_WORD, lambda _word, random: random.choice(_OTHER_WORDS)),
+    "change_value": (re.compile(r": [^\n]*"), lambda _rest, random: ": " + random.choice(_VALUES)),
+    "rename_key": (_KEY, lambda key, random: _misspelt(key, random) if len(key) > 1 else key + key),
+}  # fmt: skip
+_OTHER_WORDS = ("xyzzy", "home", "world", "tool", "object", "table", "NaN", "true")
+_TWICE = ("delete_line", "change_number", "misspell")
+"""Kinds that are drawn twice as often."""
 
 
-def _random_byte(content: bytes, random: Random) -> bytes:
-    at = random.randrange(len(content))
-    return content[:at] + bytes([random.randrange(256)]) + content[at + random.randrange(2) :]
+def _swapped(lines: list[bytes], one: int, other: int) -> list[bytes]:
+    lines[one], lines[other] = lines[other], lines[one]
+    return lines
 
 
-def _insert_character(content: bytes, random: Random) -> bytes:
-    at = random.randrange(len(content))
-    return content[:at] + random.choice(_CHARACTERS).encode() + content[at:]
-
-
-def _delete_range(content: bytes, random: Random) -> bytes:
-    at = random.randrange(len(content))
-    return content[:at] + content[at + random.choice([1, 1, 2, 5, 20, 100]) :]
-
-
-def _double_range(content: bytes, random: Random) -> bytes:
-    at = random.randrange(len(content))
-    piece = content[at : at + random.choice([1, 2, 5, 20, 100])]
-    return content[:at] + piece + content[at:]
-
-
-def _truncate(content: bytes, random: Random) -> bytes:
-    return content[: random.randrange(len(content))]
-
-
-def _lines(edit: Callable[[list[bytes], int, Random], None]) -> Callable[[bytes, Random], bytes]:
-    def kind(content: bytes, random: Random) -> bytes:
-        lines = content.split(b"\n")
-        edit(lines, random.randrange(len(lines)), random)
-        return b"\n".join(lines)
-
-    kind.__name__ = edit.__name__
-    return kind
-
-
-def _delete_line(lines: list[bytes], at: int, _random: Random) -> None:
-    del lines[at]
-
-
-def _double_line(lines: list[bytes], at: int, _random: Random) -> None:
-    lines.insert(at, lines[at])
-
-
-def _swap_lines(lines: list[bytes], at: int, random: Random) -> None:
-    other = random.randrange(len(lines))
-    lines[at], lines[other] = lines[other], lines[at]
-
-
-def _indent_line(lines: list[bytes], at: int, random: Random) -> None:
-    lines[at] = b"  " + lines[at] if random.random() < 0.5 else lines[at][1:]
-
-
-def _matches(pattern: re.Pattern[str], new: Callable[[str, Random], str]) -> Callable[[bytes, Random], bytes]:
-    def kind(content: bytes, random: Random) -> bytes:
-        text = content.decode("utf-8", errors="surrogateescape")
-        found = list(pattern.finditer(text))
-        if not found:
-            return content
-        match = random.choice(found)
-        text = text[: match.start()] + new(match[0], random) + text[match.end() :]
-        return text.encode("utf-8", errors="surrogateescape")
-
-    kind.__name__ = new.__name__
-    return kind
-
-
-def _change_number(_number: str, random: Random) -> str:
-    return random.choice(_NUMBERS)
-
-
-def _scale_number(number: str, random: Random) -> str:
-    return f"{float(number) * random.choice([-1, 1e3, 1e-3, 1e6, 1.01]):g}"
-
-
-def _misspell(word: str, random: Random) -> str:
+def _misspelt(word: str, random: Random) -> str:
     at = random.randrange(len(word) - 1)
     return random.choice(
         [word[:at] + word[at + 1 :], word[: at + 1] + word[at:], word[:at] + word[at + 1] + word[at] + word[at + 2 :]]
     )
 
 
-def _replace_word(_word: str, random: Random) -> str:
-    return random.choice(["xyzzy", "home", "world", "tool", "object", "table", "NaN", "true"])
-
-
-def _change_value(_rest: str, random: Random) -> str:
-    return ": " + random.choice(_VALUES)
-
-
-def _rename_key(key: str, random: Random) -> str:
-    return _misspell(key, random) if len(key) > 1 else key + key
-
-
-_KINDS = (
-    _flip_byte, _random_byte, _insert_character, _delete_range, _double_range, _truncate,
-    *map(_lines, (_delete_line, _delete_line, _double_line, _swap_lines, _indent_line)),
-    _matches(_NUMBER, _change_number), _matches(_NUMBER, _change_number), _matches(_NUMBER, _scale_number),
-    _matches(_WORD, _misspell), _matches(_WORD, _misspell), _matches(_WORD, _replace_word),
-    _matches(re.compile(r": [^\n]*"), _change_value), _matches(_KEY, _rename_key),
-)  # fmt: skip
+def _changed(kind: str, content: bytes, random: Random) -> bytes:
+    """What a kind of damage makes of a file; the same where there is nothing of the kind."""
+    if kind in _BYTES:
+        return _BYTES[kind](content, random.randrange(len(content)), random)
+    if kind in _LINES:
+        lines = content.split(b"\n")
+        return b"\n".join(_LINES[kind](lines, random.randrange(len(lines)), random))
+    (pattern, new), text = _MATCHES[kind], content.decode("utf-8", errors="surrogateescape")
+    found = list(pattern.finditer(text))
+    if not found:
+        return content
+    match = random.choice(found)
+    text = text[: match.start()] + new(match[0], random) + text[match.end() :]
+    return text.encode("utf-8", errors="surrogateescape")
