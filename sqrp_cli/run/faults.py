@@ -16,7 +16,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.step_monitor import Alarm, Attempt, predicted_delay
 from sqrp_cli.run.perception.streams import ImageStreams, Streams
 from sqrp_cli.run.record.events import EventPublisher
-from sqrp_cli.run.record.report import FaultRecord, MonitoringLost
+from sqrp_cli.run.record.report import FaultRecord, Stopped
 
 if TYPE_CHECKING:
     from sqrp_cli.run.cell import RunnableCell
@@ -374,12 +374,12 @@ class FaultTracker:
             record.recovered = t
         self._open.clear()
 
-    def stopped(self, t: float, failure: MonitoringLost | None) -> None:
-        """The robot stops for good; failure: of the cameras that watch, if that is why."""
+    def stopped(self, t: float, why: Stopped) -> None:
+        """The robot stops for good; a fault of a camera is noticed where it is why."""
         for record in self._seen():
             record.acted = t if record.acted is None else record.acted
         for record in self.records:
-            if failure is not None and record.camera in failure.cameras and record.name == failure.fault:
+            if record.camera in why.cameras and record.name == why.fault:
                 record.detected = record.acted = t
 
     def _seen(self) -> list[FaultRecord]:

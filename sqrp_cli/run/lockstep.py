@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.faults import FaultTracker
 from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.monitor.step_monitor import Attempt
-from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, EvidenceBuffer, Exposure, FusedTruth
+from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, FusedTruth, fuse
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
@@ -38,19 +38,20 @@ DueKind = Literal["tool", "primitive", "fault"]
 """A command to the tool, the beginning of a primitive, or a fault to inject."""
 
 
-class Moment(NamedTuple):
-    """What a run knows of a time."""
-
-    tau: float | None
-    """Of the step's motion [s], None before it."""
-    truths: Mapping[str, bool]
-    """The true values of all atoms; in a real cell, the planned ones."""
-    holding: bool
-    """Whether the tool was commanded to hold."""
+Moment: TypeAlias = tuple[float | None, Mapping[str, bool], bool]
+"""What a run knows of a time: that of the step's motion [s], None before it; the true values of all atoms, in a real
+cell the planned ones; and whether the tool was commanded to hold."""
+FRESH_PERIODS = 1.5
+"""What an image shows counts for this many frame periods of its camera."""
 
 
 class EvidenceCollector:
-    """Has images taken and looked at, and knows what all cameras together show of the attempt that is watched."""
+    """Has images taken and looked at, and knows what all cameras together show of the attempt that is watched.
+
+    An image counts as evidence from its exposure until the next exposure of its camera, at most for some frame periods.
+    While an image is under way, the one before it no longer counts, and the cameras with arrived images decide alone.
+    Evidence of a time is complete when no image taken by then is under way.
+    """
 
     _attempt: Attempt
 
@@ -59,8 +60,10 @@ class EvidenceCollector:
     ) -> None:
         """recorder: takes every image with what was seen in it, if images are to be kept."""
         self._cell, self.streams = cell, streams
-        self._publisher, self._recorder = publisher, recorder
-        self._buffer, self._number = EvidenceBuffer(streams.cameras), 0
+        self._publisher, self._recorder, self._number = publisher, recorder, 0
+        self._lifetimes = {name: FRESH_PERIODS / camera.rate for name, camera in streams.cameras.items()}
+        self._exposures: list[Evidence] = []
+        self._completed = -float("inf")
         self.conflicts = 0
         """How often cameras contradicted each other about an atom."""
         self.forget(0.0)
@@ -78,12 +81,16 @@ class EvidenceCollector:
     def watch(self, attempt: Attempt, number: int, t: float) -> None:
         """Look for the atoms of an attempt at the step with that number, in images from time t [s] on."""
         self._attempt, self._number = attempt, number
-        self.streams.watch(attempt.sought)
+        self.streams.detectors.watch(attempt.sought)
         self.forget(t)
 
     def forget(self, t: float) -> None:
         """Go by images that are taken from time t [s] on, and by nothing that was known before."""
-        self._buffer.forget(t)
+        self._exposures = [
+            Evidence(one.t, one.tau, one.truths, {name: None for name, d in one.detections.items() if d is None})
+            for one in self._exposures
+            if one.t >= t - 1e-9
+        ]
         self.values: dict[str, Truth] = {}
         """What is known of each atom: the newest that any images show, none older than the last complete evidence."""
         self._complete: dict[str, Truth] = {}
@@ -93,26 +100,28 @@ class EvidenceCollector:
     def expose(self, t: float, moment_at: Callable[[float], Moment]) -> None:
         """Take the images that are due at time t [s]. moment_at: what the run knows of a time [s].
 
-        Raises MonitoringLost if a process that looks at them has ended.
+        Raises Stopped if a process that looks at them has ended.
         """
         attempt, moment_at = self._attempt, cache(moment_at)
 
         def believed(at: float) -> BelievedState:
-            moment = moment_at(at)
-            return BelievedState(dict(self._cell.measured_joints(at)), moment.holding, attempt.beliefs(moment.tau))
+            tau, _, holding = moment_at(at)
+            return BelievedState(dict(self._cell.measured_joints(at)), holding, attempt.beliefs(tau))
 
         with self._publisher.timed("images"):
             images = self.streams.expose(t, self._cell.frames, believed)
         for at, together in groupby(images, lambda image: image.t):
-            moment, taken = moment_at(at), list(together)
-            self._buffer.take(Exposure(at, moment.tau, moment.truths, dict.fromkeys(image.camera for image in taken)))
+            (tau, truths, _), taken = moment_at(at), list(together)
+            index = bisect_left(self._exposures, at, key=lambda one: one.t)
+            if index == len(self._exposures) or self._exposures[index].t != at:
+                self._exposures.insert(index, Evidence(at, tau, truths))
+            self._exposures[index].detections.update(dict.fromkeys(image.camera for image in taken))
             if self._recorder is not None:
-                planned = moment.tau if attempt.undisturbed else None
                 for image in taken:
-                    self._recorder.add(image, self._number, planned, self._publisher.doing)
+                    self._recorder.add(image, self._number, tau if attempt.undisturbed else None, self._publisher.doing)
 
     def collect(self, t: float) -> list[Detection]:
-        """The images that have arrived by time t [s], looked at. Raises MonitoringLost if some are not."""
+        """The images that have arrived by time t [s], looked at. Raises Stopped if some are not."""
         with self._publisher.timed("waiting for perception"):
             return self.streams.collect(t)
 
@@ -120,42 +129,65 @@ class EvidenceCollector:
         """Learn from what images show; returns the evidence of each exposure that was not complete before."""
         attempt = self._attempt
         for detection in detections:
+            camera, t = detection.camera, detection.t
             if self._recorder is not None:
-                self._recorder.seen(detection.camera, detection.t, detection.outlines())
-            if (exposure := self._buffer.add(detection)) is None:
+                outlines = [(box.outline, box.evidence) for boxes in detection.boxes.values() for box in boxes]
+                self._recorder.seen(camera, t, outlines)
+            taken = (one for one in reversed(self._exposures) if one.t == t and camera in one.detections)
+            if (exposure := next(taken, None)) is None:
                 continue
+            exposure.detections[camera] = detection
             for name, place in detection.places.items():
                 self._places.setdefault(name, []).append(place)
             tau = exposure.tau
             if tau is not None and attempt.undisturbed and 0.0 <= tau <= attempt.step.time:
                 attempt.check.add(detection, tau, attempt.monitor.monitored(tau), exposure.truths)
-        found = self._buffer.fused(attempt.step.targets, self.streams.settled) if detections else []
+        found = self._fused() if detections else []
         for evidence in found:
-            exposure, tau = evidence.exposure, evidence.exposure.tau
-            if exposure.has_arrivals and self._published.get(exposure.t) != evidence.atoms:
+            tau, has_arrivals = evidence.tau, any(one is not None for one in evidence.detections.values())
+            if has_arrivals and self._published.get(evidence.t) != evidence.atoms:
                 required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
                 shown = {
                     atom: ShownAtom(
                         value=fused.truth,
-                        true=exposure.truths.get(atom),
+                        true=evidence.truths.get(atom),
                         predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
                         asked=atom in required,
                         cameras=dict(sorted(fused.votes.items())),
                     )
                     for atom, fused in evidence.atoms.items()
                 }
-                at = None if tau is None else round(tau, 6)
-                exposed = round(exposure.t, 6)
+                exposed, at = round(evidence.t, 6), None if tau is None else round(tau, 6)
                 self._publisher.publish("evidence", now, exposed=exposed, step_time=at, literals=shown)
-                self._published[exposure.t] = evidence.atoms
+                self._published[evidence.t] = evidence.atoms
             if evidence.complete:
-                self._published.pop(exposure.t, None)
+                self._published.pop(evidence.t, None)
                 self.conflicts += sum(fused.conflict for fused in evidence.atoms.values())
                 self._complete = evidence.values
         self.values = dict(self._complete)
         for evidence in found:
             if not evidence.complete:
                 self.values.update({atom: value for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
+        return found
+
+    def _fused(self) -> list[Evidence]:
+        """The evidence of each exposure that was not complete before, up to the last of which an image has arrived."""
+        arrivals = [any(d is not None for d in one.detections.values()) for one in self._exposures]
+        count = max((index + 1 for index, arrived in enumerate(arrivals) if arrived), default=0)
+        found, complete, last = [], True, dict[str, Detection | None]()
+        for exposure in self._exposures[:count]:
+            last.update(exposure.detections)
+            complete = complete and exposure.t < self.streams.settled and None not in exposure.detections.values()
+            if exposure.t > self._completed:
+                arrived = [detection for detection in last.values() if detection is not None]
+                counting = [one for one in arrived if exposure.t - one.t < self._lifetimes[one.camera]]
+                targets = self._attempt.step.targets
+                exposure.atoms = {atom: fuse(atom, target, counting) for atom, target in targets.items()}
+                exposure.complete = complete
+                found.append(exposure)
+        self._completed = max((evidence.t for evidence in found if evidence.complete), default=self._completed)
+        oldest = self._completed - max(self._lifetimes.values())
+        self._exposures = [exposure for exposure in self._exposures if exposure.t > oldest]
         return found
 
 
@@ -233,12 +265,12 @@ class Lockstep:
         at = self.now if abs(t - self.now) < SAME_INSTANT else t
         tau = self._tau(at)
         held = next((held for since, held in reversed(self._commands) if since <= at + 1e-9), self._commands[0][1])
-        return Moment(tau, self._truth.atoms(self.attempt, tau), held)
+        return tau, self._truth.atoms(self.attempt, tau), held
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
 
-        Returns the evidence of the images that have arrived. Raises MonitoringLost where cameras or the processes
+        Returns the evidence of the images that have arrived. Raises Stopped where cameras or the processes
         behind them fail.
         """
         streams, motion = self.collector.streams, self.motion

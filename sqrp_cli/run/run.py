@@ -33,7 +33,7 @@ from sqrp_cli.run.monitor.step_monitor import (
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, Listener, listed
 from sqrp_cli.run.record.images import ImageRecorder
-from sqrp_cli.run.record.report import MonitoringLost, Outcome, RunReport, StepRecord, Stopped
+from sqrp_cli.run.record.report import Outcome, RunReport, StepRecord, Stopped
 from sqrp_cli.run.robot_body import RobotBody
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Run:
                 action()
         except Stopped as stopped:
             outcome, reason = "stopped", str(stopped)
-            self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
+            self._tracker.stopped(lockstep.now, stopped)
             lockstep.halt(str(stopped))
         self._truth.publish()
         if outcome == "done" and (truth := self._cell.truth()) is not None:

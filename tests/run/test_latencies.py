@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.lockstep import EvidenceCollector, Moment
+from sqrp_cli.run.lockstep import EvidenceCollector
 from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, StepMonitor, predicted_delay
 from sqrp_cli.run.perception.detections import BoxDetection, Detection
 from sqrp_cli.run.perception.streams import ImageStreams
@@ -77,7 +77,7 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     while (now := eyes.next_event) < TOTAL + 0.5:
         arrived = collector.collect(now)
         looker.t = now
-        collector.expose(now, lambda t: Moment(min(t, TOTAL), {"held": True}, holding=True))
+        collector.expose(now, lambda t: (min(t, TOTAL), {"held": True}, True))
         for alarm in attempt.alarms(collector.take_notice(arrived, now)):
             yield now, alarm
 

@@ -15,8 +15,8 @@ from sqrp_cli.files.frames import WORLD, FrameName
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.perception.detectors import Background, ColorDetector
-from sqrp_cli.run.perception.projected import ExpectedView, PosedCamera, ProjectedObject, ProjectedParts
+from sqrp_cli.run.perception.detectors import Background, color_detections
+from sqrp_cli.run.perception.projected import ExpectedView, PosedCamera, ProjectedObject, pieces_mask
 from sqrp_cli.run.perception.vision import filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.sight.limits import Cause
@@ -47,7 +47,7 @@ class Painted:
         self.object = thing("part", (4.0, 0.0, 0.02), size, color="green")
         self.posed = PosedCamera(Projection(eye), eye.X_FC)
         self._surface = [Surface.of(part) for part in self.object.parts]
-        self._tool = ProjectedParts(())
+        self._tool = []
         if tool is not None:
             surfaces = [Surface.of(part) for part in thing("tool", (0.0, 0.0, 0.0), tool[1]).parts]
             self._tool = self.posed.silhouette(surfaces, {surfaces[0].parent: pose(np.eye(3), tool[0])})
@@ -62,17 +62,17 @@ class Painted:
         plain = np.full((*self.posed.whole.shape, 3), 128, dtype=np.uint8)
         image = plain.copy()
         image[filled(self.posed.whole, [self.projected(X_WO).box.corners])] = (0, 200, 0)
-        image[self._tool.mask(self.posed.whole)] = 20
+        image[pieces_mask(self.posed.whole, self._tool)] = 20
         nothing = np.zeros(self.posed.whole.shape, dtype=bool)
         view: Any = SimpleNamespace(
             image=image, whole=self.posed.whole, camera=self.eye, posed_camera=self.posed, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,
             cell=SimpleNamespace(objects={}, detectors={"color": SimpleNamespace(min_visible=min_visible)}),
-            is_at_tool=lambda box: box.name == "tool", projected=lambda _, X: self.projected(X),
+            X_WL={"tool": np.eye(4)}, projected=lambda _, X: self.projected(X),
         )  # fmt: skip
         view.crop = lambda polygon, margin: ExpectedView.crop(view, polygon, margin)
         background = Background(plain, nothing, nothing, nothing, moving=False)
-        return ColorDetector(view, background, self.object).detect(boxes)[0].evidence
+        return color_detections(view, background, self.object, boxes)[0][0].evidence
 
     def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
         return self.says_of_held(boxes, X_WO) is Truth.FALSE
@@ -80,7 +80,7 @@ class Painted:
     def visible(self, X_WO: Array) -> float:
         """The share of the part's silhouette that the tool does not hide."""
         part = filled(self.posed.whole, [self.projected(X_WO).box.corners])
-        return 1.0 - float((part & self._tool.mask(self.posed.whole)).sum() / part.sum())
+        return 1.0 - float((part & pieces_mask(self.posed.whole, self._tool)).sum() / part.sum())
 
 
 def turned(at: Array) -> Array:
@@ -90,7 +90,7 @@ def turned(at: Array) -> Array:
 
 
 def box_at(name: str, X_WB: Array, size: tuple[float, float, float]) -> TargetBox:
-    frame = FrameName("world")
+    frame = FrameName("tool" if name == "tool" else "world")
     return TargetBox(name=name, detector="color", frame=frame, size=size, X_FB=X_WB, normal=None, encloses=())
 
 

@@ -18,7 +18,8 @@ from sqrp_cli.program.record import Program, Step
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.run.monitor.step_monitor import PredictionCheck, StepMonitor
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
+from sqrp_cli.run.perception.image_detector import DetectorPool
+from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.run.robot_body import RobotBody
 
 Known = TypeVar("Known")
@@ -159,5 +160,5 @@ def detected(
                 first = waiting.popleft()
                 yield first, pool.collect(first.camera)
         yield from ((frame, pool.collect(frame.camera)) for frame in waiting)
-    except PerceptionError as error:
+    except Stopped as error:
         raise bad_input("perception", str(error), Place(source.path)) from error

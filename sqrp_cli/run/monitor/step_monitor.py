@@ -22,7 +22,7 @@ from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.run.perception.detections import Detection, DetectionTargets, Evidence
+from sqrp_cli.run.perception.detections import Detection, DetectionTargets, Evidence, MissReason
 from sqrp_cli.run.record.report import Confusion, Disagreement
 from sqrp_cli.run.robot_body import RobotBody
 
@@ -285,12 +285,14 @@ class PredictionCheck:
         for atom in atoms:
             predicted = detection.camera in self._nominal.covering(atom, t)
             usual = not predicted and self._nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
-            seen = detection.truth(atom)
+            seen, boxes = detection.truth(atom), detection.boxes.get(atom, ())
             detected = seen == (Truth.TRUE if truths[atom] else Truth.FALSE)
             self.counts[atom][detection.camera].add(predicted, detected)
             if not predicted:
                 self.usual[atom][detection.camera].add(usual, detected)
             if predicted != detected:
+                blind = [box for box in boxes if box.evidence is Truth.UNKNOWN]
+                because = min(blind, key=lambda box: box.share).because if blind else MissReason.DETECTOR
                 self.disagreements.append(
                     Disagreement(
                         step=self._index,
@@ -300,8 +302,8 @@ class PredictionCheck:
                         predicted=predicted,
                         seen=seen.word,
                         true=truths[atom],
-                        share=round(detection.share(atom), 3),
-                        because=detection.miss_reason(atom).value if predicted else "",
+                        share=round(min((box.share for box in boxes), default=0.0), 3),
+                        because=because.value if predicted else "",
                         usual=usual,
                     )
                 )
@@ -379,7 +381,7 @@ class Attempt:
         """
         ahead = []
         for evidence in arrived:
-            tau = evidence.exposure.tau
+            tau = evidence.tau
             if tau is None or not 0.0 <= tau <= self.step.time or evidence.t > self.end + 1e-9:
                 continue
             if not evidence.complete:

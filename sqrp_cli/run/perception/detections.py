@@ -1,22 +1,16 @@
 """What perception is told of a cell, what each image shows, and what all cameras show together: the evidence.
 
 A package that brings a detector declares an entry point of the group `sqrp.detectors`, whose name is the `kind` of a
-detector in a workspace. Its object is called with a camera, once for each, and gives something with a method
-`look(image, questions)`.
-
-An image counts as evidence from its exposure until the next exposure of its camera, at most for some frame periods.
-While an image is under way, the one before it no longer counts, and the cameras with arrived images decide alone.
-Evidence of a time is complete when no image taken by then is under way.
+detector in a workspace, and whose object is a `MakeDetector`.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
 from enum import StrEnum
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +24,6 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Marker
-from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.robot_body import RobotBody, Surface
 
 
@@ -69,7 +62,7 @@ class CellModel:
             if detector.kind not in BUILT_IN:
                 try:
                     load_detector(detector.kind)
-                except PluginError as error:
+                except SqrpError as error:
                     place = workspace.places.get(f"detectors.{name}.kind")
                     raise bad_input("broken-detector", str(error), place) from error
         objects = workspace.objects
@@ -145,19 +138,6 @@ class Detection:
             return Truth.FALSE
         return Truth.TRUE if all(evidence is Truth.TRUE for evidence in found) else Truth.UNKNOWN
 
-    def outlines(self) -> list[tuple[Array, Truth]]:
-        """The outline of each box, with what the image shows of it."""
-        return [(box.outline, box.evidence) for boxes in self.boxes.values() for box in boxes]
-
-    def share(self, atom: str) -> float:
-        """The least share of any of the atom's boxes that could be judged."""
-        return min((box.share for box in self.boxes.get(atom, ())), default=0.0)
-
-    def miss_reason(self, atom: str) -> MissReason:
-        """Why the image does not give the atom its true value, if it does not."""
-        blind = [box for box in self.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
-        return min(blind, key=lambda box: box.share).because if blind else MissReason.DETECTOR
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoxQuestion:
@@ -183,30 +163,20 @@ class BoxQuestion:
     """The pixels of the outline that no part of the robot covers, by its encoders, shape (height, width)."""
 
 
-class DetectorPlugin(Protocol):
-    """Looks at the images of one camera, one after the other."""
+MakeDetector = Callable[[Camera], Any]
+"""What an entry point names: called with a camera, it makes a detector of the images of this camera.
 
-    def look(self, image: ImageArray, questions: Sequence[BoxQuestion]) -> Sequence[bool | None]:
-        """What an image shows, for each question: it is there, it is not there, or None if that cannot be told.
-
-        image: red, green and blue, shape (height, width, 3). It is called for every image in turn, also without
-        questions, with what is asked of it at that moment.
-        """
-
-
-MakeDetector = Callable[[Camera], DetectorPlugin]
-"""What an entry point names."""
-
-
-class PluginError(SqrpError):
-    """A detector of an installed package did not do what it should."""
+The detector has a method `look(image: ImageArray, questions: Sequence[BoxQuestion]) -> Sequence[bool | None]`, which
+says for each question: it is there, it is not there, or None if that cannot be told. It is called for every image in
+turn, also without questions, with what is asked of it at that moment.
+"""
 
 
 def load_detector(kind: str) -> MakeDetector:
-    """What makes detectors of an installed kind. Raises PluginError if it cannot be loaded."""
+    """What makes detectors of an installed kind. Raises SqrpError if it cannot be loaded."""
     entry = installed_detectors().get(kind)
     if entry is None:
-        raise PluginError(f"no installed package has a detector `{kind}` any more (entry points `{GROUP}`)")
+        raise SqrpError(f"no installed package has a detector `{kind}` any more (entry points `{GROUP}`)")
     with plugin_errors(kind, "cannot be loaded"):
         make: MakeDetector = entry.load()
     return make
@@ -214,21 +184,17 @@ def load_detector(kind: str) -> MakeDetector:
 
 @contextmanager
 def plugin_errors(kind: str, what: str) -> Iterator[None]:
-    """Turn any exception of somebody else's code into a PluginError."""
+    """Turn any exception of somebody else's code into an SqrpError."""
     try:
         yield
     except Exception as error:
-        raise PluginError(complaint(kind, f"{what}: {type(error).__name__}: {error}")) from error
+        raise SqrpError(complaint(kind, f"{what}: {type(error).__name__}: {error}")) from error
 
 
 def complaint(kind: str, what: str) -> str:
     """What is wrong with a kind of detector, with the package that brings it."""
     entry = installed_detectors().get(kind)
     return f"the detector `{kind}` of the package {'' if entry is None else package_of(entry)} {what}"
-
-
-FRESH_PERIODS = 1.5
-"""What an image shows counts for this many frame periods of its camera."""
 
 
 @dataclass(frozen=True)
@@ -254,9 +220,9 @@ def fuse(atom: str, target: ProgramTarget, detections: Iterable[Detection]) -> F
     return FusedTruth(Truth.TRUE if yes > no else Truth.FALSE, votes, conflict)
 
 
-@dataclass(frozen=True, eq=False)
-class Exposure:
-    """Images that were taken at one time."""
+@dataclass(eq=False)
+class Evidence:
+    """Images that were taken at one time, and what is known of that by all images that count then."""
 
     t: float
     """On the cell's clock [s]."""
@@ -266,81 +232,12 @@ class Exposure:
     """Ground truth of all atoms, for checking only."""
     detections: dict[str, Detection | None] = field(default_factory=dict)
     """What the image of each camera shows, None for those that are under way."""
-
-    @property
-    def has_arrivals(self) -> bool:
-        """Whether any of its images has arrived."""
-        return any(detection is not None for detection in self.detections.values())
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What is known of the time of an exposure by all images that count then."""
-
-    exposure: Exposure
-    atoms: Mapping[str, FusedTruth]
-    complete: bool
+    atoms: Mapping[str, FusedTruth] = field(default_factory=dict)
+    """What all images show that count then."""
+    complete: bool = False
     """Whether no image that was taken by then is under way any more, so that nothing that is known will change."""
-
-    @property
-    def t(self) -> float:
-        """On the cell's clock [s]."""
-        return self.exposure.t
 
     @property
     def values(self) -> dict[str, Truth]:
         """Of atoms."""
         return {atom: fused.truth for atom, fused in self.atoms.items()}
-
-
-class EvidenceBuffer:
-    """The images that cameras took since a time; empty at first."""
-
-    def __init__(self, cameras: Mapping[str, Camera]) -> None:
-        self._lifetimes = {name: FRESH_PERIODS / camera.rate for name, camera in cameras.items()}
-        self._exposures: list[Exposure] = []
-        self._completed = -float("inf")
-
-    def forget(self, t: float) -> None:
-        """Drop all images that have arrived, and those under way that were taken before time t [s]."""
-        self._exposures = [
-            Exposure(one.t, one.tau, one.truths, {name: None for name, d in one.detections.items() if d is None})
-            for one in self._exposures
-            if one.t >= t - 1e-9
-        ]
-
-    def take(self, exposure: Exposure) -> None:
-        """Images are under way; with others of the very same time they are one exposure."""
-        index = bisect_left(self._exposures, exposure.t, key=lambda one: one.t)
-        if index < len(self._exposures) and self._exposures[index].t == exposure.t:
-            self._exposures[index].detections.update(exposure.detections)
-        else:
-            self._exposures.insert(index, exposure)
-
-    def add(self, detection: Detection) -> Exposure | None:
-        """An image has arrived. Returns the exposure that it belongs to, None if that was dropped."""
-        for exposure in reversed(self._exposures):
-            if exposure.t == detection.t and detection.camera in exposure.detections:
-                exposure.detections[detection.camera] = detection
-                return exposure
-        return None
-
-    def fused(self, targets: Mapping[str, ProgramTarget], settled: float = float("inf")) -> list[Evidence]:
-        """The evidence of each exposure that was not complete before, up to the last of which an image has arrived.
-
-        targets: by atom. settled: before when no image is under way that nobody knows of [s].
-        """
-        count = max((index + 1 for index, one in enumerate(self._exposures) if one.has_arrivals), default=0)
-        found, complete, last = [], True, dict[str, Detection | None]()
-        for exposure in self._exposures[:count]:
-            last.update(exposure.detections)
-            complete = complete and exposure.t < settled and None not in exposure.detections.values()
-            if exposure.t > self._completed:
-                arrived = [detection for detection in last.values() if detection is not None]
-                counting = [one for one in arrived if exposure.t - one.t < self._lifetimes[one.camera]]
-                atoms = {atom: fuse(atom, target, counting) for atom, target in targets.items()}
-                found.append(Evidence(exposure, atoms, complete))
-        self._completed = max((evidence.t for evidence in found if evidence.complete), default=self._completed)
-        oldest = self._completed - max(self._lifetimes.values())
-        self._exposures = [exposure for exposure in self._exposures if exposure.t > oldest]
-        return found

@@ -19,7 +19,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception.detections import NO_OUTLINE, BoxDetection, MissReason
-from sqrp_cli.run.perception.projected import ExpectedView, ProjectedObject
+from sqrp_cli.run.perception.projected import ExpectedView, ProjectedObject, pieces_mask
 from sqrp_cli.run.perception.vision import (
     Crop,
     FoundMarker,
@@ -147,133 +147,133 @@ class _Place:
     """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
 
 
-class ColorDetector:
-    """The search for one coloured object in one image."""
+def color_detections(
+    view: ExpectedView, background: Background, obj: SceneObject, boxes: Sequence[TargetBox]
+) -> tuple[list[BoxDetection], Array | None]:
+    """What is seen of the boxes in which a coloured object may be, and where it was seen [m]; None if unknown."""
+    colored = color_mask(view.image, obj.color or "")
+    places = [_place(view, background, obj, colored, box) for box in boxes]
+    poses, at_tool = [view.pose(box) for box in boxes], [box.frame in view.X_WL for box in boxes]
+    held = []
+    for i, place in enumerate(places):
+        if at_tool[i] and view.believed.holding and place.filled >= detector.FULL and place.shift is not None:
+            assert place.projected is not None  # noqa: S101 - what is filled is there
+            most = detector.SHIFT_PIXELS + detector.SHIFT_SHARE * place.projected.box.area**0.5
+            held += [i] if np.hypot(*place.shift) <= most else []
+    position = poses[held[0]][:3, 3] if held else None
+    if not held:
+        rests = [one for one, tool in zip(zip(places, poses, strict=True), at_tool, strict=True) if not tool]
+        news = None  # somewhere else than in any box
+        if colored.any() and all(place.filled <= detector.EMPTY for place in places):
+            news = colored & ~background.matches(view.image, view.whole)
+        position = _resting(view, obj, rests, news)
+    found = []
+    for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
+        if position is None:
+            evidence = Truth.FALSE if place.filled <= detector.EMPTY else Truth.UNKNOWN
+        else:
+            offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
+            inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
+            evidence = Truth.TRUE if inside else Truth.FALSE
+        because, wanted = MissReason.DETECTOR, view.cell.detectors[box.detector].min_visible
+        if place.share < np.clip(wanted - detector.BORDER * place.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
+            missing = {
+                MissReason.MASK: place.hidden,
+                MissReason.BACKGROUND: place.same_color,
+                MissReason.LIGHTING: 1.0 - place.share - place.hidden - place.same_color,
+            }
+            evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
+        if place.projected is None or place.projected.area < detector.LEAST_PIXELS**2:
+            evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
+        outline = NO_OUTLINE if place.projected is None else place.projected.box.polygon
+        found.append(BoxDetection(box.name, evidence, place.share, outline, because))
+    return found, position
 
-    def __init__(self, view: ExpectedView, background: Background, obj: SceneObject) -> None:
-        self._view, self._background, self._object = view, background, obj
-        self._colored = color_mask(view.image, obj.color or "")
-        self.position: Array | None = None
-        """Where the object was seen in `detect` [m]; None if unknown."""
 
-    def detect(self, boxes: Sequence[TargetBox]) -> list[BoxDetection]:
-        """What is seen of the boxes in which the object may be."""
-        view, places = self._view, [self._place(box) for box in boxes]
-        poses, at_tool = [view.pose(box) for box in boxes], [view.is_at_tool(box) for box in boxes]
-        held = []
-        for i, place in enumerate(places):
-            if at_tool[i] and view.believed.holding and place.filled >= detector.FULL and place.shift is not None:
-                assert place.projected is not None  # noqa: S101 - what is filled is there
-                most = detector.SHIFT_PIXELS + detector.SHIFT_SHARE * place.projected.box.area**0.5
-                held += [i] if np.hypot(*place.shift) <= most else []
-        position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
-        self.position = position
-        found = []
-        for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
-            if position is None:
-                evidence = Truth.FALSE if place.filled <= detector.EMPTY else Truth.UNKNOWN
-            else:
-                offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
-                inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
-                evidence = Truth.TRUE if inside else Truth.FALSE
-            because, wanted = MissReason.DETECTOR, view.cell.detectors[box.detector].min_visible
-            if place.share < np.clip(wanted - detector.BORDER * place.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
-                missing = {
-                    MissReason.MASK: place.hidden,
-                    MissReason.BACKGROUND: place.same_color,
-                    MissReason.LIGHTING: 1.0 - place.share - place.hidden - place.same_color,
-                }
-                evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
-            if place.projected is None or place.projected.area < detector.LEAST_PIXELS**2:
-                evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
-            outline = NO_OUTLINE if place.projected is None else place.projected.box.polygon
-            found.append(BoxDetection(box.name, evidence, place.share, outline, because))
-        return found
+def _resting(
+    view: ExpectedView, obj: SceneObject, rests: Sequence[tuple[_Place, Array]], news: Mask | None
+) -> Array | None:
+    """Where an object rests that the tool does not hold [m]: in one of its boxes, else anywhere.
 
-    def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
-        """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere.
+    rests: the boxes that do not move with the tool, with their poses. In none of them it is the largest new patch of
+    its colour (news), if that is big enough, at the height of a box.
+    """
+    X_WC = view.posed_camera.X_WC
 
-        In none of them it is the largest new patch of its colour, if that is big enough, at the height of a box.
-        """
-        view, X_WC = self._view, self._view.posed_camera.X_WC
+    def at_height(pixel: Array, height: float) -> Array | None:
+        """Where the ray of a pixel is at a height [m]; None if it never is."""
+        ray = X_WC[:3, :3] @ direction(view.camera, pixel)
+        distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
+        position: Array = X_WC[:3, 3] + distance * ray
+        return position if distance > 0 else None
 
-        def at_height(pixel: Array, height: float) -> Array | None:
-            """Where the ray of a pixel is at a height [m]; None if it never is."""
-            ray = X_WC[:3, :3] @ direction(view.camera, pixel)
-            distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
-            position: Array = X_WC[:3, 3] + distance * ray
-            return position if distance > 0 else None
+    place, X_WB = max(rests, key=lambda one: one[0].filled, default=(None, None))
+    if place is not None and X_WB is not None and place.filled > detector.FULL / 2:
+        # As high as it would at the pose, by the ray to its patch.
+        assert place.projected is not None and place.shift is not None  # noqa: S101, PT018 - what is filled is there
+        position = at_height(place.projected.box.center + place.shift, float(X_WB[2, 3]))
+        return X_WB[:3, 3] if position is None else position
+    if not rests or news is None or (patch := largest_blob(news)) is None:
+        return None
+    (_, resting), (area, center) = rests[0], patch
+    position = at_height(center, float(resting[2, 3]))
+    expected = None if position is None else view.projected(obj.name, pose(resting[:3, :3], position))
+    if expected is None or area < detector.LEAST_SHARE * expected.area:
+        return None
+    return at_height(center - expected.offset, float(resting[2, 3]))
 
-        in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > detector.FULL / 2]
-        if in_box:  # as high as it would at the pose, by the ray to its patch
-            best = max(in_box, key=lambda i: places[i].filled)
-            projected, shift, at_rest = places[best].projected, places[best].shift, poses[best][:3, 3]
-            assert projected is not None and shift is not None  # noqa: S101, PT018 - what is filled is there
-            position = at_height(projected.box.center + shift, float(at_rest[2]))
-            return at_rest if position is None else position
-        resting = next((X for X, tool in zip(poses, at_tool, strict=True) if not tool), None)
-        if resting is None or not self._colored.any() or any(place.filled > detector.EMPTY for place in places):
-            return None
-        patch = largest_blob(self._colored & ~self._background.matches(view.image, view.whole))
-        position = None if patch is None else at_height(patch.center, float(resting[2, 3]))
-        if patch is None or position is None:
-            return None
-        expected = view.projected(self._object.name, pose(resting[:3, :3], position))
-        if expected is None or patch.area < detector.LEAST_SHARE * expected.area:
-            return None
-        return at_height(patch.center - expected.offset, float(resting[2, 3]))
 
-    def _place(self, box: TargetBox) -> _Place:
-        """What the image shows where the object would be if it were in a box."""
-        view, background, obj, X_WO = self._view, self._background, self._object, self._view.pose(box)
-        projected = view.projected(obj.name, X_WO)
-        if projected is None:
-            return _Place(None)
-        outlined, margin = projected.box, max(6, round(0.6 * projected.box.area**0.5))
-        crop = view.crop(outlined.polygon, margin)
-        if crop is None or projected.area <= 0.0:
-            return _Place(projected)
-        silhouette = projected.mask(crop)
-        background.guess_again(crop)
-        shown = background.matches(view.image, crop)
-        # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
-        same = background.has_hue(view.image, crop, obj.color or "")
-        own = self._colored[crop] & ~shown & ~same
-        behind = view.robot.mask(crop, outlined, behind=True) & background.robot_colored(view.image, crop)
-        # What of the robot, without some links, and of other objects is before the object.
-        before = view.robot.mask(crop, outlined, without=box.encloses)
-        steps = np.linspace(-0.45, 0.45, 3)
-        points = transform(X_WO, np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * obj.size)
-        for name in view.cell.objects:
-            if name != obj.name and name in view.believed.X_WO:
-                blocking = view.blocking(name, points)
-                before |= True if blocking is None else blocking.mask(crop)
-        hiding = dilated(before, 1)
-        enclosed = dilated(view.robot.mask(crop, outlined, links=box.encloses), 1)
-        front = hiding | enclosed
-        hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
-        same_color = float((silhouette & ~front & same).sum()) / projected.area
-        telling = ~front & ~same
-        decided = int((silhouette & telling).sum())
-        if not decided:
-            return _Place(projected, hidden=hidden, same_color=same_color)
-        judged = telling & (own | shown | behind)
-        # What else hides, the enclosed parts do not hide from being asked.
-        askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
-        outline, shift = projected.outline(crop), None
-        if (dilated(outline, margin // 2) & judged & own).any():
-            # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
-            most = round((1.0 - detector.FULL / 2) * float(np.ptp(outlined.polygon, axis=0).max())) + 2
-            shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
-        return _Place(
-            projected,
-            share=min(float((silhouette & judged).sum()) / askable, 1.0),
-            hidden=hidden,
-            edge=float((silhouette & hiding & ~before).sum()) / askable,
-            same_color=same_color,
-            filled=min(float((outline & judged & own).sum() / decided), 1.0),
-            shift=shift,
-        )
+def _place(view: ExpectedView, background: Background, obj: SceneObject, colored: Mask, box: TargetBox) -> _Place:
+    """What the image shows where an object would be if it were in a box; colored: where it has the object's colour."""
+    X_WO = view.pose(box)
+    projected = view.projected(obj.name, X_WO)
+    if projected is None:
+        return _Place(None)
+    outlined, margin = projected.box, max(6, round(0.6 * projected.box.area**0.5))
+    crop = view.crop(outlined.polygon, margin)
+    if crop is None or projected.area <= 0.0:
+        return _Place(projected)
+    silhouette = projected.mask(crop)
+    background.guess_again(crop)
+    shown = background.matches(view.image, crop)
+    # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
+    same = background.has_hue(view.image, crop, obj.color or "")
+    own = colored[crop] & ~shown & ~same
+    behind = pieces_mask(crop, view.robot, outlined, behind=True) & background.robot_colored(view.image, crop)
+    # What of the robot, without some links, and of other objects is before the object.
+    before = pieces_mask(crop, view.robot, outlined, without=box.encloses)
+    steps = np.linspace(-0.45, 0.45, 3)
+    points = transform(X_WO, np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * obj.size)
+    for name in view.cell.objects:
+        if name != obj.name and name in view.believed.X_WO:
+            blocking = view.blocking(name, points)
+            before |= True if blocking is None else pieces_mask(crop, blocking)
+    hiding = dilated(before, 1)
+    enclosed = dilated(pieces_mask(crop, view.robot, outlined, links=box.encloses), 1)
+    front = hiding | enclosed
+    hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
+    same_color = float((silhouette & ~front & same).sum()) / projected.area
+    telling = ~front & ~same
+    decided = int((silhouette & telling).sum())
+    if not decided:
+        return _Place(projected, hidden=hidden, same_color=same_color)
+    judged = telling & (own | shown | behind)
+    # What else hides, the enclosed parts do not hide from being asked.
+    askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), detector.LEAST_PIXELS**2)
+    outline, shift = filled(crop, [outlined.corners]), None
+    if (dilated(outline, margin // 2) & judged & own).any():
+        # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
+        most = round((1.0 - detector.FULL / 2) * float(np.ptp(outlined.polygon, axis=0).max())) + 2
+        shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
+    return _Place(
+        projected,
+        share=min(float((silhouette & judged).sum()) / askable, 1.0),
+        hidden=hidden,
+        edge=float((silhouette & hiding & ~before).sum()) / askable,
+        same_color=same_color,
+        filled=min(float((outline & judged & own).sum() / decided), 1.0),
+        shift=shift,
+    )
 
 
 def marker_detection(view: ExpectedView, background: Background, atom: str, box: TargetBox) -> BoxDetection:
@@ -310,7 +310,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
     if crop is not None:
         # What of the robot is before the box, other than what carries the marker, may touch this in the image.
         others = {surface.parent for surface in robot.surfaces} - {box.frame, *box.encloses}
-        hiding = dilated(view.robot.mask(crop, outline, links=others), 1)
+        hiding = dilated(pieces_mask(crop, view.robot, outline, links=others), 1)
         if (hiding & filled(crop, [outline.corners])).any():
             if wanted is not None:
                 beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
@@ -331,7 +331,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
         # The share of the outline in which the background is seen and the robot is not.
         if (crop := view.crop(outline.polygon, 2)) is not None:
             seen = filled(crop, [outline.corners]) & background.matches(view.image, crop)
-            seen &= ~dilated(view.robot.mask(crop, outline), 1)
+            seen &= ~dilated(pieces_mask(crop, view.robot, outline), 1)
             share = min(1.0, float(seen.sum()) / max(outline.area, 1.0))
         evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
     return BoxDetection(box.name, evidence, share, outline.polygon, because)

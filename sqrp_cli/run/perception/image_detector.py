@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -31,14 +31,14 @@ from sqrp_cli.run.perception.detections import (
     CellModel,
     Detection,
     DetectionTargets,
-    PluginError,
     complaint,
     load_detector,
     plugin_errors,
 )
-from sqrp_cli.run.perception.detectors import Background, ColorDetector, marker_detection
-from sqrp_cli.run.perception.projected import ExpectedView
+from sqrp_cli.run.perception.detectors import Background, color_detections, marker_detection
+from sqrp_cli.run.perception.projected import ExpectedView, pieces_mask
 from sqrp_cli.run.perception.vision import dilated, filled
+from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.skill.target_box import TargetBox
 
 ANSWER_WITHIN = 20.0
@@ -50,14 +50,18 @@ class ImageDetector:
     """Looks at the images of one camera."""
 
     def __init__(self, camera: Camera, cell: CellModel) -> None:
-        """cell: what is known of it beforehand."""
+        """cell: what is known of it beforehand. Raises SqrpError for a detector of a package that cannot be made."""
         self._camera, self._cell = camera, cell
         self._projection = Projection(camera)
         self._sought = DetectionTargets({}, {}, {})
         self._background: Background | None = None
         self._last: ImageArray | None = None
         kinds = dict.fromkeys(detector.kind for detector in cell.detectors.values() if detector.kind not in BUILT_IN)
-        self._plugins = {kind: _PluginDetector(kind, camera) for kind in kinds}
+        self._plugins: dict[str, Any] = {}
+        for kind in kinds:
+            make = load_detector(kind)
+            with plugin_errors(kind, "failed"):
+                self._plugins[kind] = make(camera)
 
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets from now on."""
@@ -78,12 +82,12 @@ class ImageDetector:
             objects = [(self._cell.objects[name], X) for name, X in believed.X_WO.items()]
             outlines = [view.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed]
             movables = filled(view.whole, [outline.corners for outline in outlines if outline is not None])
-            masks = (view.robot.mask(view.whole), view.sought_mask(), movables)
+            masks = (pieces_mask(view.whole, view.robot), view.sought_mask(), movables)
             moving = self._camera.frame != WORLD
             background = Background(view.image, *masks, moving=moving, shadows=self._cell.shadows)
             self._background = background
         elif not background.is_complete:
-            robot = filled(view.whole, [part.hull for part in view.robot.parts])  # all of it, and a little more
+            robot = filled(view.whole, [part.hull for part in view.robot])  # all of it, and a little more
             background.learn(view.image, dilated(robot | view.sought_mask(), 3))
         boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
         places: dict[str, Array] = {}
@@ -100,44 +104,44 @@ class ImageDetector:
             else:
                 by_object.setdefault(obj.name, []).append((atom, box))
         for name, wanted in by_object.items():
-            detector = ColorDetector(view, background, view.cell.objects[name])
-            for (atom, _), found in zip(wanted, detector.detect([box for _, box in wanted]), strict=True):
+            told, position = color_detections(view, background, view.cell.objects[name], [box for _, box in wanted])
+            for (atom, _), found in zip(wanted, told, strict=True):
                 boxes[atom].append(found)
-            if detector.position is not None:
-                places[name] = detector.position
+            if position is not None:
+                places[name] = position
         for kind, wanted in asked.items():
-            for (atom, _), found in zip(wanted, self._plugins[kind].detect(view, wanted), strict=True):
+            told = plugin_detections(kind, self._plugins[kind], view, wanted)
+            for (atom, _), found in zip(wanted, told, strict=True):
                 boxes[atom].append(found)
         seen = {atom: tuple(sights) for atom, sights in boxes.items()}
         return Detection(frame.camera, frame.t, False, seen, places, time.process_time() - began)
 
 
-class _PluginDetector:
-    """Asks a detector of an installed package what the images of one camera show."""
+def plugin_detections(
+    kind: str,
+    plugin: Any,  # noqa: ANN401 - of any class
+    view: ExpectedView,
+    asked: Sequence[tuple[str, TargetBox]],
+) -> list[BoxDetection]:
+    """What a detector of an installed package sees of some boxes, each with its atom.
 
-    def __init__(self, kind: str, camera: Camera) -> None:
-        """Raises PluginError if it cannot be made."""
-        self._kind, make = kind, load_detector(kind)
-        with plugin_errors(kind, "failed"):
-            self._plugin = make(camera)
-
-    def detect(self, view: ExpectedView, asked: Sequence[tuple[str, TargetBox]]) -> list[BoxDetection]:
-        """What is seen of some boxes, each with its atom. Raises PluginError where the package's code fails."""
-        questions = [question_about(view, atom, box) for atom, box in asked]
-        put = [question for question in questions if question is not None]
-        with plugin_errors(self._kind, "failed"):
-            said: object = self._plugin.look(view.image.copy(), put)
-        answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
-        if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
-            message = f"answered {len(put)} questions with {said!r:.80}; expected one True, False or None for each"
-            raise PluginError(complaint(self._kind, message))
-        left, found = iter(answers), list[BoxDetection]()
-        for (_, box), question in zip(asked, questions, strict=True):
-            answer = None if question is None else next(left)
-            evidence = Truth.UNKNOWN if answer is None else Truth.TRUE if answer else Truth.FALSE
-            outline = NO_OUTLINE if question is None else question.outline
-            found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), outline))
-        return found
+    Raises SqrpError where the package's code fails.
+    """
+    questions = [question_about(view, atom, box) for atom, box in asked]
+    put = [question for question in questions if question is not None]
+    with plugin_errors(kind, "failed"):
+        said: object = plugin.look(view.image.copy(), put)
+    answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
+    if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
+        message = f"answered {len(put)} questions with {said!r:.80}; expected one True, False or None for each"
+        raise SqrpError(complaint(kind, message))
+    left, found = iter(answers), list[BoxDetection]()
+    for (_, box), question in zip(asked, questions, strict=True):
+        answer = None if question is None else next(left)
+        evidence = Truth.UNKNOWN if answer is None else Truth.TRUE if answer else Truth.FALSE
+        outline = NO_OUTLINE if question is None else question.outline
+        found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), outline))
+    return found
 
 
 def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion | None:
@@ -146,7 +150,7 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
     if outline is None or view.crop(outline.polygon, 0) is None:
         return None
     obj = view.object_of(atom, box)
-    robot = view.robot.mask(view.whole, outline, without=box.encloses)
+    robot = pieces_mask(view.whole, view.robot, outline, without=box.encloses)
     return BoxQuestion(
         atom=atom,
         box=box.name,
@@ -160,30 +164,25 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
     )
 
 
-class PerceptionError(SqrpError):
-    """A process that looks at images has ended or does not answer; `cameras` are those that it looked through."""
-
-    def __init__(self, cameras: Sequence[str], reason: str) -> None:
-        super().__init__(f"the process that looks at {', '.join(cameras)} {reason}")
-        self.cameras = tuple(cameras)
-
-
 _Task: TypeAlias = DetectionTargets | tuple[CameraImage, BelievedState]
 """What to look for from now on, or an image to look at, with what was believed when it was taken."""
 
 
 class DetectorPool(AbstractContextManager["DetectorPool"]):
-    """Processes that look at images; a context manager. Images are looked at while the caller goes on."""
+    """Processes that look at images; a context manager. Images are looked at while the caller goes on.
+
+    Its methods raise Stopped, for a fault `perception-crash`, where a process has ended or does not answer.
+    """
 
     def __init__(self, cell: CellModel, processes: int | None = None) -> None:
         """processes: at most one per camera; by default one per core."""
         context, names = fresh(NEEDED), list(cell.cameras)
         count = max(1, min(processes or os.cpu_count() or 1, len(names)))
         self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
-        self._of_camera = {name: worker for worker in self._workers for name in worker.cameras}
+        self._of_camera = {name: worker for worker in self._workers for name in worker.ready}
 
     def watch(self, sought: DetectionTargets) -> None:
-        """Look for these targets in all images from now on. Raises PerceptionError if a process has crashed."""
+        """Look for these targets in all images from now on."""
         for worker in self._workers:
             worker.send(sought)
 
@@ -192,32 +191,26 @@ class DetectorPool(AbstractContextManager["DetectorPool"]):
         self._of_camera[image.camera].send((image, believed))
 
     def get_ready(self) -> None:
-        """Wait until all processes have answered what they were asked. Raises PerceptionError if one has crashed."""
+        """Wait until all processes have answered what they were asked."""
         for worker in self._workers:
-            while worker.unanswered:
-                worker.take()
+            worker.take(lambda one: one.unanswered == 0)
 
     def is_free(self, camera: str) -> bool:
         """Whether the process that looks through a camera has nothing to do, so that `submit` returns at once."""
         worker = self._of_camera[camera]
-        worker.take_all()
+        worker.take()
         return not worker.unanswered
 
     def is_ready(self, camera: str) -> bool:
-        """Whether `collect` would answer at once. Raises PerceptionError if the process has crashed."""
+        """Whether `collect` would answer at once."""
         worker = self._of_camera[camera]
-        while not worker.ready[camera] and worker.process.answered():
-            worker.take()
+        worker.take()
         return bool(worker.ready[camera])
 
     def collect(self, camera: str) -> Detection:
-        """What the oldest image of a camera that has not been collected shows.
-
-        Waits until it is known. Raises PerceptionError if the process has crashed.
-        """
+        """What the oldest image of a camera that has not been collected shows; waits until it is known."""
         worker = self._of_camera[camera]
-        while not worker.ready[camera]:
-            worker.take()
+        worker.take(lambda one: bool(one.ready[camera]))
         return worker.ready[camera].popleft()
 
     def crash(self, camera: str) -> None:
@@ -234,30 +227,28 @@ class _Worker:
     """A process that looks through some of the cameras."""
 
     def __init__(self, context: Context, cell: CellModel, cameras: list[str]) -> None:
-        self.cameras, self.unanswered = cameras, 0
         self.process = Worker[_Task, Detection | None](context, _detectors, cell, cameras)
-        self.ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
+        self.unanswered, self.ready = 0, {name: deque[Detection]() for name in cameras}
 
     def send(self, message: _Task) -> None:
-        self.take_all()  # else both ends could wait for the other to read
+        self.take()  # else both ends could wait for the other to read
         self.process.send(message)
         self.unanswered += 1
 
-    def take_all(self) -> None:
-        while self.process.answered():
-            self.take()
-
-    def take(self) -> None:
-        try:
-            detection = self.process.receive(ANSWER_WITHIN)
-        except Exception as error:  # it died, or found what it cannot cope with
-            self.process.kill()
-            why = str(error) if isinstance(error, WorkerDied) else "has ended"
-            why += f": {error}" if isinstance(error, PluginError) else ""
-            raise PerceptionError(self.cameras, why) from error
-        self.unanswered -= 1
-        if detection is not None:
-            self.ready[detection.camera].append(detection)
+    def take(self, until: Callable[[_Worker], bool] | None = None) -> None:
+        """Receive what has been answered; or wait until something is so."""
+        while self.process.answered() if until is None else not until(self):
+            try:
+                detection = self.process.receive(ANSWER_WITHIN)
+            except Exception as error:  # it died, or found what it cannot cope with
+                self.process.kill()
+                why = str(error) if isinstance(error, WorkerDied) else "has ended"
+                why += f": {error}" if isinstance(error, SqrpError) and not isinstance(error, WorkerDied) else ""
+                names = ", ".join(self.ready)
+                raise Stopped(f"the process that looks at {names} {why}", "perception-crash", self.ready) from error
+            self.unanswered -= 1
+            if detection is not None:
+                self.ready[detection.camera].append(detection)
 
 
 def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[_Task], Detection | None]:

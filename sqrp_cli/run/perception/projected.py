@@ -52,28 +52,15 @@ class ProjectedBox:
     """Image of its centre, (2,) [pixels]."""
     depth: float
     """Of its centre [m]."""
+    corners: Corners
+    """The polygon as `filled` wants it."""
     far_faces: Array
     """Planes of the faces that the camera does not see: outward normals in the optical frame and how far they are
     from the lens, (k, 4) [1, m]."""
 
-    def is_hidden_by(self, part: _ProjectedPart) -> Mask:
-        """Which pieces of a part are taken to be before it, (p,): with a nearer middle, and not behind a far face.
-
-        What lies behind the plane of a face that the camera does not see hides nothing of the box: a ray that has
-        passed the plane does not come back.
-        """
-        heights = part.points @ self.far_faces[:, :3].T - self.far_faces[:, 3]
-        before: Mask = (part.depths < self.depth) & ~np.any(np.all(heights >= -TOUCH, axis=1), axis=1)
-        return before
-
-    @property
-    def corners(self) -> Corners:
-        """The polygon as `filled` wants it."""
-        return corners_of(self.polygon)
-
 
 @dataclass(frozen=True, eq=False)
-class _ProjectedPart:
+class ProjectedPart:
     """A part of a link or an object as p convex pieces."""
 
     parent: str
@@ -91,36 +78,35 @@ class _ProjectedPart:
     """Around all of them."""
 
 
-@dataclass(frozen=True, eq=False)
-class ProjectedParts:
-    """Solid parts in an image, as convex pieces: those of the robot, or of an object."""
+def pieces_mask(
+    crop: Crop,
+    parts: Iterable[ProjectedPart],
+    box: ProjectedBox | None = None,
+    *,
+    behind: bool = False,
+    links: Collection[str] | None = None,
+    without: Collection[str] = (),
+) -> Mask:
+    """The pixels of a crop that pieces of parts cover; of those before a box only, or of those that are not before it.
 
-    parts: tuple[_ProjectedPart, ...]
-
-    def mask(
-        self,
-        crop: Crop,
-        box: ProjectedBox | None = None,
-        *,
-        behind: bool = False,
-        links: Collection[str] | None = None,
-        without: Collection[str] = (),
-    ) -> Mask:
-        """The pixels of a crop that the pieces cover, or only those before a box; behind: those that are not before it.
-
-        links: of these only. without: not of these.
-        """
-        origin, last = crop.origin, (crop.columns.stop, crop.rows.stop)
-        chosen: list[Corners] = []
-        for part in self.parts:
-            if part.parent in without or (links is not None and part.parent not in links):
-                continue
-            if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
-                continue
-            taken = True if box is None else box.is_hidden_by(part) != behind
-            touching = taken & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
-            chosen.append(part.corners[touching])
-        return filled(crop, chosen)
+    links: of these only. without: not of these. A piece is taken to be before a box with a nearer middle, and not
+    behind a far face: what lies behind the plane of a face that the camera does not see hides nothing of the box, as a
+    ray that has passed the plane does not come back.
+    """
+    origin, last = crop.origin, (crop.columns.stop, crop.rows.stop)
+    chosen: list[Corners] = []
+    for part in parts:
+        if part.parent in without or (links is not None and part.parent not in links):
+            continue
+        if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
+            continue
+        taken = np.asarray((part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1))
+        if box is not None:
+            heights = part.points @ box.far_faces[:, :3].T - box.far_faces[:, 3]
+            before = (part.depths < box.depth) & ~np.any(np.all(heights >= -TOUCH, axis=1), axis=1)
+            taken &= before != behind
+        chosen.append(part.corners[taken])
+    return filled(crop, chosen)
 
 
 class PosedCamera:
@@ -149,12 +135,13 @@ class PosedCamera:
             area=area_of(polygon),
             center=self.projection.pixels(center[None])[0][0],
             depth=float(center[2]),
+            corners=corners_of(polygon),
             far_faces=faces[faces[:, 3] >= 0.0],
         )
 
     def silhouette(
         self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False
-    ) -> ProjectedParts:
+    ) -> list[ProjectedPart]:
         """Parts whose links or objects have given poses; of what reaches behind the camera, what is before it.
 
         beyond: with the parts that lie beyond the image's edges.
@@ -180,7 +167,7 @@ class PosedCamera:
                 whole = triangles[visible[triangles].any(axis=1)]
                 polygons, corners = pixels[whole], points[whole]
             if len(polygons):
-                part = _ProjectedPart(
+                part = ProjectedPart(
                     parent=surface.parent,
                     corners=corners_of(polygons),
                     depths=corners[:, :, 2].mean(axis=1),
@@ -190,7 +177,7 @@ class PosedCamera:
                     hull=corners_of(convex_outline(polygons.reshape(-1, 2))),
                 )
                 parts.append(part)
-        return ProjectedParts(tuple(parts))
+        return parts
 
 
 def _before_lens(points: Array) -> Array:
@@ -231,15 +218,15 @@ class ProjectedObject:
 
     box: ProjectedBox
     """The outline of its box."""
-    parts: ProjectedParts
-    """The silhouette of its parts."""
+    parts: Sequence[ProjectedPart]
+    """Its parts."""
     area: float
     """That the parts cover of the outline [pixels], also beyond the image's edges."""
     offset: Array
     """From the middle of the outline to that of the parts, (2,) [pixels]; 0 for an object that is a box."""
 
     @classmethod
-    def of(cls, box: ProjectedBox, parts: ProjectedParts) -> ProjectedObject:
+    def of(cls, box: ProjectedBox, parts: Sequence[ProjectedPart]) -> ProjectedObject:
         """An object whose box and parts are there."""
         first, extent = corners_of(box.polygon.min(axis=0)), np.ptp(box.polygon, axis=0)
         scale = min(1.0, FINEST / float(extent.max()))
@@ -247,7 +234,7 @@ class ProjectedObject:
         picture = Crop.whole(height, width)
         outline, covered = (
             filled(picture, [np.rint((corners - first) * scale).astype(np.int32) for corners in polygons])
-            for polygons in ([box.corners], [piece.corners for piece in parts.parts])
+            for polygons in ([box.corners], [part.corners for part in parts])
         )
         covered &= outline
         if not covered.any():
@@ -259,11 +246,7 @@ class ProjectedObject:
 
     def mask(self, crop: Crop) -> Mask:
         """The pixels of a crop that the parts cover."""
-        return self.outline(crop) & self.parts.mask(crop)
-
-    def outline(self, crop: Crop) -> Mask:
-        """The pixels of a crop that the box covers."""
-        return filled(crop, [self.box.corners])
+        return filled(crop, [self.box.corners]) & pieces_mask(crop, self.parts)
 
 
 class ExpectedView:
@@ -282,14 +265,15 @@ class ExpectedView:
         self.image, self.believed = image, believed
         self.boxes = [(atom, box) for atom, target in sought.targets.items() for box in target.boxes]
         """All boxes to look at, each with its atom."""
-        self._X_WL = cell.robot.link_poses(believed.joints)
+        self.X_WL = cell.robot.link_poses(believed.joints)
+        """Where the links of the robot stood, by its encoders, (4, 4)."""
         self.markers: Callable[[str], list[FoundMarker]] = cache(partial(find_markers, image))
         """The markers of a dictionary in the image."""
-        self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
+        self._X_WF = frame_poses(self.X_WL, believed.X_WO, sought.starts)
         self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
         self.whole = self.posed_camera.whole
         """All of the image."""
-        self.robot: ProjectedParts = self.posed_camera.silhouette(cell.robot.surfaces, self._X_WL)
+        self.robot = self.posed_camera.silhouette(cell.robot.surfaces, self.X_WL)
         """The silhouette that the robot has in it, by its encoders."""
 
     def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
@@ -302,10 +286,6 @@ class ExpectedView:
         on_links = [self.cell.markers[name] for name in (*box.encloses, box.frame) if name in self.cell.markers]
         obj = self.object_of(atom, box)
         return on_links[0] if on_links else obj.printed_marker if obj else None
-
-    def is_at_tool(self, box: TargetBox) -> bool:
-        """Whether a box moves with the robot."""
-        return box.frame in self._X_WL
 
     def pose(self, box: TargetBox) -> Array:
         """World pose of a box, (4, 4)."""
@@ -320,7 +300,7 @@ class ExpectedView:
             box, self.posed_camera.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True)
         )
 
-    def blocking(self, name: str, points_W: Array) -> ProjectedParts | None:
+    def blocking(self, name: str, points_W: Array) -> list[ProjectedPart] | None:
         """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
 
         None if such a part may cover anything, as some of the object is behind the camera.
@@ -359,7 +339,7 @@ class ExpectedView:
             obj = self.object_of(atom, box)
             outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:
-                empty = obj is not None and self.is_at_tool(box) and not self.believed.holding
+                empty = obj is not None and box.frame in self.X_WL and not self.believed.holding
                 color = obj.color if obj is not None and empty else None
                 (anyway if color is None else of_tool.setdefault(color, [])).append(outline.corners)
         mask = filled(self.whole, anyway)

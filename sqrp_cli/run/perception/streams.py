@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from typing import Literal, TypeAlias
 
@@ -17,10 +16,10 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.records import dataclass
 from sqrp_cli.ros.messages import Pauses
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, PerceptionError
+from sqrp_cli.run.perception.detections import BelievedState, Detection
+from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.record.events import listed
-from sqrp_cli.run.record.report import MonitoringLost
+from sqrp_cli.run.record.report import Stopped
 
 OVERDUE_PERIODS = 1.2
 """A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
@@ -43,36 +42,31 @@ Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
 
 
 class _CameraStreams:
-    """The images of all cameras of a cell, on the cell's clock [s]: what is the same of simulated and real ones."""
+    """The images of all cameras of a cell, on the cell's clock [s]: what is the same of simulated and real ones.
+
+    Its methods raise Stopped where a process that looks at images has ended.
+    """
 
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, mend: str = "") -> None:
         """detectors: the processes that look at the images. mend: what may help, for the reasons of failures."""
-        self.cameras, self._detectors, self._mend = cameras, detectors, mend
+        self.cameras, self.detectors, self._mend = cameras, detectors, mend
         self.seconds, self.images = 0.0, 0
         self.period = max(1.0 / camera.rate for camera in cameras.values())
         """Time between two images of the slowest camera [s]."""
         self.latency = max(camera.lag for camera in cameras.values())
         """From an exposure to the image being available, for the slowest camera [s]."""
 
-    def watch(self, sought: DetectionTargets) -> None:
-        """Look for these targets in all images that come from now on.
-
-        Raises MonitoringLost if a process that looks at them has ended.
-        """
-        with lost_if_crashed():
-            self._detectors.watch(sought)
-
     def _collected(self, detections: list[Detection]) -> list[Detection]:
-        """Detections in the order of their exposure. Raises MonitoringLost for an image that is the one before it."""
+        """Detections in the order of their exposure. Raises Stopped for an image that is the one before it."""
         self.seconds += sum(detection.seconds for detection in detections)
         detections.sort(key=lambda detection: (detection.t, detection.camera))
         frozen = [detection.camera for detection in detections if detection.frozen]
         if frozen:
             how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
-            raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
+            raise Stopped(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
         return detections
 
-    def _worst(self, *failed: Mapping[str, float]) -> MonitoringLost | None:
+    def _worst(self, *failed: Mapping[str, float]) -> Stopped | None:
         """The worst failure; None where there is none.
 
         failed: in the order of `_REASONS`, the cameras that fail so, with how old what is known of each is [s].
@@ -81,7 +75,7 @@ class _CameraStreams:
             if found:
                 ages = listed(sorted({f"{age:.2f} s" for age in found.values()}))
                 text = reason.format(names=listed(list(found)), are="is" if len(found) == 1 else "are", ages=ages)
-                return MonitoringLost(text + (f" ({self._mend})" if self._mend else ""), fault, list(found))
+                return Stopped(text + (f" ({self._mend})" if self._mend else ""), fault, list(found))
         return None
 
 
@@ -142,13 +136,10 @@ class ImageStreams(_CameraStreams):
             case "latency":
                 stream.delay = delay
             case "perception-crash":
-                self._detectors.crash(camera)
+                self.detectors.crash(camera)
 
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
-        """Take the images that are due at time t [s]; returns them, as they will arrive. believed: at a time [s].
-
-        Raises MonitoringLost if a process that looks at them has ended.
-        """
+        """Take the images that are due at time t [s]; returns them, as they will arrive. believed: at a time [s]."""
         due = [stream for stream in self._streams.values() if stream.exposures / stream.camera.rate <= t + 1e-9]
         if not due:
             return []
@@ -161,8 +152,7 @@ class ImageStreams(_CameraStreams):
             if stream.freezes and stream.last is not None:
                 frame = CameraImage(frame.camera, frame.t, stream.last.image)
             stream.last = frame
-            with lost_if_crashed():
-                self._detectors.submit(frame, then)
+            self.detectors.submit(frame, then)
             heapq.heappush(self._arrivals, (t + stream.camera.lag + stream.delay, frame.t, frame.camera))
             sent.append(frame)
         self.images += len(sent)
@@ -171,17 +161,16 @@ class ImageStreams(_CameraStreams):
     def collect(self, t: float) -> list[Detection]:
         """What the images show that have arrived by time t [s], in the order of their exposure.
 
-        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        Raises Stopped where an image is the very one before it.
         """
         detections = []
         while self._arrivals and self._arrivals[0][0] <= t + 1e-9:
             _, exposed, camera = heapq.heappop(self._arrivals)
-            with lost_if_crashed():
-                detections.append(self._detectors.collect(camera))
+            detections.append(self.detectors.collect(camera))
             self._streams[camera].newest = exposed
         return self._collected(detections)
 
-    def failure(self, t: float) -> MonitoringLost | None:
+    def failure(self, t: float) -> Stopped | None:
         """The streams that have failed by time t [s], and how; of lost and of late ones, it names the lost."""
         failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
         under_way = {camera for _, _, camera in self._arrivals}
@@ -261,26 +250,25 @@ class ReceivedStreams(_CameraStreams):
     def collect(self, t: float) -> list[Detection]:
         """What images show that are looked at by time t [s]; who is free then gets the oldest images that wait.
 
-        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
+        Raises Stopped where an image is the very one before it.
         """
         found: list[Detection] = []
         if self.next_event > t + 1e-9:
             return found
-        with lost_if_crashed():
-            for name, stream in self._streams.items():
-                while stream.looked_at and self._detectors.is_ready(name):
-                    found.append(self._detectors.collect(name))
-                    stream.looked_at -= 1
-                    stream.begun |= found[-1].t > stream.seen
-                    stream.seen = max(stream.seen, found[-1].t)
-            waiting = [stream for stream in self._streams.values() if stream.waiting]
-            for stream in sorted(waiting, key=lambda one: one.waiting[0][0].t):
-                if self._detectors.is_free(stream.camera.name):
-                    self._detectors.submit(*stream.waiting.popleft())
-                    stream.looked_at += 1
+        for name, stream in self._streams.items():
+            while stream.looked_at and self.detectors.is_ready(name):
+                found.append(self.detectors.collect(name))
+                stream.looked_at -= 1
+                stream.begun |= found[-1].t > stream.seen
+                stream.seen = max(stream.seen, found[-1].t)
+        waiting = [stream for stream in self._streams.values() if stream.waiting]
+        for stream in sorted(waiting, key=lambda one: one.waiting[0][0].t):
+            if self.detectors.is_free(stream.camera.name):
+                self.detectors.submit(*stream.waiting.popleft())
+                stream.looked_at += 1
         return self._collected(found)
 
-    def failure(self, t: float) -> MonitoringLost | None:
+    def failure(self, t: float) -> Stopped | None:
         """The streams that have failed by time t [s]: no images, then old ones, then nobody who looks at them."""
         waited, lost, late, slow = self._pauses.waited, dict[str, float](), dict[str, float](), dict[str, float]()
         for name, one in self._streams.items():
@@ -297,12 +285,3 @@ class ReceivedStreams(_CameraStreams):
 
 Streams: TypeAlias = ImageStreams | ReceivedStreams
 """The images of all cameras of a cell, simulated or real."""
-
-
-@contextmanager
-def lost_if_crashed() -> Iterator[None]:
-    """A process that looks at images and has ended is a reason to stop: raises MonitoringLost."""
-    try:
-        yield
-    except PerceptionError as error:
-        raise MonitoringLost(str(error), "perception-crash", error.cameras) from error

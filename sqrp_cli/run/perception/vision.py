@@ -35,14 +35,6 @@ class FoundMarker:
         return center
 
 
-@dataclass(frozen=True, eq=False)
-class Blob:
-    """A connected patch of pixels: how many, and their mean (x, y) [pixels]."""
-
-    area: int
-    center: Array
-
-
 def color_mask(image: ImageArray, color: str) -> Mask:
     """Where an image has a colour."""
     hue = hue_of(color)
@@ -186,11 +178,14 @@ def inpainted(image: ImageArray, missing: Mask) -> ImageArray:
     return restored
 
 
-def largest_blob(mask: Mask) -> Blob | None:
-    """The largest connected patch of a mask, if there is any; of equal ones that furthest to the left, then up."""
-    count, _, stats, centers = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    found = [Blob(int(stats[i, cv2.CC_STAT_AREA]), centers[i]) for i in range(1, count)]
-    return min(found, key=lambda blob: (-blob.area, *blob.center.tolist()), default=None)
+def largest_blob(mask: Mask) -> tuple[int, Array] | None:
+    """How many pixels the largest connected patch of a mask has, if there is any, and their mean (x, y).
+
+    Of equal ones it is that furthest to the left, then up.
+    """
+    _, _, stats, centers = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    found = zip(stats[1:, cv2.CC_STAT_AREA].tolist(), centers[1:], strict=True)
+    return min(found, key=lambda blob: (-blob[0], *blob[1].tolist()), default=None)
 
 
 def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:

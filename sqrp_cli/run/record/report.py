@@ -7,6 +7,7 @@ from dataclasses import field
 from typing import Literal
 
 from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument, how_many
+from sqrp_cli.errors import SqrpError
 from sqrp_cli.records import dataclass
 
 PROCESSING = 0.02
@@ -18,17 +19,13 @@ Outcome = Literal["done", "stopped", "missed"]
 noticed."""
 
 
-class Stopped(Exception):  # noqa: N818
-    """The run cannot go on; the message is the reason."""
+class Stopped(SqrpError):  # noqa: N818
+    """The run cannot go on; the message is the reason.
 
-
-class MonitoringLost(Stopped):
-    """The run cannot go on because cameras or the process behind them fail.
-
-    fault: the kind of fault in the reason. cameras: those in the reason.
+    fault: its kind where cameras or the processes behind them fail; cameras: those that do.
     """
 
-    def __init__(self, reason: str, fault: str, cameras: Collection[str]) -> None:
+    def __init__(self, reason: str, fault: str | None = None, cameras: Collection[str] = ()) -> None:
         super().__init__(reason)
         self.fault, self.cameras = fault, cameras
 

@@ -6,7 +6,7 @@ import pytest
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.monitor.step_monitor import Attempt, PredictionCheck, StepMonitor
-from sqrp_cli.run.perception.detections import Evidence, Exposure, FusedTruth
+from sqrp_cli.run.perception.detections import Evidence, FusedTruth
 from tests.run.steps import FixedNominalStep, formula, step
 
 START, TIME = 5.0, 2.0
@@ -24,9 +24,8 @@ def attempt() -> Attempt:
 
 
 def evidence(t: float, values: dict[str, Truth], *, complete: bool = True) -> Evidence:
-    return Evidence(
-        Exposure(t, t - START, {}), {atom: FusedTruth(v, {}, False) for atom, v in values.items()}, complete
-    )
+    atoms = {atom: FusedTruth(v, {}, False) for atom, v in values.items()}
+    return Evidence(t, t - START, {}, {}, atoms, complete)
 
 
 @pytest.mark.parametrize(

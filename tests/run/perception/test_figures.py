@@ -22,8 +22,8 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
 from sqrp_cli.run.perception.image_detector import ImageDetector
-from sqrp_cli.run.perception.projected import PosedCamera, ProjectedObject
-from sqrp_cli.run.perception.vision import Crop, color_mask, dilated
+from sqrp_cli.run.perception.projected import PosedCamera, ProjectedObject, pieces_mask
+from sqrp_cli.run.perception.vision import Crop, color_mask, dilated, filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
 from sqrp_cli.skill.target_box import TargetBox
@@ -118,7 +118,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
 def test_a_box_is_its_own_silhouette() -> None:
     with staged([GROUND, CUBE], EYES) as stage:
         found, whole = projected(stage, EYES[0], pose(position=PLACE)), Crop.whole(480, 640)
-        np.testing.assert_array_equal(found.mask(whole), found.outline(whole))
+        np.testing.assert_array_equal(found.mask(whole), filled(whole, [found.box.corners]))
         assert found.area == found.box.area
         assert (found.offset == 0.0).all()
 
@@ -183,7 +183,8 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     assert coarse.triangles is not None
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
     view = PosedCamera(Projection(EYES[0]), EYES[0].X_FC)
-    masks = [view.silhouette([surface], {"part": pose(position=PLACE)}).mask(view.whole) for surface in (fine, coarse)]
+    placed = {"part": pose(position=PLACE)}
+    masks = [pieces_mask(view.whole, view.silhouette([surface], placed)) for surface in (fine, coarse)]
     assert masks[0].sum() > 300
     assert not (masks[0] & ~dilated(masks[1], 2)).any()
     assert not (masks[1] & ~dilated(masks[0], 2)).any()

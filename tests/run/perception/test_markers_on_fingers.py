@@ -56,7 +56,7 @@ def detected(
     )  # fmt: skip
     view: Any = SimpleNamespace(
         image=np.zeros((100, 400, 3), dtype=np.uint8), posed_camera=SimpleNamespace(outline=outline),
-        robot=SimpleNamespace(mask=lambda crop, *_, **__: np.full(crop.shape, beside is not None)),
+        robot=(),
         pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
         marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers,
         crop=lambda *_: Crop.whole(100, 400),
@@ -66,7 +66,8 @@ def detected(
         ),
     )  # fmt: skip
     background: Any = None
-    with patch.object(detectors, "markers_beside", lambda *_: beside):
+    covered = lambda crop, *_, **__: np.full(crop.shape, beside is not None)  # noqa: E731
+    with patch.multiple(detectors, markers_beside=lambda *_: beside, pieces_mask=covered):
         return marker_detection(view, background, "open", BOX)
 
 

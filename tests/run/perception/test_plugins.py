@@ -20,8 +20,9 @@ from sqrp_cli.geometry import Array, look_at, pose
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.perception.detections import BelievedState, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, PerceptionError, question_about
+from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, question_about
 from sqrp_cli.run.perception.projected import ExpectedView
+from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import ROOT, camera, cell, empty, thing
 from tests.run.perception.detector_limits import Stage
@@ -98,7 +99,7 @@ def test_what_a_package_does_wrong_is_said(kind: str, says: str) -> None:
     with DetectorPool(stage.knowledge, processes=1) as pool:
         pool.watch(sought())
         pool.submit(stage.frame("cam", 0.0), BelievedState({}, False, {"plate": PLACE}))
-        with pytest.raises(PerceptionError) as caught:
+        with pytest.raises(Stopped) as caught:
             pool.collect("cam")
     stage.close()
     assert says in str(caught.value)

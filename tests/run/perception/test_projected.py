@@ -7,14 +7,15 @@ import pytest
 
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Mask, inverse, pose, rpy_to_matrix, transform
-from sqrp_cli.run.perception.projected import LEAST_DEPTH, TOUCH, PosedCamera, ProjectedBox
-from sqrp_cli.run.perception.vision import dilated
+from sqrp_cli.run.perception.projected import LEAST_DEPTH, TOUCH, PosedCamera, ProjectedBox, pieces_mask
+from sqrp_cli.run.perception.vision import Crop, dilated
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box, Part
 from tests.run.cell.scenes import camera
 
 SIZE = np.array([0.04, 0.05, 0.06])
 EYE = camera("near", (4.3, 0.4, 0.5), (4.0, 0.0, 0.02))
+AROUND = Crop.whole(EYE.height, EYE.width).wider(2000)
 VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
@@ -26,8 +27,10 @@ def box_at(X_WB: Array) -> ProjectedBox:
 
 def hidden_by(box: ProjectedBox, triangle_W: Array) -> bool:
     """Whether perception takes a piece, (3, 3) [m], to be before the box."""
-    parts = VIEW.silhouette([Surface("finger", triangle_W, np.array([[0, 1, 2]]))], {"finger": np.eye(4)}).parts
-    return bool(box.is_hidden_by(parts[0])[0])
+    parts = VIEW.silhouette([Surface("finger", triangle_W, np.array([[0, 1, 2]]))], {"finger": np.eye(4)}, beyond=True)
+    masks = [pieces_mask(AROUND, parts, box, behind=behind) for behind in (False, True)]
+    assert [mask.any() for mask in masks].count(True) == 1
+    return bool(masks[0].any())
 
 
 def hides_some(points_B: Array, eye_B: Array) -> bool:
@@ -103,7 +106,7 @@ def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(see
         surface = (
             Surface("link", drawn.vertices, drawn.faces) if mesh else Surface.of(Part("link/0", "link", shape, pose()))
         )
-        mask = WIDE_VIEW.silhouette([surface], {"link": WIDE.X_FC @ X_CP}).mask(WIDE_VIEW.whole)
+        mask = pieces_mask(WIDE_VIEW.whole, WIDE_VIEW.silhouette([surface], {"link": WIDE.X_FC @ X_CP}))
         assert not (mask & ~dilated(shown, 1)).any()
         assert not (shown & ~dilated(mask, 1)).any()
         found += 1

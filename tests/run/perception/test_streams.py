@@ -12,9 +12,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.perception.image_detector import PerceptionError
 from sqrp_cli.run.perception.streams import MOST_WAITING, ImageStreams, ReceivedStreams
-from sqrp_cli.run.record.report import MonitoringLost
 from tests.run.steps import played
 
 WORKSPACES = Path(__file__).parents[3] / "workspaces"
@@ -38,8 +36,8 @@ def known(*names: str) -> dict[str, SimpleNamespace]:
     return {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names}
 
 
-def eyes(*names: str, looker: type[Looker] = Looker) -> ImageStreams:
-    return ImageStreams(known(*(names or ("cam",))), looker())
+def eyes(*names: str) -> ImageStreams:
+    return ImageStreams(known(*(names or ("cam",))), Looker())
 
 
 def expose(streams: ImageStreams, t: float) -> None:
@@ -60,16 +58,6 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             return t, f"{how.fault}: {how}"
         t = min(found.next_event, at)
     return None
-
-
-def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next() -> None:
-    class Crashed(Looker):
-        def watch(self, _sought: object) -> None:
-            raise PerceptionError(["cam"], "has ended")
-
-    with pytest.raises(MonitoringLost) as caught:
-        eyes(looker=Crashed).watch(None)
-    assert (caught.value.fault, list(caught.value.cameras)) == ("perception-crash", ["cam"])
 
 
 def test_a_stream_that_keeps_its_rate_never_fails() -> None:
@@ -127,9 +115,6 @@ class Lookers:
 
     def __init__(self, takes: float = 0.01) -> None:
         self.takes, self.now, self.busy = takes, 0.0, {}
-
-    def watch(self, _sought: object) -> None:
-        pass
 
     def submit(self, image: CameraImage, _believed: object) -> None:
         assert self.is_free(image.camera)
