@@ -202,4 +202,7 @@ def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> 
 
 def problem_at(origin: TextOrigin | None, code: str, message: str, place: Place | None = None) -> Problem:
     """An error at the origin of a part; at the place if it has none."""
-    return origin.problem(code, message) if origin else Problem(code, message, place)
+    if origin is None:
+        return Problem(code, message, place)
+    source, offset = origin
+    return source.problem(code, message, offset)

@@ -19,7 +19,7 @@ from typing import NamedTuple, cast
 
 from sqrp_cli.errors import InputError, Place, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
-from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name
+from sqrp_cli.logic.source_text import SourceText, character_name
 
 MAX_DEPTH = 50
 """Deepest nesting of a formula."""
@@ -101,12 +101,12 @@ class _Reader:
                 names = [self._next("name").text] if self._found("(") is not None else []
                 while names and self._next(",", ")").kind == ",":
                     names.append(self._next("name").text)
-                formulas.append(mtl.Predicate(token.text, tuple(names) or None, TextOrigin(self._source, token.start)))
+                formulas.append(mtl.Predicate(token.text, tuple(names) or None, (self._source, token.start)))
                 kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if not names else ()))
             elif token.kind in ("always", "eventually"):
                 self._next("[")
                 interval = mtl.Interval(self._instant(","), self._instant("]"))
-                origin = TextOrigin(self._source, token.start)
+                origin = (self._source, token.start)
                 waiting.append(mtl.Operation(cast(mtl.Operator, token.kind), (), interval, origin))
             elif token.kind == "not":
                 waiting.append(mtl.Operation("not", ()))
@@ -138,13 +138,13 @@ class _Reader:
             primitive, edge = first.text, self._next("edge").text
             found = self._next("sign", until)
             if found.kind == until:
-                return mtl.Instant(primitive, edge, 0.0, TextOrigin(self._source, first.start))
+                return mtl.Instant(primitive, edge, 0.0, (self._source, first.start))
             number, sign = self._next("number"), 1 if found.text == "+" else -1
         if not math.isfinite(seconds := sign * float(number.text)):
             message = f"`{number.text}` is too large for a time in seconds"
             raise InputError(self._source.problem("mtl-number", message, number.start))
         self._next(until)
-        return mtl.Instant(primitive, edge, seconds, TextOrigin(self._source, first.start))
+        return mtl.Instant(primitive, edge, seconds, (self._source, first.start))
 
     def _found(self, *kinds: str) -> _Token | None:
         """The next token, if it is of one of these kinds."""

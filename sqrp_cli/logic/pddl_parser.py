@@ -74,7 +74,20 @@ def parse_domain(text: str, path: Path) -> pddl.Domain:
     if _WORD.search(text) and not _DEFINE.search(text):
         raise bad_input("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1))
     source = SourceText(text, Place(path, 1, 1))
-    return _Reader(source).read(read_list(source))
+    if len(text) > MAX_LENGTH:
+        message = f"the file has {len(text)} characters; at most {MAX_LENGTH} are read"
+        raise bad_input("pddl-too-long", message, source.place)
+    for found in _NOT_PLAIN.finditer(text):
+        if not found[0].startswith(";") and is_unseen(found[0]):
+            message = f"found the character {character_name(found[0])}, which no word of PDDL has"
+            mend = "remove it, or put a blank or an end of line"
+            raise InputError(source.problem("pddl-character", message, found.start(), mend))
+    whole, depth = _read(text)
+    if whole.text:
+        raise InputError(source.problem("pddl-syntax", whole.text, whole.offset))
+    if depth > MAX_DEPTH:
+        raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
+    return _Reader(source).read(whole)
 
 
 Scope = dict[str, str]
@@ -384,29 +397,6 @@ class _Reader:
             missing = f"; is a `)` missing before `({word.text}`?" if word.text in _SECTIONS else ""
             raise self.failure(f"expected {what}, found `{word.text}`{missing}", word)
         return word
-
-
-def read_list(source: SourceText) -> Node:
-    """The only list in the text.
-
-    Raises InputError for invisible characters, unbalanced parentheses and text outside them, with line, column and
-    excerpt.
-    """
-    if len(source.text) > MAX_LENGTH:
-        message = f"the file has {len(source.text)} characters; at most {MAX_LENGTH} are read"
-        raise bad_input("pddl-too-long", message, source.place)
-    for found in _NOT_PLAIN.finditer(source.text):
-        if not found[0].startswith(";") and is_unseen(found[0]):
-            message = f"found the character {character_name(found[0])}, which no word of PDDL has"
-            raise InputError(
-                source.problem("pddl-character", message, found.start(), "remove it, or put a blank or an end of line")
-            )
-    whole, depth = _read(source.text)
-    if whole.text:
-        raise InputError(source.problem("pddl-syntax", whole.text, whole.offset))
-    if depth > MAX_DEPTH:
-        raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
-    return whole
 
 
 @lru_cache(maxsize=64)

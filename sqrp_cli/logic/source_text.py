@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from typing import TypeAlias
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.records import dataclass
@@ -65,13 +66,5 @@ class SourceText:
         return Problem(code, message, self.place_at(offset), mend=mend, excerpt=self.excerpt(offset))
 
 
-@dataclass(frozen=True)
-class TextOrigin:
-    """The first character, in a source text, of a parsed part."""
-
-    source: SourceText
-    offset: int
-
-    def problem(self, code: str, message: str, mend: str | None = None) -> Problem:
-        """An error at this character."""
-        return self.source.problem(code, message, self.offset, mend)
+TextOrigin: TypeAlias = tuple[SourceText, int]
+"""A source text, and the offset in it of a parsed part's first character."""

@@ -27,6 +27,7 @@ def engine_planner(name: str) -> Planner:
     Raises InputError if the library is not installed or knows no such engine.
     """
     with needed("other planners need the extra `planners`", "pip install unified-planning up-fast-downward"):
+        from unified_planning.engines import PlanGenerationResultStatus as Status
         from unified_planning.environment import get_environment
     environment = get_environment()
     environment.credits_stream = None
@@ -47,44 +48,40 @@ def engine_planner(name: str) -> Planner:
             task = planning_task(domain, objects, facts, goal, binding)
         except OutOfBudgetError as error:
             return GaveUp(error.within, error.why)
-        return Plan(()) if task.goal.holds(task.initial) else _solved(environment, name, task)
+        if task.goal.holds(task.initial):
+            return Plan(())
+        problem = _problem(environment, task)
+        with environment.factory.OneshotPlanner(name=name) as planner:
+            if not planner.supports(problem.kind):
+                message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, as needed here"
+                raise bad_input("planner-too-weak", message, mend="leave --planner out")
+            # Engines write files in the working folder; two at once would read each other's.
+            with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+                result = planner.solve(problem, timeout=TIME_LIMIT)
+        if result.plan is not None:
+            numbers = (int(instance.action.name.removeprefix("a")) for instance in result.plan.actions)
+            # The plan of these steps. Raises InputError for one that is wrong.
+            steps = [task.actions[number] for number in numbers]
+            state = task.initial
+            for step in steps:
+                if not step.need.holds(state):
+                    raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
+                state = step.after(state)
+            if not task.goal.holds(state):
+                message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
+                raise bad_input("wrong-plan", message, mend="leave --planner out")
+            return Plan(tuple(step.step for step in steps))
+        match result.status:
+            case Status.UNSOLVABLE_PROVEN:
+                return ProvenImpossible(())
+            case Status.UNSOLVABLE_INCOMPLETELY:
+                return GaveUp(f"the incomplete search of `{name}`")
+            case Status.TIMEOUT | Status.MEMOUT:
+                return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
+        message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
+        raise bad_input("planner-failed", message, mend="leave --planner out")
 
     return plan
-
-
-def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult:  # noqa: ANN401
-    from unified_planning.engines import PlanGenerationResultStatus as Status
-
-    problem = _problem(environment, task)
-    with environment.factory.OneshotPlanner(name=name) as planner:
-        if not planner.supports(problem.kind):
-            message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, which are needed here"
-            raise bad_input("planner-too-weak", message, mend="leave --planner out")
-        # Engines write files in the working folder; two at once would read each other's.
-        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-            result = planner.solve(problem, timeout=TIME_LIMIT)
-    if result.plan is not None:
-        numbers = (int(instance.action.name.removeprefix("a")) for instance in result.plan.actions)
-        # The plan of these steps. Raises InputError for one that is wrong.
-        steps = [task.actions[number] for number in numbers]
-        state = task.initial
-        for step in steps:
-            if not step.need.holds(state):
-                raise bad_input("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
-            state = step.after(state)
-        if not task.goal.holds(state):
-            message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
-            raise bad_input("wrong-plan", message, mend="leave --planner out")
-        return Plan(tuple(step.step for step in steps))
-    match result.status:
-        case Status.UNSOLVABLE_PROVEN:
-            return ProvenImpossible(())
-        case Status.UNSOLVABLE_INCOMPLETELY:
-            return GaveUp(f"the incomplete search of `{name}`")
-        case Status.TIMEOUT | Status.MEMOUT:
-            return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
-    message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
-    raise bad_input("planner-failed", message, mend="leave --planner out")
 
 
 def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401

@@ -37,15 +37,6 @@ MOST_BRANCHES = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Guard:
-    """How a guarded move goes on where it meets nothing, and what it takes for contact."""
-
-    force: float  # at the tool [N]
-    trajectory: Trajectory
-    """Of the driven joints, over the whole time of the primitive, to where it ends without contact."""
-
-
-@dataclass(frozen=True, eq=False)
 class TimedPrimitive:
     """A primitive action with its place in time."""
 
@@ -59,7 +50,12 @@ class TimedPrimitive:
     X_TO: Array | None  # pose of the held object in the tool frame, shape (4, 4); None if there is none
     X_WO: Mapping[str, Array]  # poses of the objects that are not held
     around: str | None = None  # the link or object that it goes around, None if it is direct
-    guard: Guard | None = None  # of a move that ends at contact; its trajectory then ends where contact is expected
+    force: float | None = None  # at the tool [N], of a move that ends where it meets something
+    unmet: Trajectory | None = None
+    """Then the motion of the driven joints over its whole time to where it ends without contact.
+
+    `trajectory` ends where contact is expected.
+    """
     too_slow: str | None = None
     """The highest speed of its tool where that is below the stated one, such as `reaches 3.4 of 5 cm/s`."""
 
@@ -94,21 +90,16 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class BranchMotion:
-    """The motion of one branch, or one for each of several joint moves."""
-
-    branch: Mapping[str, MotionValue]
-    """The words of the parameters that leave it free; for an arm without such words the number of the solution of
-    inverse kinematics at the end of a joint move, as `a1.solution`."""
-    motion: Motion
-
-
-@dataclass(frozen=True, eq=False)
 class Branches:
     """All branches that were tried for a motion."""
 
     tried: int  # one where no branch reaches its place, or nothing is free
-    feasible: tuple[BranchMotion, ...]  # those with a motion, in a fixed order
+    feasible: tuple[tuple[Names, Motion], ...]
+    """Those with a motion, in a fixed order, each with the words of the parameters that leave it free.
+
+    For an arm without such words the number of the solution of inverse kinematics at the end of a joint move, as
+    `a1.solution`.
+    """
     reasons: tuple[str, ...]  # why others fail, most useful first; not empty if all fail
 
 
@@ -210,12 +201,12 @@ class _Planner:
             possible = _different([branch.name for branch in through.branches])
             branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
         planned = [(one, self._fastest(ways, moves, _durations(ways, one), around=False)) for one in branches]
-        feasible = [BranchMotion(one, motion) for one, motion in planned if isinstance(motion, Motion)]
+        feasible = [(one, motion) for one, motion in planned if isinstance(motion, Motion)]
         if not feasible:
             motion = self._fastest(ways, moves, _durations(ways, {}), around=True)
             if isinstance(motion, Infeasible):
                 return Branches(tried, (), motion.reasons)
-            feasible = [BranchMotion({}, motion)]
+            feasible = [({}, motion)]
         return Branches(tried, tuple(feasible), self._problem.reasons(MAX_REASONS))
 
     def _ways(self) -> list[Ways] | None:
@@ -269,12 +260,19 @@ class _Planner:
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
         for index, (primitive, move) in enumerate(zip(self._problem.primitives, moves, strict=True)):
             world, end = primitive.world, start + move.trajectory.duration
-            fingers, guard = model.finger_positions(world.joints), None
+            fingers, unmet = model.finger_positions(world.joints), None
             if primitive.force is not None:
                 whole = self._guarded(index, primitive, move.trajectory)
                 if isinstance(whole, Infeasible):
                     return whole
-                guard = Guard(primitive.force, with_fingers(model, whole, None, fingers))
+                unmet = with_fingers(model, whole, None, fingers)
+            too_slow = None
+            if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
+                q, velocity = move.trajectory.motion(move.trajectory.law.breaks, 1)  # it is fastest where phases meet
+                J = model.tool_poses_and_jacobians(q).J[:, :3]
+                reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
+                if reached < REACHED * primitive.speed:
+                    too_slow = f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s"
             if id(world) not in resting:
                 resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
@@ -287,8 +285,9 @@ class _Planner:
                     X_TO=world.X_TO,
                     X_WO=resting[id(world)],
                     around=move.around,
-                    guard=guard,
-                    too_slow=self._too_slow(primitive, move.trajectory),
+                    force=primitive.force,
+                    unmet=unmet,
+                    too_slow=too_slow,
                 )
             )
             start = end
@@ -310,16 +309,6 @@ class _Planner:
         if (contact := self._problem.scenes[index].check_path(whole.path)) is not None:
             return Infeasible((f"{contact} if {primitive.name} meets nothing",))
         return whole
-
-    def _too_slow(self, primitive: GroundPrimitive, arm: Trajectory) -> str | None:
-        """Its highest speed on curves of a stated one, where its phases meet, if that is not reached."""
-        if not any(curve.length > SHORTEST_LINE for curve in primitive.curves):
-            return None
-        q, velocity = arm.motion(arm.law.breaks, 1)
-        J = self._model.tool_poses_and_jacobians(q).J[:, :3]
-        reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
-        slow = reached < REACHED * primitive.speed
-        return f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s" if slow else None
 
 
 def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:

@@ -29,7 +29,7 @@ SHORTEST_LINE = 1e-9  # curves that are no longer have no speed [m]
 MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried for each branch
 
 Names = Mapping[str, MotionValue]
-"""The name of a branch at the end of one joint move: some of those of `BranchMotion.branch`."""
+"""The name of a branch at the end of one joint move: some of those of `Branches.feasible`."""
 
 _Begun = tuple[Array, tuple[Trajectory, ...]]
 """Start of a branch, shape (n,), and the trajectories of its first primitives."""

@@ -121,10 +121,8 @@ def find_way(
         checks += 1
         return scene.is_free(JointPath.line(first, second), SPARE)
 
-    def free_in_time(first: Array, second: Array) -> bool | None:
-        return is_free(first, second) if checks < tries else None
-
-    corners = _plan_polyline(q0, q1, bounds, np.maximum(scene.bound.radii, LEAST_SCALE), free_in_time, seed)
+    scale = np.maximum(scene.bound.radii, LEAST_SCALE)
+    corners = _plan_polyline(q0, q1, bounds, scale, lambda *ends: is_free(*ends) if checks < tries else None, seed)
     found_after = checks
     if corners is None:
         return None, found_after

@@ -166,16 +166,16 @@ def with_branch(cell: Cell, scene: PlannedMotion) -> Candidate:
     """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
     way = scene.candidate
     branches = plan_branches(way, scene.world, cell.collision, cell.seed)
-    for found in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
+    for branch, motion in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
         # Whether two motions of a skill lead through the same joint positions in the same time.
-        pairs = list(zip(found.motion.primitives, scene.motion.primitives, strict=True))
+        pairs = list(zip(motion.primitives, scene.motion.primitives, strict=True))
         in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
         ends = (
-            (found.motion.positions(n, np.array([a.end])), scene.motion.positions(n, np.array([b.end])))
+            (motion.positions(n, np.array([a.end])), scene.motion.positions(n, np.array([b.end])))
             for n, (a, b) in enumerate(pairs)
         )
         if in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends):
-            return replace(way, branch=found.branch)
+            return replace(way, branch=branch)
     return way
 
 
@@ -261,8 +261,8 @@ def _planned(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -
             tried, reasons = tried + 1, [*reasons, branches.reasons]
             continue
         tried, reasons = tried + (1 if grip.branch else branches.tried), [*reasons, branches.reasons]
-        stated = (found for found in branches.feasible if {**found.branch, **grip.branch} == found.branch)
-        ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
+        stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
+        ways = ((replace(grip, branch=one), motion) for one, motion in stated)
         scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
     none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
     return tried, scenes or none

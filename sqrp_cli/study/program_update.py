@@ -130,8 +130,8 @@ def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: 
             held=timed.held,
             trajectory=timed.trajectory,
             guard=None
-            if timed.guard is None
-            else record.ProgramGuard(force=timed.guard.force, trajectory=timed.guard.trajectory),
+            if timed.force is None or timed.unmet is None
+            else record.ProgramGuard(force=timed.force, trajectory=timed.unmet),
         )
         for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
     )

@@ -14,7 +14,6 @@ from sqrp_cli.errors import InputError, Problem, bad_input, counted, expected_na
 from sqrp_cli.files import units
 from sqrp_cli.files.units import expected_quantity, read_quantity
 from sqrp_cli.logic.conditions import rules_out
-from sqrp_cli.logic.domain import Parameter
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.settings import MotionParameter, MotionValue
 from sqrp_cli.skill.skill import JointMove, Skill, named_skill
@@ -95,37 +94,30 @@ def _read_step(text: str, workspace: Workspace) -> Task:
     return Task(text, skill, tuple(found))
 
 
-def following_words(text: str, workspace: Workspace) -> list[str]:
-    """Words that may come next in a task, as a shell proposes them; not every one leads to a candidate.
-
-    text: the words before it.
-    """
-    words = text.split()
-    if "then" in words:
-        words = words[len(words) - words[::-1].index("then") :]
-    skill = named_skill(words[0], workspace.skills) if words else None
-    if skill is None:
-        return [] if words else list(workspace.skills)
-    parameters = skill.action.parameters
-    usable = [obj for obj in workspace.objects.values() if any(_is_of_type(obj, one, skill) for one in parameters)]
-    described = sorted({word for obj in usable for word in _words_for(obj)} - {obj.name.lower() for obj in usable})
-    set_already = {word.partition("=")[0] for word in words}
-    values = {
-        name: [in_words(skill, {name: value})[name].replace(" ", "") for value in parameter.values]
-        for parameter in skill.motion_parameters
-        if (name := parameter.name) not in set_already
-    }
-    settings = [f"{name}={value}" for name, listed in values.items() for value in listed or [""]]
-    return [word for word in (*(obj.name for obj in usable), *described) if word not in words] + settings + ["then"]
-
-
 def longer_tasks(text: str, workspace: Workspace) -> Iterator[str]:
     """The texts of a task that goes on as typed with one more word, as a shell proposes them.
 
     text: of the task; its last word, after the last blank, may be unfinished.
     """
     before = text[: text.rfind(" ") + 1]
-    for word in following_words(before, workspace):
+    words = before.split()
+    if "then" in words:
+        words = words[len(words) - words[::-1].index("then") :]
+    skill = named_skill(words[0], workspace.skills) if words else None
+    following = [] if words else list(workspace.skills)  # not every one leads to a candidate
+    if skill is not None:
+        types = [parameter.type for parameter in skill.action.parameters]
+        objects = workspace.objects.values()
+        usable = [obj for obj in objects if any(skill.domain.fits(obj.types, one) for one in types)]
+        described = sorted({word for obj in usable for word in _words_for(obj)} - {obj.name.lower() for obj in usable})
+        following = [word for word in (*(obj.name for obj in usable), *described) if word not in words]
+        set_already = {word.partition("=")[0] for word in words}
+        for parameter in (one for one in skill.motion_parameters if one.name not in set_already):
+            name = parameter.name
+            values = [in_words(skill, {name: value})[name].replace(" ", "") for value in parameter.values]
+            following += [f"{name}={value}" for value in values or [""]]
+        following.append("then")
+    for word in following:
         longer = f"{before}{word}"
         with suppress(InputError):
             if word != "then" and not word.endswith("="):
@@ -177,15 +169,13 @@ def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, s
     """Values of a skill's parameters as names and tables show them: lengths in mm, angles in deg."""
     dimensions = {p.name: {kind.dimension for kind in p.kinds} for p in skill.motion_parameters}
 
-    def in_units(name: str, value: MotionValue) -> str:
-        if isinstance(value, str):
-            return value
+    said: dict[str, str] = {}
+    for name, value in parameters.items():
+        said[name] = value if isinstance(value, str) else f"{value:.6g}"
         for dimension, unit in ((units.LENGTH, "mm"), (units.ANGLE, "deg")):
-            if dimensions.get(name) == {dimension} and value:
-                return f"{value / dimension.units[unit]:.6g} {unit}"
-        return f"{value:.6g}"
-
-    return {name: in_units(name, value) for name, value in parameters.items()}
+            if dimensions.get(name) == {dimension} and value and not isinstance(value, str):
+                said[name] = f"{value / dimension.units[unit]:.6g} {unit}"
+    return said
 
 
 def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str | None:
@@ -231,7 +221,9 @@ def _object_choices(
     """The possible objects of each parameter of the skill, in the order of the parameters."""
     parameters = skill.action.parameters
     fitting = {
-        parameter.name: [name for name, obj in workspace.objects.items() if _is_of_type(obj, parameter, skill)]
+        parameter.name: [
+            name for name, obj in workspace.objects.items() if skill.domain.fits(obj.types, parameter.type)
+        ]
         for parameter in parameters
     }
     for name, value in settings.items():
@@ -283,10 +275,6 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
 def _words_for(obj: SceneObject) -> set[str]:
     words = {obj.name, obj.type, *obj.attributes, *([obj.color] if obj.color else [])}
     return {word.lower() for word in words}
-
-
-def _is_of_type(obj: SceneObject, parameter: Parameter, skill: Skill) -> bool:
-    return skill.domain.fits(obj.types, parameter.type)
 
 
 def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]) -> str:

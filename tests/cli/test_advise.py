@@ -343,8 +343,8 @@ def all_ways(task: str) -> list[CandidateResult]:
     found = []
     for grip in grips(cell, candidate, cell.initial_world):
         branches = plan_branches(grip, cell.initial_world, cell.collision, cell.seed)
-        for branch in branches.feasible:
-            way = replace(grip, branch=branch.branch)
+        for branch, _ in branches.feasible:
+            way = replace(grip, branch=branch)
             found.append(study(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))
     return found
 
