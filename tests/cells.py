@@ -14,6 +14,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError, Problem
 
 ROOT = Path(__file__).parents[1]
+FILES = ROOT / "tests" / "cases" / "files"  # of robots, worlds and meshes, sound ones
 
 
 def read_cases(name: str) -> Any:

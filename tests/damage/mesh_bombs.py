@@ -5,10 +5,13 @@ from __future__ import annotations
 import struct
 from random import Random
 
-from tests.cell.mesh.mesh_bombs import TRIANGLES
 from tests.damage.bombs import TEXT, Bomb, edited, listed, whole
 
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+TRIANGLES = [
+    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+]  # fmt: skip
 """A cube with sides of 1."""
 
 

@@ -13,31 +13,9 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.robot.moveit import read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+from tests.cells import FILES
 
-ARM = """<robot name="arm">
-  <link name="base">
-    <visual><geometry><box size="1 2 3"/></geometry></visual>
-  </link>
-  <link name="hand">
-    <collision><origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><geometry><sphere radius="0.1"/></geometry></collision>
-    <collision name="palm"><geometry><cylinder radius="0.1" length="0.2"/></geometry></collision>
-    <collision><geometry><capsule radius="0.1" length="0.2"/></geometry></collision>
-    <visual><geometry><mesh filename="package://it/hand.stl" scale="1 1 2"/></geometry></visual>
-  </link>
-  <link name="tip"/>
-  <joint name="turn" type="revolute">
-    <origin xyz="1 0 0"/>
-    <parent link="base"/>
-    <child link="hand"/>
-    <axis xyz="0 0 2"/>
-    <limit lower="-1" upper="2" velocity="3" effort="1"/>
-  </joint>
-  <joint name="end" type="fixed">
-    <parent link="hand"/>
-    <child link="tip"/>
-  </joint>
-</robot>
-"""
+ARM, SRDF = ((FILES / name).read_text() for name in ("arm.urdf", "arm.srdf"))
 
 
 def written(folder: Path, text: str) -> Path:
@@ -108,38 +86,6 @@ def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
     assert caught.value.problems[0].mend == "look elsewhere"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "code", "line", "says"),
-    [
-        ('<parent link="hand"/>', '<parent link="hnad"/>', "unknown-link", 19, "did you mean `hand`?"),
-        ('<child link="tip"/>', '<child link="tap"/>', "unknown-link", 19, "unknown child link `tap`"),
-        ('name="tip"', 'name="hand"', "duplicate-name", 11, "defined twice, first at line 5"),
-        ('name="end"', 'name="turn"', "duplicate-name", 19, "joint `turn` is defined twice"),
-        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>', "zero-axis", 16, "`turn` has length zero"),
-        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 nan"/>', "wrong-value", 16, "expected 3 finite numbers"),
-        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0"/>', "wrong-value", 16, "expected 3 finite numbers"),
-        ('<limit lower="-1" upper="2" velocity="3" effort="1"/>', "", "missing-limit", 12, "but has no <limit>"),
-        ('lower="-1"', 'lower="4"', "wrong-value", 17, "lower limit of 4, above its upper limit of 2"),
-        ('type="revolute"', 'type="revolut"', "unknown-joint-type", 12, "did you mean `revolute`?"),
-        ('type="revolute"', 'type="floating"', "unsupported-joint", 12, "is floating"),
-        ('<link name="tip"/>', '<link name="tip"/><link name="apart"/>', "two-roots", 11, "`apart` are both roots"),
-        ('<child link="tip"/>', '<child link="base"/>', "cycle", 19, "links form a cycle"),
-        ('<sphere radius="0.1"/>', '<sphere radius="-1"/>', "wrong-value", 6, "expected it above 0"),
-        ('<sphere radius="0.1"/>', '<spheer radius="0.1"/>', "unknown-shape", 6, "did you mean `sphere`?"),
-        ('<box size="1 2 3"/>', "", "wrong-geometry", 3, "0 shapes, expected one"),
-        ('<parent link="base"/>', "", "missing-element", 12, "has no <parent>"),
-        ('<child link="hand"/>', '<child lnk="hand"/>', "missing-attribute", 15, "no `link`, but `lnk`"),
-        ("</robot>", "", "xml-syntax", 24, "not well-formed"),
-        ('<robot name="arm">', "<sdf>", "xml-syntax", 23, "is not closed before"),
-    ],
-)  # fmt: skip
-def test_a_fault_is_reported_with_its_line(tmp_path, old, new, code, line, says):
-    assert old in ARM
-    found = problem(tmp_path, ARM.replace(old, new, 1))
-    assert (found.code, found.place.line) == (code, line)
-    assert says in found.message
-
-
 def test_links_in_a_circle_or_with_two_parents_are_refused(tmp_path):
     circle = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
     links = "".join(f'<link name="{name}"/>' for name in ("root", "a", "b"))
@@ -177,15 +123,6 @@ def test_a_continuous_joint_has_no_limits_and_mimic_has_defaults(tmp_path):
     assert (mimic.joint, mimic.multiplier, mimic.offset, joints["follow"].velocity) == ("turn", -0.5, 0.0, None)
 
 
-SRDF = """<robot name="arm">
-  <group name="arm"><chain base_link="base" tip_link="tip"/></group>
-  <group name="all"><group name="arm"/><joint name="end"/></group>
-  <group_state name="up" group="arm"><joint name="turn" value="1.5"/></group_state>
-  <disable_collisions link1="hand" link2="base" reason="Adjacent"/>
-</robot>
-"""
-
-
 def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
     urdf = read_urdf(written(tmp_path, ARM))
     (tmp_path / "arm.srdf").write_text(SRDF)
@@ -193,19 +130,6 @@ def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
     assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
     assert srdf.states == {"up": {"turn": 1.5}}
     assert srdf.disabled_pairs == {("base", "hand")}
-
-
-@pytest.mark.parametrize(("old", "new", "code", "line"), [
-        ('value="1.5"', 'value="up"', "wrong-value", 4),
-        ('<group name="arm"/>', '<group name="all"/>', "group-cycle", 3),
-        ('base_link="base" tip_link="tip"', 'base_link="tip" tip_link="base"', "wrong-chain", 2),
-])  # fmt: skip
-def test_a_fault_in_an_srdf_is_reported_with_its_line(tmp_path, old, new, code, line):
-    urdf = read_urdf(written(tmp_path, ARM))
-    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
-        read_srdf(tmp_path / "arm.srdf", urdf)
-    assert (caught.value.problems[0].code, caught.value.problems[0].place.line) == (code, line)
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
@@ -232,22 +156,6 @@ def with_inertial(inertial: str, limit: str = 'lower="-1" upper="2" velocity="3"
 
 def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
     return f'<mass value="1"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="0" iyz="0"/>'
-
-
-@pytest.mark.parametrize(("text", "line", "told"), [
-        (with_inertial('<mass value="-2"/>'), 5, "link `hand` has a mass of -2 kg"),
-        (with_inertial(moments(-0.1, 0.1, 0.1)), 5, "a moment of inertia of -0.1 kg m^2, expected none below 0"),
-        (with_inertial("", 'lower="-1" upper="2" effort="-5"'), 17, "`effort` is -5, expected a positive number"),
-        (with_inertial("", 'lower="-1" upper="2" velocity="-3"'), 17, "`velocity` is -3, expected a positive number"),
-        (with_inertial("", 'lower="-1" upper="2" velocity="1e-300"'), 17, "`velocity` is 1e-300, expected at least"),
-        (with_inertial("", 'lower="2" upper="-1"'), 17, "lower limit of 2, above its upper limit of -1"),
-    ],
-    ids=["mass", "moment", "effort", "velocity", "hardly any velocity", "limits"],
-)  # fmt: skip
-def test_what_no_robot_can_have_is_refused_at_its_line(tmp_path, text, line, told):
-    found = problem(tmp_path, text)
-    assert told in found.message
-    assert (found.place.file, found.place.line) == (tmp_path / "arm.urdf", line)
 
 
 @pytest.mark.parametrize(("text", "code", "told"), [
