@@ -50,24 +50,6 @@ def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path
     assert read(FISHEYE, tmp_path).matrix[0, 0] == 300
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
-        ("width: 1280", "width: 1280.5", "expected a whole number"),
-        ("- 646.1", "- 646,1", "found `646,1`, expected a number"),
-        ("k:\n- 908.5\n", "k:\n", "found 8 numbers, expected 9"),
-        ("d:\n- -0.055\n", "d:\n", "found 4 distortion coefficients, expected 5 for `plumb_bob`"),
-        ("plumb_bob", "inverse_brown_conrady", "no known distortion model"),
-        ("k:\n", "kk:\n", "lacks the key `camera_matrix`"),
-        ("k:\n", "camera_matrx:\n", "lacks the key `camera_matrix`; did you mean it by `camera_matrx`?"),
-        ("width:", "image_wdth:", "lacks the key `image_width`; did you mean it by `image_wdth`?"),
-])  # fmt: skip
-def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(old, new, says, tmp_path):
-    text = (CAMERAS / "camera_info_ros2.yaml").read_text(encoding="utf-8")
-    problem = refused(read, text.replace(old, new, 1), tmp_path)
-    assert says in problem.message
-    if "lacks" not in says:
-        assert problem.place.line is not None
-
-
 @pytest.mark.parametrize(("model", "right"), [("plumb_bob", 5), ("rational_polynomial", 8), ("equidistant", 4)])
 @pytest.mark.parametrize("count", [0, 2, 4, 5, 8, 12, 14])
 def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, right: int, count: int) -> None:

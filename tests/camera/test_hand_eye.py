@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.camera.hand_eye import read_hand_eye
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from tests.cells import refused
@@ -60,27 +59,6 @@ def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
     path = with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    pose: {position: [0, 0, 1]}\n")
     with pytest.raises(InputError, match="exactly one of the keys `pose`, `hand_eye`"):
         load_workspace(path)
-
-
-@pytest.mark.parametrize(("file", "old", "new", "line", "says"), [
-        ("easy_handeye_in_hand.yaml", "qw: 0.7071068", "qw: 0.1", 12, "the quaternion has length 0.714, expected 1"),
-        ("easy_handeye_in_hand.yaml", "  x: 0.03\n", "", 11, "`transformation` lacks the key `x`"),
-        ("easy_handeye_in_hand.yaml", "  qx: 0.0\n", "  qx: nought\n", 13, "found `nought`, expected a number"),
-        ("easy_handeye_in_hand.yaml", "  robot_effector_frame: wrist\n", "", 1, "lacks the key `robot_effector_frame`"),
-        ("easy_handeye_in_hand.yaml", "  eye_on_hand: true\n", "", 1, "lacks the key `calibration_type`"),
-        ("easy_handeye_in_hand.yaml", "transformation:", "transformations:", None, "lacks the key `transform`"),
-        ("easy_handeye2_on_base.calib", "eye_on_base", "eye_to_base", 3, "did you mean `eye_on_base`?"),
-        ("easy_handeye2_on_base.calib", "    w: 0.0\n", "", 16, "`transform.rotation` lacks the key `w`"),
-        ("easy_handeye2_on_base.calib", "    z: 1.4\n", "    z: .nan\n", 15, "finite"),
-])  # fmt: skip
-def test_mistakes_are_refused_where_they_stand(file, old, new, line, says, tmp_path):
-    text = (CAMERAS / file).read_text(encoding="utf-8")
-    assert old in text
-    path = tmp_path / file
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    problem = refused(read_hand_eye, path)
-    assert says in problem.message
-    assert (problem.place.file, problem.place.line) == (path, line)
 
 
 def test_a_frame_that_the_robot_lacks_is_refused_in_the_calibration_itself(cell: Path) -> None:

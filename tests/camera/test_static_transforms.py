@@ -15,7 +15,6 @@ from sqrp_cli.camera.hand_eye import read_hand_eye
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, inverse, pose, quaternion_to_matrix, rpy_to_matrix
-from tests.cells import refused
 
 LINKS = ("world", "base", "wrist")
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)
@@ -172,35 +171,6 @@ def test_without_the_library_a_recording_names_the_command_that_installs_it(tmp_
     with pytest.raises(InputError) as caught:
         read_hand_eye(path)
     assert caught.value.problems[0].mend == "pip install 'sqrp[bags]'"
-
-
-NODE = 'from launch_ros.actions import Node\nNode(executable="static_transform_publisher", arguments={})\n'
-
-
-@pytest.mark.parametrize(("text", "line", "says"), [
-        (NODE.format("[Configured('x')]"), 2, "`Configured('x')` is not known without running the file"),
-        (NODE.format("names"), 2, "no list that can be read without running the file"),
-        (NODE.format("['1', '2', '3', 'base', 'cam']"), 2, "found 5 arguments, expected x y z yaw pitch roll"),
-        (NODE.format("['--frame-id', 'base', '--x', '1']"), 2, "lacks `--child-frame-id`"),
-        (NODE.format("['--frame-id', 'a', '--child-frame-id', 'b', '--x', 'far']"), 2, "`x` is `far`, expected"),
-        (NODE.format("['--frame-id', 'a', '--child-frame-id', 'b', '--qx', '3']"), 2, "not of length 1"),
-        (NODE.replace("Node(", "Node(("), 2, "no Python that can be parsed"),
-        ('<launch><node type="static_transform_publisher" args="$(arg x)"/></launch>', 1, "found 2 arguments"),
-        (TEXTS["message.yaml"].replace("0.8", "0.7", 1), None, "the quaternion is not of length 1"),
-        (TEXTS["message.yaml"].replace("frame_id: wrist", "frame: wrist"), None, "lacks the key `frame_id`"),
-        (TEXTS["message.yaml"].replace("0.015", "near"), None, "found `near`, expected a length"),
-        (yaml.safe_dump({"transforms": [stamped(IN_CAMERA), stamped(BACK)]}), None, "which frame is the camera's?"),
-        (yaml.safe_dump({"transforms": [stamped(OTHER), stamped(IN_HAND)]}), None, "has `lidar`, `camera_link`"),
-        ("secret: hunter2\n", None, "found no camera pose"),
-])  # fmt: skip
-def test_damage_gives_one_message(tmp_path, text, line, says):
-    path = tmp_path / "file"
-    path.write_text(text, encoding="utf-8")
-    problem = refused(read_hand_eye, path, carriers=LINKS)
-    assert says in problem.message
-    assert "hunter2" not in problem.message
-    assert problem.place.file == path
-    assert line in (None, problem.place.line)
 
 
 def test_frames_that_lead_back_to_themselves_are_refused(tmp_path):

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,32 +21,6 @@ JSON = st.recursive(PLAIN | TEXT, lambda inner: st.lists(inner) | st.dictionarie
 
 def refusal(text: str, line: int = 1) -> Problem:
     return refused(parse_json, FILE, text, line)
-
-
-@pytest.mark.parametrize(("text", "code", "line", "says"), [
-        ("[" * 100_000, "nesting-too-deep", 1, "nested deeper than 32 levels"),
-        ('{"a":' * 100_000, "nesting-too-deep", 1, "nested deeper than 32 levels"),
-        ('{"a": 1,\n "b": ' + "9" * 400 + "}", "not-finite", 2, "`b`: found a number of 400 digits"),
-        ('{"a": ' + "9" * 9000 + "}", "not-finite", 1, "`a`: found a number of 9,000 digits"),
-        ('{"results": [1, 2, 3,\n {"q_avg": 1e999}]}', "not-finite", 2, "`results[3].q_avg`: found `1e999`"),
-        ('{"a": -1e999}', "not-finite", 1, "`a`: found `-1e999`, expected a finite number"),
-        ("[0,\nNaN]", "not-finite", 2, "`[1]`: found `NaN`"),
-        ('{"pickup green": -Infinity}', "not-finite", 1, '`["pickup green"]`: found `-Infinity`'),
-        ('{"a": {"b": 1,\n\n "b": 2}}', "duplicate-key", 3, "`a.b`: this key is given twice"),
-        ('{"a": 1,}', "json-syntax", 1, "this is no JSON: "),
-        ("", "json-syntax", 1, "this is no JSON: expecting value"),
-        ('{"a": "b', "json-syntax", 1, "this is no JSON: unterminated string"),
-        ("[0, 01]", "json-syntax", 1, "this is no JSON: "),
-        ('["a\tb"]', "json-syntax", 1, "this is no JSON: invalid control character"),
-    ],
-    ids=lambda value: value[:20] if isinstance(value, str) else "",
-)  # fmt: skip
-def test_what_is_not_accepted_is_reported_with_line_and_key(text: str, code: str, line: int, says: str) -> None:
-    problem = refusal(text)
-    assert (problem.code, problem.place and problem.place.line) == (code, line)
-    assert not problem.message.endswith(" at"), "where it is, its place says"
-    assert says in problem.message
-    assert len(problem.message) < 200
 
 
 def test_lines_count_from_where_the_text_begins_in_its_file() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import InputError
 from sqrp_cli.field.calibrating.labelled import Label, of_labels, read_labels
 from tests.trials.detectors import EXPOSURE, write_workspace
 
@@ -49,32 +48,3 @@ def test_what_has_no_label_stands_where_the_workspace_has_it(workspace: Workspac
     (box,) = together.sought.targets["there(plate)"].boxes
     assert box.size[0] == 0.045
     assert box.normal == (0.0, 0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("lines", "line", "says"),
-    [
-        ([HEADER.replace("camera", "camara"), GOOD], 1, "there is a column `camara`; did you mean `camera`?"),
-        ([HEADER.replace(",qw", ""), GOOD], 1, "there is no column `qw`"),
-        ([HEADER, GOOD.replace("near", "nere")], 2, "there is no camera `nere`; did you mean `near`?"),
-        ([HEADER, GOOD, GOOD.replace("plate", "plat")], 3, "there is no object `plat`; did you mean `plate`?"),
-        ([HEADER, GOOD.replace("aruco", "arco")], 2, "there is no detector `arco`; did you mean `aruco`?"),
-        ([HEADER, GOOD.replace("yes", "y")], 2, "`there` is `y`, expected `yes` or `no`"),
-        ([HEADER, GOOD.replace(",4,0,1,", ",4,zero,1,")], 2, "`y` is `zero`, expected a number"),
-        ([HEADER, GOOD.replace(",4,0,1,", ",4,nan,1,")], 2, "`y` is `nan`, expected a number of at most 1e+06 in size"),
-        ([HEADER, GOOD.replace("0,0,0,1,", "0,0,0,2,")], 2, "`qx` to `qw` have length 2, expected 1"),
-        ([HEADER, GOOD + ",7"], 2, "this row does not have one value for each column"),
-        ([HEADER, GOOD.replace("a.png", "c.png")], 2, "`c.png`: no such file"),
-        ([HEADER, GOOD.replace("a.png", "../a.png")], 2, "is not in this folder"),
-        ([HEADER, GOOD.replace("near", '"near')], 2, "this is no CSV"),
-    ],
-)
-def test_a_wrong_file_is_told_with_its_line(
-    workspace: Workspace, tmp_path: Path, lines: list[str], line: int, says: str
-) -> None:
-    with pytest.raises(InputError) as caught:
-        labels(workspace, tmp_path, *lines)
-    (problem,) = caught.value.problems
-    assert says in problem.message
-    assert problem.place is not None
-    assert (problem.place.file.name, problem.place.line) == ("labels.csv", line)
