@@ -29,6 +29,10 @@ class TimeInterval:
         """Its duration [s]."""
         return self.end - self.start
 
+    def later(self, by: float) -> TimeInterval:
+        """The same, so much later [s]."""
+        return TimeInterval(self.start + by, self.end + by)
+
     @property
     def when(self) -> str:
         """In words, such as `from 6.0 s to 7.2 s`, with more digits where both would look the same."""

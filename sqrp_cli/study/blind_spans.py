@@ -132,18 +132,6 @@ class TargetCoverage(FileRecord):
     blind: Mapping[str, tuple[_Span, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
 
-    def later(self, start: float) -> TargetCoverage:
-        """The same, so much later [s]."""
-
-        def moved(stretch: TimeInterval) -> TimeInterval:
-            return TimeInterval(stretch.start + start, stretch.end + start)
-
-        blind = {
-            camera: tuple(replace(span, stretch=moved(span.stretch)) for span in spans)
-            for camera, spans in self.blind.items()
-        }
-        return TargetCoverage(self.needed, tuple(map(moved, self.required)), blind)
-
     def seen_by(self, camera: str) -> tuple[TimeInterval, ...]:
         """When a camera sees it; never if there is no such camera."""
         if camera not in self.blind:
@@ -207,7 +195,13 @@ def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
     for number, step in enumerate(steps, 1):
         start = max(primitives.values(), default=0.0)
         primitives |= {f"{number}.{name}": start + end for name, end in step.primitives.items()}
-        targets |= {f"{number}.{atom}": target.later(start) for atom, target in step.targets.items()}
+        for atom, target in step.targets.items():
+            required = tuple(one.later(start) for one in target.required)
+            blind = {
+                camera: tuple(replace(span, stretch=span.stretch.later(start)) for span in spans)
+                for camera, spans in target.blind.items()
+            }
+            targets[f"{number}.{atom}"] = TargetCoverage(target.needed, required, blind)
     return Coverage(primitives, targets)
 
 

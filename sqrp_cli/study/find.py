@@ -116,19 +116,18 @@ def find_way(
     compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
     watched = plans.observed(cell, scenes, sampling, contending=compared)
     if candidate.open_paths:
+        from sqrp_cli.study.seen_ways import blind_ends, seen_ways
+
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
-        watched = [*direct, *_seen(cell, scenes, sampling, longest, wanted.by)]
+        first = wanted.by == "q_eoi"
+        watched = [*direct, *seen_ways(cell, scenes, sampling, longest=longest, interest_first=first)]
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     studies = with_delays(cell, watched, sampling)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     best = ranked[0]
     chosen = next(study for study in studies if study.candidate is best.candidate)
-    ends: tuple[BlindEnd, ...] = ()
-    if candidate.open_paths:
-        from sqrp_cli.study.seen_ways import blind_ends
-
-        ends = blind_ends(chosen, candidate.open_paths)
+    ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()
     found = WaysFound(tried=tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
     return BestWay(chosen, best, found)
 
@@ -154,9 +153,11 @@ def studied_ways(
         return
     watched = plans.observed(cell, allowed, sampling)
     if candidate.open_paths:
-        longest = limit.longest(allowed)
-        seen = [one for by in ("q_eoi", "q_avg") for one in _seen(cell, allowed, sampling, longest, by)]
-        watched = [*(replace(one, candidate=one.candidate.with_paths({})) for one in watched), *seen]
+        from sqrp_cli.study.seen_ways import seen_ways
+
+        watched = [replace(one, candidate=one.candidate.with_paths({})) for one in watched]
+        for first in (True, False):
+            watched += seen_ways(cell, allowed, sampling, longest=limit.longest(allowed), interest_first=first)
     for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
         if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
@@ -192,7 +193,7 @@ def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infe
     return next((motion for motion in motions if isinstance(motion, Motion)), first)
 
 
-_Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
+Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
 """How many ways were tried, and those that can be done, or why none can."""
 
 
@@ -201,7 +202,7 @@ class Plans:
 
     def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
         """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
-        self._known: dict[tuple[int, bool], tuple[Candidate, _Planned]] = {}
+        self._known: dict[tuple[int, bool], tuple[Candidate, Planned]] = {}
         self._sights, self._seen = sights, dict[int, Observed]()
 
     def observed(
@@ -217,10 +218,35 @@ class Plans:
         self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
         return [self._seen[id(scene)] for scene in scenes]
 
-    def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
-        """The ways of a candidate, or the fastest of them; planned at the first time. World and cell: see the class."""
-        if (key := (id(candidate), fastest)) not in self._known:
-            self._known[key] = candidate, _planned(cell, candidate, world, fastest=fastest)
+    def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Planned:
+        """Every way of a candidate, of the branch that it states, if any; planned at the first time.
+
+        World and cell: see the class. fastest: only the fastest branch with the first grip, which is its way with
+        `--ways fastest`.
+        """
+        key = (id(candidate), fastest)
+        if key in self._known:
+            return self._known[key][1]
+        tried, scenes = 0, list[PlannedMotion]()
+        reasons: list[tuple[str, ...]] = []
+        if fastest:
+            way = first_grip(candidate)
+            motion = plan_motion(way, world, cell.collision, cell.seed)
+            feasible = [] if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)]
+            self._known[key] = candidate, (1, motion if isinstance(motion, Infeasible) else feasible)
+            return self._known[key][1]
+        for grip in grips(cell, candidate, world):
+            branches = plan_branches(grip, world, cell.collision, cell.seed)
+            reasons.append(branches.reasons)
+            if isinstance(branches, Infeasible):
+                tried += 1
+                continue
+            tried += 1 if grip.branch else branches.tried
+            stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
+            ways = ((replace(grip, branch=one), motion) for one, motion in stated)
+            scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
+        none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
+        self._known[key] = candidate, (tried, scenes or none)
         return self._known[key][1]
 
 
@@ -242,39 +268,6 @@ def _contending(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling)
         seen = qualities_over(found[number].timeline)
         known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
     return [found[number] for number in range(len(scenes))]
-
-
-def _planned(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> _Planned:
-    """Every way of a candidate, planned; of the branch that it states, if any.
-
-    fastest: only the fastest branch with the first grip, which is its way with `--ways fastest`.
-    """
-    if fastest:
-        way = first_grip(candidate)
-        motion = plan_motion(way, world, cell.collision, cell.seed)
-        return 1, motion if isinstance(motion, Infeasible) else [planned_motion(cell, way, world, motion)]
-    tried, scenes = 0, []
-    reasons: list[tuple[str, ...]] = []
-    for grip in grips(cell, candidate, world):
-        branches = plan_branches(grip, world, cell.collision, cell.seed)
-        if isinstance(branches, Infeasible):
-            tried, reasons = tried + 1, [*reasons, branches.reasons]
-            continue
-        tried, reasons = tried + (1 if grip.branch else branches.tried), [*reasons, branches.reasons]
-        stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
-        ways = ((replace(grip, branch=one), motion) for one, motion in stated)
-        scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
-    none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
-    return tried, scenes or none
-
-
-def _seen(
-    cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, longest: float, by: Criterion
-) -> Sequence[Analysis]:
-    """The ways with better paths than those of the scenes; a path is `any` in none."""
-    from sqrp_cli.study.seen_ways import seen_ways
-
-    return seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
 
 
 def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:

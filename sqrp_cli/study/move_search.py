@@ -221,11 +221,6 @@ class MoveSearch:
         """The direct path is the first that is known."""
         self.best, self._found, self._begun, self._left = self.direct, [self.direct], 0, 0
 
-    @property
-    def is_settled(self) -> bool:
-        """Whether hardly anything can be won."""
-        return self.best.cost - self.direct.time < SETTLED
-
     def advance(self, observer: Observer) -> int:
         """One generation: all paths are looked at roughly, then the better half again; gives the work, in looks."""
         if self._left == 0:
@@ -242,17 +237,12 @@ class MoveSearch:
             self._begun += 1
         self._left -= 1
         drawn = np.clip(self._evolution.population(), self._low, self._high)
-        paths, worth = self._paths(drawn.reshape(POPULATION, -1, len(self.q0)))
+        paths, worth = self.paths(drawn.reshape(POPULATION, -1, len(self.q0)))
         work = self.look(observer, worth, ROUGHLY)
         better = sorted(worth, key=lambda path: path.cost)[: POPULATION // 2]
-        work += self.look(observer, better, FINELY) + self._take(observer, better)
+        work += self.look(observer, better, FINELY) + self.take(observer, better)
         self._evolution.learn(drawn, np.array([np.inf if path.free is False else path.cost for path in paths]))
         return work + PATH_COST * len(paths)
-
-    def try_others(self, observer: Observer, vias: Sequence[Array]) -> int:
-        """Try the vias that other searches found best: moves of one candidate pass the same places; gives the work."""
-        _, worth = self._paths(vias)
-        return self.look(observer, worth, FINELY) + self._take(observer, worth)
 
     def look(self, observer: Observer, paths: Sequence[SeenPath], closeness: Closeness) -> int:
         """Find the blind times of paths; gives the number of looks."""
@@ -269,12 +259,12 @@ class MoveSearch:
             path.free = self.scene.is_free(path.trajectory.path)
         return path.free
 
-    def _paths(self, vias: Sequence[Array] | Array) -> tuple[list[SeenPath], list[SeenPath]]:
+    def paths(self, vias: Sequence[Array] | Array) -> tuple[list[SeenPath], list[SeenPath]]:
         """The paths that bend around vias, (k, n) each, and those that would be the best if they were always seen."""
         paths = [SeenPath(some, motion_through(self.q0, some, self.q1, self.limits)) for some in vias]
         return paths, [path for path in paths if path.time < min(self.best.cost, self.longest)]
 
-    def _take(self, observer: Observer, paths: Sequence[SeenPath]) -> int:
+    def take(self, observer: Observer, paths: Sequence[SeenPath]) -> int:
         """Remember paths; gives the number of looks.
 
         The first free one that seems to be the best so far is looked at once more: luck between few looks must not
@@ -301,9 +291,13 @@ class MoveSearch:
 
 
 def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:
-    """Have searches try the vias that others found best; gives the work that it was, in looks."""
+    """Have searches try the vias that others found best; gives the work that it was, in looks.
+
+    Moves of one candidate pass the same places.
+    """
     found = [(other, other.best.vias) for other in others if len(other.best.vias)]
     work = 0
     for search in searches:
-        work += search.try_others(observer, [vias for other, vias in found if other is not search])
+        _, worth = search.paths([vias for other, vias in found if other is not search])
+        work += search.look(observer, worth, FINELY) + search.take(observer, worth)
     return work + PATH_COST * len(found) * len(searches)

@@ -24,6 +24,7 @@ from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.move_search import (
     COST_DECIMALS,
     EXACTLY,
+    SETTLED,
     MoveSearch,
     SeenPath,
     WatchedMove,
@@ -247,8 +248,9 @@ def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, intere
 
 
 def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
-    """The searches that still may win something."""
-    return [search for runner in runners for search in runner.searches if not search.is_settled]
+    """The searches that still may win more than hardly anything."""
+    every = (search for runner in runners for search in runner.searches)
+    return [search for search in every if search.best.cost - search.direct.time >= SETTLED]
 
 
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:

@@ -108,9 +108,9 @@ def mean_quality(parts: Iterable[tuple[float | None, float | None]]) -> float | 
 
 def mean_qualities(steps: Iterable[tuple[Qualities, float | None, float | None]]) -> Qualities:
     """The qualities of the whole from those of its steps, each with the times T and T_eoi that it is about [s]."""
-    seen, T, T_eoi = zip(*steps, strict=True)
-    q_avg, q_eoi = [one.q_avg for one in seen], [one.q_eoi for one in seen]
-    return Qualities(mean_quality(zip(q_avg, T, strict=True)), mean_quality(zip(q_eoi, T_eoi, strict=True)))
+    known = list(steps)
+    q_avg, q_eoi = [(one.q_avg, T) for one, T, _ in known], [(one.q_eoi, T_eoi) for one, _, T_eoi in known]
+    return Qualities(mean_quality(q_avg), mean_quality(q_eoi))
 
 
 def _verdict(done: Sequence[CandidateResult]) -> str:

@@ -96,23 +96,6 @@ class CheckedCandidate(Record):
     advice: str
     """What would have to be done first, or why nothing would help, in words; empty if nothing has to be."""
 
-    @classmethod
-    def of(cls, found: Feasibility) -> CheckedCandidate:
-        """What was found about a candidate."""
-        steps, last = found.suggestion.steps, found.suggestion.last
-        return from_fields(
-            cls,
-            found,
-            parameters=found.candidate.parameters,
-            reasons=list(found.reasons),
-            plan=None if steps is None else [PlannedStep.of(step) for step in steps],
-            last=None if last is None else PlannedStep.of(last),
-            planning=found.suggestion.outcome,
-            name=found.candidate.name,
-            objects=dict(found.candidate.binding),
-            advice=found.suggestion.words,
-        )
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Check(WorkspaceDocument):
@@ -151,10 +134,26 @@ class Check(WorkspaceDocument):
         example: str | None = None,
     ) -> Check:
         """Candidates with their verdicts, and the findings about the workspace."""
+        candidates = []
+        for one in found:
+            steps, last = one.suggestion.steps, one.suggestion.last
+            checked = from_fields(
+                CheckedCandidate,
+                one,
+                parameters=one.candidate.parameters,
+                reasons=list(one.reasons),
+                plan=None if steps is None else [PlannedStep.of(step) for step in steps],
+                last=None if last is None else PlannedStep.of(last),
+                planning=one.suggestion.outcome,
+                name=one.candidate.name,
+                objects=dict(one.candidate.binding),
+                advice=one.suggestion.words,
+            )
+            candidates.append(checked)
         return cls(
             workspace=workspace,
             task=task,
-            candidates=[CheckedCandidate.of(one) for one in found],
+            candidates=candidates,
             problems=[ReportedProblem.of(problem) for problem in problems],
             path=path,
             suggested=[PlannedStep.of(step) for step in suggested],

@@ -76,7 +76,7 @@ def study_shown(
         formulas=[
             from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in study.formulas
         ],
-        cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
+        cameras={one.name: CameraTiming(rate=one.rate, latency=one.lag) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, study),
         recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
         sights=sights,
@@ -93,7 +93,7 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
     """Every sample with all verdicts; views: None to leave out those of single boxes."""
     timeline, samples = study.timeline, study.timeline.samples
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
-    objects = [name for name in cell.workspace.objects if name in states.X_WF]
+    objects = {name: states.X_WF[name] for name in cell.workspace.objects if name in states.X_WF}
     expected = expectation(cell, study)
     column = {target.atom: index for index, target in enumerate(study.targets)}
     seen = [_coverage(cell, study, index, states.X_WF, views, expected) for index in range(len(study.targets))]
@@ -101,7 +101,7 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
         Sample(
             t=float(samples.t[row]),
             q=cell.model.joint_values(q[row]),
-            objects={name: _at(states.X_WF[name], row).tolist() for name in objects},
+            objects={name: X[row if len(X) > 1 else 0].tolist() for name, X in objects.items()},
             held=held[row],
             covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
             event=bool(timeline.interesting[row]),
@@ -163,7 +163,7 @@ def _coverage(
             LiteralCoverage(
                 covered=covered,
                 boxes=[
-                    BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
+                    BoxCoverage(corners=points[row if len(points) > 1 else 0].tolist(), cameras=cameras)
                     for points, cameras in zip(corners, of_boxes, strict=True)
                     if views is not None
                 ],
@@ -176,9 +176,3 @@ def _coverage(
 
 def _known(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
-
-
-def _at(X: Array, row: int) -> Array:
-    """Entry of an array with leading dimension m or 1."""
-    entry: Array = X[row if len(X) > 1 else 0]
-    return entry

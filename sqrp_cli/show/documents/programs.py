@@ -20,6 +20,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.report import Outcome
 from sqrp_cli.show.documents.explanation import Span
+from sqrp_cli.study.whole_study import mean_qualities
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,12 +122,6 @@ class ProgramDocument(Document):
             span = {"start": start, "end": start + step.time, "primitives": primitives, "label": step.short_task}
             steps.append(from_fields(ListedStep, step, parameters=dict(step.parameters), **span))
             start += step.time
-
-        def mean(name: str) -> float | None:
-            known = [(figure, step.time) for step in steps if (figure := getattr(step, name)) is not None]
-            weight = sum(time for _, time in known)
-            return sum(figure * time for figure, time in known) / weight if weight else None
-
         # The fault with the longest delay at worst; one that may never be noticed is the longest.
         faults = [
             (one.delay_worst, number, name) for number, s in enumerate(steps, 1) for name, one in s.faults.items()
@@ -142,8 +137,7 @@ class ProgramDocument(Document):
             steps=steps,
             total=ProgramTotal(
                 time=sum(step.time for step in steps),
-                q_avg=mean("q_avg"),
-                q_eoi=mean("q_eoi"),
+                **vars(mean_qualities((step, step.time, step.time) for step in steps)),
                 delay_worst=worst[0],
                 step=worst[1],
                 fault=worst[2],

@@ -16,7 +16,7 @@ from importlib import metadata, resources
 from importlib.util import find_spec
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -111,7 +111,8 @@ def assembled(
     """
     library = viewer_library()
     code = "'use strict';\n(() => {\n" + "\n".join([*(asset(f"{name}.js") for name in PARTS), start]) + "})();\n"
-    scripts = f"{_digest(library)} {_digest(code)}"
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in (library, code))
+    scripts = " ".join(f"'sha256-{digest}'" for digest in digests)  # that may run; no others may
     parts = {
         "TITLE": html.escape(visible(title)),
         "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}{policy}",
@@ -159,22 +160,13 @@ def visible(text: str) -> str:
     )
 
 
-def _digest(script: str) -> str:
-    """How the page's policy names a script that may run; no other may."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
-
-
 def asset(name: str, package: str = "sqrp_cli.show.pages") -> str:
     """A script, style or template of the pages."""
     return resources.files(package).joinpath("browser", name).read_text(encoding="utf-8")
 
 
-class FigureShown(NamedTuple):
-    """A figure of a row."""
-
-    name: str
-    value: str  # with its unit
-    means: str = ""  # the word in the page's list of words that says what it is, if there is one
+FigureShown = tuple[str, str, str]
+"""A figure of a row: its name, its value with its unit, and the word of the page's list that says what it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,12 +191,8 @@ class PageRow:
     retried: Collection[str] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class CellScene:
-    """A cell. scene: the document of `show --json`. model: its `scene_model`, `packed`."""
-
-    scene: ShowDocument
-    model: str
+CellScene = tuple["ShowDocument", str]
+"""A cell: the document of `show --json`, and its `scene_model`, `packed`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,9 +224,9 @@ def write_page(content: PageContent, path: Path) -> None:
 
 def page(content: PageContent) -> str:
     """The text of the page: an overview, shown before any motion is decoded, then models and motions."""
-    entries, scenes = [row(entry) for entry in content.entries], [scene.scene for scene in content.scenes]
+    entries, scenes = [row(entry) for entry in content.entries], [scene for scene, _ in content.scenes]
     data = {"overview": packed({**plain(content), "entries": entries, "scenes": scenes})}
-    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
+    data |= {f"model-{index}": model for index, (_, model) in enumerate(content.scenes)}
     details = enumerate(entry.detail for entry in content.entries)
     data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
     return assembled(content.title, asset("main.js"), data=data)

@@ -133,7 +133,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
 
 def cell_scene(cell: Cell) -> CellScene:
     """What a page needs to draw a cell; it may come from another process."""
-    return CellScene(ShowDocument.of(cell), packed(scene_model(cell)))
+    return ShowDocument.of(cell), packed(scene_model(cell))
 
 
 def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list[tuple[str, str]]:

@@ -50,17 +50,17 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(event.event == "evidence" for event in events)
-    figures, noted = [], []
+    figures, noted = list[FigureShown](), []
     for fault in report.faults:
         if fault.delay is not None:
-            figures.append(FigureShown(f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after"))
+            figures.append((f"{report.label_of(fault)} seen after", f"{fault.delay:.2f} s", "seen after"))
             if fault.predicted_delay is not None:
-                figures.append(FigureShown("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
+                figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s", "predicted"))
         noted += [t for t in (fault.happened, fault.detected, fault.injected) if t is not None][:1]
     if report.total.precision is not None:
-        figures.append(FigureShown(_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
-    figures.append(FigureShown("images", f"{report.images}"))
-    figures.append(FigureShown("simulated time", f"{report.time:.2f} s"))
+        figures.append((_TRUE, f"{100 * report.total.precision:.1f} %", _TRUE))
+    figures.append(("images", f"{report.images}", ""))
+    figures.append(("simulated time", f"{report.time:.2f} s", ""))
     detail = packed(_detail(cell, report, events, track if scenes else None, why_flat)) if watched or scenes else None
     entry = PageRow(
         name=names,

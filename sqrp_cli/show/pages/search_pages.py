@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 from sqrp_cli.platform.processes import Progress
 from sqrp_cli.search.advice_result import AdviceDocument
@@ -13,19 +12,11 @@ from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.placing_result import PlacedCandidate, PlaceDocument
 from sqrp_cli.search.question import is_fastest
 from sqrp_cli.show.documents.scene import ShowDocument
-from sqrp_cli.show.pages.assembly import CellScene, PageContent, PageRow, write_page
+from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
 from sqrp_cli.study.pipeline import RankJob, described, sampling_done
 from sqrp_cli.study.result import CandidateResult
-
-
-class _Row(NamedTuple):
-    """A row, and where it is computed."""
-
-    row: PageRow  # without figures, cell and playback
-    found: CandidateResult
-    assignment: RankJob  # the cell and the world with the change
 
 
 def write_advice(
@@ -40,10 +31,10 @@ def write_advice(
     for (_, _, assignment), row in zip(rows, found, strict=True):
         same = assignment.cell is original.cell
         if not same:
-            scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
+            scenes.append((ShowDocument.of(assignment.cell), scenes[0][1]))  # cameras are no solids
         entries.append(replace(row, scene=0 if same else len(scenes) - 1))
     about = origin(arguments, original.cell.workspace)
-    if feasible := [row.found for row in rows if row.found.feasible]:
+    if feasible := [one for _, one, _ in rows if one.feasible]:
         about.append(("accuracy", accuracy(sampling_done(original.sampling, feasible), feasible)))
     if document.assumed:
         about.append(("delays", f"{document.assumed}."))
@@ -59,8 +50,8 @@ def write_advice(
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
 
-def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[_Row]:
-    """The candidate as it is, then with each change."""
+def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[tuple[PageRow, CandidateResult, RankJob]]:
+    """The candidate as it is, then with each change: rows without figures, and the cell and world of each."""
     before = document.start
     several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
 
@@ -71,11 +62,11 @@ def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[_Row]:
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
-    yield _Row(row("as it is", "", "", before, document.want.missed(before)), before, assignment)
+    yield row("as it is", "", "", before, document.want.missed(before)), before, assignment
     for number, one in enumerate(document.advice, 1):
         cell, world = one.proposed.in_cell(assignment.cell), one.proposed.in_world(assignment.world)
         shown = row(one.words, f"#{number}", one.kind, one.found, [f"costs {cost}" for cost in one.costs])
-        yield _Row(shown, one.found, replace(assignment, cell=cell, world=world))
+        yield shown, one.found, replace(assignment, cell=cell, world=world)
 
 
 def studied(row: PageRow, found: CandidateResult, assignment: RankJob, goal: Goal | None) -> PageRow:
