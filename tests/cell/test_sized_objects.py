@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,31 +15,12 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import inverse
-
-TABLE = """<robot name="bench"><link name="frame"/>
-  <link name="top"><collision><origin xyz="0 0 0.02"/><geometry><box size="1.2 0.8 0.04"/></geometry></collision></link>
-  <link name="leg"><visual><geometry><cylinder radius="0.05" length="0.7"/></geometry></visual></link>
-  <joint name="a" type="fixed"><origin xyz="0.1 0 0.7"/><parent link="frame"/><child link="top"/></joint>
-  <joint name="b" type="prismatic"><origin xyz="0.1 0 0.35"/><parent link="frame"/><child link="leg"/>
-    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
-</robot>
-"""
-
-CORNER = """o corner
-v 0 0 0
-v 2 0 0
-v 0 1 0
-v 0 0 3
-f 1 3 2
-f 1 2 4
-f 1 4 3
-f 2 3 4
-"""
+from tests.cells import FILES
 
 
 def with_entry(cell: Path, entry: str) -> Path:
-    (cell / "bench.urdf").write_text(TABLE)
-    (cell / "corner.obj").write_text(CORNER)
+    for name in ("bench.urdf", "corner.obj"):
+        shutil.copy(FILES / name, cell)
     file = cell / "workspace.yaml"
     file.write_text(re.sub(r"^objects:.*$", f"objects:\n  new: {entry}", file.read_text(), count=1, flags=re.MULTILINE))
     return cell

@@ -12,6 +12,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.read_urdf import read_urdf
+from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.make import make_starter
 from tests.task.robots import FEW_AXES, LINKAGES, ROBOTS, SIX_AXES, joint, turning, written_urdf
@@ -108,7 +109,9 @@ def test_warnings_of_a_new_workspace_name_files_that_are_there(tmp_path: Path) -
 
 
 @pytest.mark.trial
-def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lifts", [pytest.param(search.LIFTS, marks=pytest.mark.trial), ()], ids=["all", "tables"])
+def test_an_arm_with_a_pedestal_works_at_a_table_of_its_height(tmp_path, monkeypatch, lifts):
+    monkeypatch.setattr(search, "LIFTS", lifts)  # trying each takes long, in vain
     made = make_starter(tmp_path / "cell", str(solid(tmp_path, "pedestal", PEDESTAL)))
     assert len(made.cubes) == 4
     written = (made.folder / "workspace.yaml").read_text()

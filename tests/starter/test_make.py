@@ -26,34 +26,23 @@ from sqrp_cli.task.task import read_task
 ROBOTS = "package://example-robot-data/robots/"
 
 ARMS = {
-    "own": None,
-    "ur3": f"{ROBOTS}ur_description/urdf/ur3_robot.urdf",
-    "ur10": f"{ROBOTS}ur_description/urdf/ur10_robot.urdf",
-    "panda": f"{ROBOTS}panda_description/urdf/panda.urdf",
-    "xarm7": f"{ROBOTS}xarm_description/urdf/xarm7.urdf",
-    "kinova": f"{ROBOTS}kinova_description/robots/kinova.urdf",
-    "z1": f"{ROBOTS}z1_description/urdf/z1.urdf",
+    "own": (None, "flange"),
+    "ur3": (f"{ROBOTS}ur_description/urdf/ur3_robot.urdf", "tool0"),
+    "ur10": (f"{ROBOTS}ur_description/urdf/ur10_robot.urdf", "tool0"),
+    "panda": (f"{ROBOTS}panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "xarm7": (f"{ROBOTS}xarm_description/urdf/xarm7.urdf", "link_eef"),
+    "kinova": (f"{ROBOTS}kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    "z1": (f"{ROBOTS}z1_description/urdf/z1.urdf", "gripperStator"),
 }
-"""Arms as laboratories have them; UR3, UR10 and Z1 without a usable SRDF, Z1 too low for its tool."""
+"""Arms as laboratories have them, and where a robot programmer would fix a tool; UR and Z1 have no usable SRDF, and
+Z1 is too low for its tool."""
 
-LINKS = {
-    "own": "flange",
-    "ur3": "tool0",
-    "ur10": "tool0",
-    "panda": "panda_hand_tcp",
-    "xarm7": "link_eef",
-    "kinova": "j2s6s200_end_effector",
-    "z1": "gripperStator",
-}
-"""Where a robot programmer would fix a tool."""
-
-
-SLOW = "xarm7"
-"""Seven axes, whose home and cubes are sought for half a minute."""
+SWEEP = ("ur10", "kinova", "xarm7")
+"""Further arms, for trials; home and cubes of the last are sought for half a minute."""
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=pytest.mark.trial) if name == SLOW else name for name in ARMS]
+    scope="module", params=[pytest.param(name, marks=[pytest.mark.trial] * (name in SWEEP)) for name in ARMS]
 )
 def arm(request: pytest.FixtureRequest) -> str:
     name: str = request.param
@@ -62,7 +51,7 @@ def arm(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def starter(arm: str, tmp_path_factory: pytest.TempPathFactory) -> Layout:
-    return make_starter(tmp_path_factory.mktemp(arm) / "cell", ARMS[arm])
+    return make_starter(tmp_path_factory.mktemp(arm) / "cell", ARMS[arm][0])
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +67,7 @@ def motions(cell: Cell) -> dict[str, Motion]:
 
 
 def test_the_tool_is_fixed_to_the_link_that_a_programmer_would_take(arm: str, starter: Layout) -> None:
-    assert starter.tip == LINKS[arm]
+    assert starter.tip == ARMS[arm][1]
 
 
 def test_every_object_that_it_puts_there_can_be_picked_up(starter: Layout, motions: dict[str, Motion]) -> None:
@@ -132,7 +121,7 @@ def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> Non
 
 def test_it_is_the_same_every_time(tmp_path: Path) -> None:
     for name in ("one", "other"):
-        make_starter(tmp_path / name, ARMS["ur10"])
+        make_starter(tmp_path / name, ARMS["own"][0])
     one, other = (
         {f.name: f.read_bytes() for f in (tmp_path / n).rglob("*.*") if f.is_file()} for n in ("one", "other")
     )

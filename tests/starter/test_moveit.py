@@ -16,6 +16,7 @@ from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.starter.description import OwnRobot, describe_robot, find_moveit
 from sqrp_cli.starter.layout import Layout
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
+from tests.cells import FILES
 
 ARM = read_urdf(SHIPPED / OWN_ARM)
 JOINTS = [joint.name for joint in ARM.movable_joints]
@@ -37,17 +38,7 @@ LIMITS = {
     },
 }
 
-SRDF = f"""<?xml version="1.0"?>
-<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="{ARM.name}">
-  <xacro:arg name="prefix" default=""/>
-  <group name="manipulator"><chain base_link="{ARM.root}" tip_link="$(arg prefix){TIP}"/></group>
-  <group name="gripper"><link name="{TIP}"/></group>
-  <group_state name="far" group="manipulator"><joint name="{JOINTS[0]}" value="1000"/></group_state>
-  <group_state name="home" group="manipulator">HOME</group_state>
-  <end_effector name="hand" parent_link="{TIP}" group="gripper" parent_group="manipulator"/>
-  <disable_collisions link1="{ARM.root}" link2="camera_of_another_variant" reason="Never"/>
-</robot>
-"""
+SRDF = (FILES / "my_arm.srdf.xacro").read_text()
 
 
 def config(src: Path, home: dict[str, float]) -> Path:

@@ -26,6 +26,7 @@ from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.candidate_page import STEP, scene_model
 from sqrp_cli.sight.solids import load_solid
+from tests.cells import FILES
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -36,19 +37,7 @@ UNITS = {"": 1.0, '<unit meter="1"/>': 1.0, '<unit name="inch" meter="0.0254"/>'
          '<unit name="mm" meter="1e-3"/>': 1e-3, "<unit meter='0.01' name='cm'/>": 0.01}  # fmt: skip
 UP_AXES = ("", "<up_axis>X_UP</up_axis>", "<up_axis>Y_UP</up_axis>", "<up_axis>Z_UP</up_axis>")
 
-DAE = """<?xml version="1.0"?>
-<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
-<library_geometries><geometry id="g"><asset><unit meter="7"/></asset><mesh>
-<source id="p"><float_array id="pa" count="12">{numbers}</float_array><technique_common>
-<accessor source="#pa" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
-<param name="Z" type="float"/></accessor></technique_common></source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
-</mesh></geometry></library_geometries>
-<library_visual_scenes><visual_scene id="s"><node id="n"><translate>{shift}</translate>
-<node id="m"><instance_geometry url="#g"/></node></node></visual_scene></library_visual_scenes>
-<scene><instance_visual_scene url="#s"/></scene></COLLADA>
-"""
+DAE = (FILES / "tetrahedron.dae").read_text()
 
 
 def dae(path: Path, asset: str = "", unit: float = 1.0) -> Path:
