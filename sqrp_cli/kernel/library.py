@@ -72,7 +72,8 @@ def build(library: Path, target: str | None = None) -> None:
     if chosen and target is None:
         compiler = shlex.split(chosen)
     elif find_spec("ziglang"):
-        compiler = [sys.executable, "-m", "ziglang", "c++", "-nostdlib++", "-s", *cross]
+        # For any processor, as in wheels: it would otherwise be for this one, and a home may serve several machines.
+        compiler = [sys.executable, "-m", "ziglang", "c++", "-mcpu=baseline", "-nostdlib++", "-s", *cross]
     elif target is None and (found := shutil.which("c++")):
         compiler = [found]
     else:
