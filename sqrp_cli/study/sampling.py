@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.geometry import Array, box_corners
+from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
@@ -117,46 +118,48 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
     used = sorted({piece.primitive for piece in stage.pieces})
     asked = {piece.primitive for piece in stage.pieces if piece.literals}
     t = {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
-    for index, moved in _steps(stage, observer, targets, t).items():
+    tracked = _tracked(stage, observer, targets)
+    for index, moved in _steps(stage, tracked, t).items():
         # About `_SPACING` is moved between two instants at most, and no more time passes than allowed.
         most = longest if index in asked and not primitives[index].trajectory.stands else np.inf
         passed = np.concatenate([[0.0], np.cumsum(np.maximum(moved / _SPACING, np.diff(t[index]) / most))])
         even = np.linspace(0.0, passed[-1], max(1, int(np.ceil(passed[-1]))) + 1)
         t[index] = np.interp(even, passed, t[index]) if passed[-1] else t[index][[0, -1]]
-    for index, moved in _steps(stage, observer, targets, t).items():
+    for index, moved in _steps(stage, tracked, t).items():
         wide = np.flatnonzero(moved > MAX_MOTION)
         t[index] = np.insert(t[index], wide + 1, 0.5 * (t[index][wide] + t[index][wide + 1]))
     return [t.get(index, np.array([primitive.start])) for index, primitive in enumerate(primitives)]
 
 
-def _steps(
-    stage: Stage, observer: Observer, targets: Sequence[Target], instants: Mapping[int, Array]
-) -> dict[int, Array]:
+def _steps(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Array]) -> dict[int, Array]:
     """Movement of the fastest tracked point from each instant of a primitive to the next [m].
 
-    instants: of some primitives, by their index [s].
+    tracked: see `_tracked`. instants: of some primitives, by their index [s].
     """
     first = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
     counts = [len(t) for t in instants.values()]
     samples = Samples(np.repeat([first[index] for index in instants], counts), np.concatenate([*instants.values()]))
-    moving = {name: X_WF for name, X_WF in stage.states(samples).X_WF.items() if len(X_WF) > 1}
-    boxes = [box for target in targets for box in target.boxes]
-    paths = [_paths(moving[s.part.parent], s.corners) for s in observer.solids if s.part.parent in moving]
-    paths += [_paths(moving[box.frame] @ box.X_FB, box_corners(box.size)) for box in boxes if box.frame in moving]
-    paths += [_paths(moving[c.frame] @ c.X_FC, VIEW) for c in observer.cameras if c.frame in moving]
-    steps = np.zeros(len(samples))
-    if paths:
-        together = np.concatenate(paths)
-        moved = together[:, 1:] - together[:, :-1]
-        steps[:-1] = np.sqrt(np.einsum("kmi,kmi->km", moved, moved).max(axis=0))
-    parts = np.split(steps, np.cumsum(counts)[:-1])
+    squares = np.zeros(len(samples))
+    for name, X_WF in stage.states(samples).X_WF.items():
+        if name in tracked and len(X_WF) > 1:
+            # One matrix product of all states at once is several times faster than one for each.
+            change = (X_WF[1:, :3] - X_WF[:-1, :3]).transpose(2, 1, 0).reshape(4, -1)
+            moved = (tracked[name] @ change).reshape(-1, 3, len(X_WF) - 1)
+            moved *= moved
+            np.maximum(squares[:-1], moved.sum(axis=1).max(axis=0), out=squares[:-1])
+    parts = np.split(np.sqrt(squares), np.cumsum(counts)[:-1])
     return {index: part[:-1] for index, part in zip(instants, parts, strict=True)}
 
 
-def _paths(X_WF: Array, points: Array) -> Array:
-    """World positions, shape (k, m, 3), of k points of a frame, (k, 3), that is at X_WF, (m, 4, 4).
-
-    One matrix product of all states at once is several times faster than one for each.
-    """
-    rotated = points @ X_WF[:, :3, :3].reshape(-1, 3).T
-    return rotated.reshape(len(points), -1, 3) + X_WF[:, :3, 3]
+def _tracked(stage: Stage, observer: Observer, targets: Sequence[Target]) -> dict[str, Array]:
+    """The points of each frame that may move of which movement counts, before a column of ones, shape (k, 4)."""
+    boxes = dict.fromkeys(box for target in targets for box in target.boxes)
+    points = [(one.part.parent, None, one.corners) for one in observer.solids]
+    points += [(box.frame, box.X_FB, box_corners(box.size)) for box in boxes]
+    points += [(camera.frame, camera.X_FC, VIEW) for camera in observer.cameras]
+    of_frames: defaultdict[str, list[Array]] = defaultdict(list)
+    for frame, X_FP, some in points:
+        if frame not in stage.resting:
+            of_frames[frame].append(some if X_FP is None else transform(X_FP, some))
+    joined = {name: np.concatenate(points) for name, points in of_frames.items()}
+    return {name: np.append(points, np.ones((len(points), 1)), axis=1) for name, points in joined.items()}
