@@ -23,7 +23,7 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
-from sqrp_cli.geometry import Array, Mask, transform
+from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
@@ -109,24 +109,26 @@ class SeenOffset(NamedTuple):
 
     @classmethod
     def of(cls, expected: Array, free: Array, eyes: Array, focal: Array, R_WB: Array, size: Array) -> SeenOffset:
-        """expected, free: where its centre would be and is, (n, f, 3) [m]. R_WB, size: of the box expected there.
+        """expected, free: where its centre would be, (3, n, f or 1), and is, (3, n, f) [m].
 
-        eyes: where the cameras are, (n, f or 1, 3) [m]; focal: their focal lengths, (n,) [pixels].
+        R_WB, size: of the box expected there. eyes: where the cameras are, (3, n, f or 1) [m]; focal: their focal
+        lengths, (n,) [pixels].
         """
         ray, gap = expected - eyes, free - expected
         distance, nearer = _norm(ray), -_dot(ray, gap)
         nearer /= distance
-        across = gap + (nearer / distance)[..., None] * ray
+        across = gap + nearer / distance * ray
         # The length is the most r for which r * direction + k * ray is in the box for some k; at a corner of these
         # bounds two faces meet.
         gone = _norm(across)
-        u, v = np.where(gone[..., None] > 1e-9, across / np.maximum(gone, 1e-9)[..., None], 0.0) @ R_WB, ray @ R_WB
-        v = v / _norm(v)[..., None]
-        length = np.full(u.shape[:-1], np.linalg.norm(size))
-        for i, j in ((0, 2), (1, 0), (2, 1)):
-            turn = np.abs(u[..., i] * v[..., j] - v[..., i] * u[..., j])
-            reach = size[i] * np.abs(v[..., j]) + size[j] * np.abs(v[..., i])
-            np.minimum(length, reach / np.maximum(turn, 1e-9), out=length)
+        axes = np.moveaxis(R_WB, (-1, -2), (0, 1))[..., None]  # of the box, by component
+        turn = [across[j] * ray[k] - across[k] * ray[j] for j, k in ((1, 2), (2, 0), (0, 1))]
+        scale = np.maximum(gone, 1e-9) * distance
+        v = [np.abs(_dot(axis, ray)) / distance for axis in axes]
+        length = np.full(gone.shape, np.linalg.norm(size))
+        for k, i, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            reach = (size[i] * v[j] + size[j] * v[i]) * scale
+            np.minimum(length, reach / np.maximum(np.abs(_dot(axes[k], turn)), 1e-9 * scale), out=length)
         return cls(gone, distance, nearer, length, focal[:, None], _spread(size))
 
     def apart(self, rule: DropRule) -> Array:
@@ -228,85 +230,140 @@ def _shown(
     reached = [box for positive, _, box in boxes if positive and box.frame in stage.resting]
     if not left:
         return None
-    t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
-    step = t[1] - t[0]
-    times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
-    states = stage.states(stage.samples_at(times))
-    X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
-    free = _falling(stage, observer, name, X_WO, times, len(t))
-    expected = _followed(X_WO[:, :3, 3], times, len(t))
-
     by_color = left[0].limits.kind == "color"
     every = (box for target in targets.values() for box in boxes_of(target))
     places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
-    some = times[times <= interval.end + _SOON + step]
-    judged = _judging(observer, states, [*left, *reached], len(some), robot_alone=True)
-    lost = stage.once_lost()
-    seen = _judging(observer, lost.states(lost.samples_at(some)), places, len(some), robot_alone=False)
-    first, last = (np.searchsorted(some, edge) for edge in (t, t + _SOON))
-    windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
-    # Whether each camera judges a box soon after each loss, (c, s); what others make of it matters where none does.
-    judges = {box: np.transpose([of_box[window].any(axis=0) for window in windows]) for box, of_box in judged.items()}
-    any_judges: Mask = np.any(list(judges.values()), axis=0)
-    camera, start = np.nonzero(any_judges | ~any_judges.any(axis=0))  # of each of n drops that are looked at
-    tracks = [states.camera_poses(one)[:, :3, 3] for one in observer.cameras]
-    if all(len(track) == 1 for track in tracks):
-        eyes = np.array(tracks).reshape(-1, 1, 3)[camera]
-    else:
-        eyes = np.array([_followed(track, times, len(t)) for track in tracks])[camera, start]
-    focal, size, falls = _focal(observer.cameras)[camera], np.array(left[0].size), free[start]
-    R_WB = np.broadcast_to(states.box_poses(left[0]), (len(times), 4, 4))[start, :3, :3]
-    held = SeenOffset.of(expected[start], falls, eyes, focal, R_WB, size)
-    before = np.searchsorted(some, t[:, None] + _FALL, side="right") - 1
-    at_places: list[tuple[Mask, SeenOffset]] = []  # whether the camera sees the place before and after each time
+    drops = _Drops.of(stage, observer, name, interval)
+    judges, seen = drops.judged(stage, observer, [*left, *reached], places)
+    looks = _Looks.at(drops, observer.cameras, np.any(list(judges.values()), axis=0))
+    expected, size = drops.followed(drops.states.X_WF[name][:, :3, 3]), np.array(left[0].size)
+    held = looks.offset(expected, np.broadcast_to(drops.states.box_poses(left[0]), (len(drops.times), 4, 4)), size)
+    beside: list[tuple[Mask, SeenOffset]] = []  # whether the camera sees a place before and after each time
     for box in places:
-        both = np.append(seen[box][:-1] & seen[box][1:], np.zeros((1, seen[box].shape[1]), dtype=bool), axis=0)
-        X_WB = stage.resting[box.frame][0] @ box.X_FB
-        there = np.broadcast_to(X_WB[:3, 3], falls.shape)
-        offset = SeenOffset.of(there, falls, eyes, focal, X_WB[:3, :3], size)
-        at_places.append((both[before[start], camera[:, None]], offset))
-
-    def of_cameras(found: Array) -> Array:
-        """Times of the drops that are looked at, (n,), by camera and start, (c, s) [s]; -inf of the others."""
-        all_times = np.full(any_judges.shape, -np.inf)
-        all_times[camera, start] = t[start] + found
-        return all_times
-
-    period = max((1.0 / camera.rate for camera in observer.cameras), default=0.0)  # so long it must be apart
+        X_WB, both = stage.resting[box.frame] @ box.X_FB, seen[box] & np.roll(seen[box], -1, axis=0)
+        both[-1] = False
+        there = np.broadcast_to(X_WB[0, :3, 3, None, None], (3, len(drops.t), 1))
+        beside.append((looks.at_times(both), looks.offset(there, np.repeat(X_WB, len(drops.times), axis=0), size)))
 
     def gone(rule: DropRule) -> tuple[Array, Array]:
-        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s].
-
-        -inf of those that do not count.
-        """
+        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
         apart = held.apart(rule)
-        enough = apart
-        if by_color:
-            in_a_place = np.full(apart.shape, -np.inf)
-            for looked_at, offset in at_places:
-                in_a_place = np.maximum(in_a_place, np.where(looked_at, offset.fills(rule), -np.inf))
-            enough = np.maximum(held.clear(rule), np.minimum(apart, in_a_place))
-        return of_cameras(_first(apart, period)), of_cameras(_first(enough, period))
+        if not by_color:
+            return (looks.first(apart),) * 2
+        fills = [np.where(is_seen, offset.fills(rule), -np.inf) for is_seen, offset in beside]
+        in_a_place = np.max([np.full(apart.shape, -np.inf), *fills], axis=0)
+        return looks.first(apart), looks.first(np.maximum(held.clear(rule), np.minimum(apart, in_a_place)))
 
-    x, late, judge = t, gone(SURE)[1], np.any([judges[box] for box in left], axis=0)
+    x, late, judge = drops.t, gone(SURE)[1], np.any([judges[box] for box in left], axis=0)
     surely = np.where(judge, late, -np.inf)
     until, since = gone(USUAL)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
     for box in reached:
-        X_WB, size = stage.resting[box.frame][0] @ box.X_FB, np.array(box.size)
+        X_WB, half = stage.resting[box.frame][0] @ box.X_FB, 0.5 * np.array(box.size)
+        free, eyes = (np.moveaxis(one, 0, -1) for one in (drops.free, looks.eyes))
         part = (free - X_WB[:3, 3]) @ X_WB[:3, :3]
-        x = np.maximum(x, t + _first((0.5 * size - np.abs(part)).min(axis=2)))
+        x = np.maximum(x, drops.t + _first((half - np.abs(part)).min(axis=2)))
         # By how much the line of sight through the part meets the middle plane of the box inside it.
-        part = part[start]
+        part = part[looks.start]
         ray = part - (eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
         met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
-        inside = 0.5 * size[:2] - np.abs(met)
-        there, judge = of_cameras(_first(np.minimum(inside[..., 0], inside[..., 1]), period)), judges[box]
+        inside = half[:2] - np.abs(met)
+        there, judge = looks.first(np.minimum(inside[..., 0], inside[..., 1])), judges[box]
         late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
         until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
     latest = stage.motion.time + _NEVER
     return _Shown(*(np.minimum(one, latest) for one in (x, surely, late.max(axis=0, initial=-np.inf), usual)))
+
+
+class _Drops(NamedTuple):
+    """A part that the tool loses at each of s instants of an interval."""
+
+    t: Array
+    """The instants, shape (s,) [s]."""
+    times: Array
+    """These, and as many after them as it takes to follow the last drop, shape (m,) [s]."""
+    states: SceneStates
+    """Where everything is at these, as long as nothing is lost."""
+    free: Array
+    """Where the centre of the part is at f times after it is lost, shape (3, s, f) [m]."""
+
+    @classmethod
+    def of(cls, stage: Stage, observer: Observer, name: str, interval: TimeInterval) -> _Drops:
+        t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
+        step = t[1] - t[0]
+        times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
+        states = stage.states(stage.samples_at(times))
+        X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
+        free = _falling(stage, observer, name, X_WO, times, len(t))
+        return cls(t, times, states, np.ascontiguousarray(np.moveaxis(free, -1, 0)))
+
+    def followed(self, track: Array) -> Array:
+        """Where a point is while the part falls, shape (3, s, f) [m]; track: at all times, (m, 3) or (1, 3)."""
+        when, track = self.t[:, None] + _FALL, np.broadcast_to(track, (len(self.times), 3))
+        return np.stack([np.interp(when, self.times, track[:, axis]) for axis in range(3)])
+
+    def judged(
+        self, stage: Stage, observer: Observer, boxes: Sequence[SoughtBox], places: Sequence[SoughtBox]
+    ) -> tuple[dict[SoughtBox, Mask], dict[SoughtBox, Mask]]:
+        """Whether each camera judges boxes soon after each loss, (c, s), and the places at some times, (k, c).
+
+        These are the first k ones. The robot alone hides the boxes, and a tool that has lost the part the places.
+        """
+        some = self.times[self.times <= self.t[-1] + _SOON + self.t[1] - self.t[0]]
+        found = _judging(observer, self.states, boxes, len(some), robot_alone=True)
+        lost = stage.once_lost()
+        seen = _judging(observer, lost.states(lost.samples_at(some)), places, len(some), robot_alone=False)
+        first, last = (np.searchsorted(some, edge) for edge in (self.t, self.t + _SOON))
+        windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
+        return {box: np.transpose([one[window].any(axis=0) for window in windows]) for box, one in found.items()}, seen
+
+
+class _Looks(NamedTuple):
+    """Cameras that look at drops: n pairs of a camera and an instant at which the part is lost."""
+
+    drops: _Drops
+    shape: tuple[int, int]
+    """The numbers of all cameras and instants, c and s."""
+    camera: Indices
+    """By index, shape (n,)."""
+    start: Indices
+    """By index, shape (n,)."""
+    eyes: Array
+    """Where the camera is, shape (3, n, f or 1) [m]."""
+    focal: Array
+    """Its focal length, shape (n,) [pixels]."""
+    period: float
+    """The longest of all frame periods: how long a part must lie apart to be seen so [s]."""
+
+    @classmethod
+    def at(cls, drops: _Drops, cameras: Sequence[Camera], judges: Mask) -> _Looks:
+        """judges: which camera judges a drop, (c, s). What others make of it matters where none does."""
+        camera, start = np.nonzero(judges | ~judges.any(axis=0))
+        tracks = [drops.states.camera_poses(one)[:, :3, 3] for one in cameras]
+        if all(len(track) == 1 for track in tracks):
+            eyes = np.array(tracks).reshape(-1, 3).T[:, camera, None]
+        else:
+            eyes = np.stack([drops.followed(track) for track in tracks], axis=1)[:, camera, start]
+        period = max((1.0 / one.rate for one in cameras), default=0.0)
+        return cls(drops, judges.shape, camera, start, eyes, _focal(cameras)[camera], period)
+
+    def offset(self, expected: Array, X_WB: Array, size: Array) -> SeenOffset:
+        """How far the part is seen from where it is expected, (3, s, f or 1), in a box X_WB, (m, 4, 4), of a size."""
+        free, R_WB = self.drops.free[:, self.start], X_WB[self.start, :3, :3]
+        return SeenOffset.of(expected[:, self.start], free, self.eyes, self.focal, R_WB, size)
+
+    def at_times(self, seen: Mask) -> Mask:
+        """What cameras see at the first times, (k, c), as each drop goes on, shape (n, f)."""
+        times = self.drops.times[: len(seen)]
+        before = np.searchsorted(times, self.drops.t[:, None] + _FALL, side="right") - 1
+        return seen[before[self.start], self.camera[:, None]]
+
+    def first(self, margin: Array) -> Array:
+        """When a margin (n, f) is first not negative for a period, (c, s) [s]; -inf where no camera looks."""
+        found = np.full(self.shape, -np.inf)
+        found[self.camera, self.start] = self.drops.t[self.start] + _first(margin, self.period)
+        return found
 
 
 def majority_time(until: Array, since: Array, needed: int) -> Array:
@@ -336,15 +393,6 @@ def _between(x: Array, shown: Array, interval: TimeInterval) -> Onset:
     inner = (x > interval.start) & (x < interval.end) & kept
     at = np.concatenate([[interval.start], x[inner], [interval.end]])
     return Onset(at, np.maximum.accumulate(at + np.interp(at, x[kept], lag[kept])))
-
-
-def _followed(track: Array, times: Array, starts: int) -> Array:
-    """Where a point is while a part falls, shape (s, f, 3) [m].
-
-    track: at `times`, (n, 3), or (1, 3). starts: how many of them are starts of a fall, s.
-    """
-    when, track = times[:starts, None] + _FALL, np.broadcast_to(track, (len(times), 3))
-    return np.stack([np.interp(when, times, track[:, axis]) for axis in range(3)], axis=2)
 
 
 def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Array, starts: int) -> Array:
@@ -440,16 +488,16 @@ def _spread(size: Array) -> float:
     return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """Inner products of vectors (..., 3); NumPy's sums over so short an axis take several times as long."""
-    found: Array = a[..., 0] * b[..., 0]
-    found += a[..., 1] * b[..., 1]
-    found += a[..., 2] * b[..., 2]
+def _dot(a: Sequence[Array] | Array, b: Sequence[Array] | Array) -> Array:
+    """Inner products of vectors by component, (3, ...); sums over so short an axis take several times as long."""
+    found: Array = a[0] * b[0]
+    found += a[1] * b[1]
+    found += a[2] * b[2]
     return found
 
 
 def _norm(vectors: Array) -> Array:
-    """Lengths of vectors (..., 3)."""
+    """Lengths of vectors by component, (3, ...)."""
     return np.sqrt(_dot(vectors, vectors))
 
 

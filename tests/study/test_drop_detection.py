@@ -104,12 +104,11 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         free = HELD + np.linspace(0.0, far, STEPS)[:, None] * way
         X_WR = turned(HELD + 0.4 * max(size) * way)
         tool, rest = box_at("tool", X_WH, size), box_at("rest", X_WR, size)  # type: ignore[arg-type]
-        eyes, focal = eye.X_FC[:3, 3].reshape(1, 1, 3), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5])
+        eyes, focal = eye.X_FC[:3, 3].reshape(3, 1, 1), np.array([(eye.matrix[0, 0] * eye.matrix[1, 1]) ** 0.5])
 
         def offset(X_WB: Array) -> SeenOffset:
             """From where the tool or a place would show the part."""
-            expected = np.broadcast_to(X_WB[:3, 3], (1, STEPS, 3))
-            return SeenOffset.of(expected, free[None], eyes, focal, X_WB[None, :3, :3], np.array(size))  # noqa: B023
+            return SeenOffset.of(X_WB[:3, 3].reshape(3, 1, 1), free.T[:, None], eyes, focal, X_WB[None, :3, :3], np.array(size))  # noqa: B023
 
         held = offset(X_WH)
         clear, apart = held.clear(SURE)[0] >= 0, held.apart(SURE)[0] >= 0
