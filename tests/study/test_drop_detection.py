@@ -108,7 +108,8 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
 
         def offset(X_WB: Array) -> SeenOffset:
             """From where the tool or a place would show the part."""
-            return SeenOffset.of(X_WB[:3, 3].reshape(3, 1, 1), free.T[:, None], eyes, focal, X_WB[None, :3, :3], np.array(size))  # noqa: B023
+            expected, way = X_WB[:3, 3].reshape(3, 1, 1), free.T[:, None]  # noqa: B023
+            return SeenOffset.of(expected, way, eyes, focal, X_WB[None, :3, :3], np.array(size))  # noqa: B023
 
         held = offset(X_WH)
         clear, apart = held.clear(SURE)[0] >= 0, held.apart(SURE)[0] >= 0
