@@ -154,7 +154,7 @@ def _steps(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Ar
 def _tracked(stage: Stage, observer: Observer, targets: Sequence[Target]) -> dict[str, Array]:
     """The points of each frame that may move of which movement counts, before a column of ones, shape (k, 4)."""
     boxes = dict.fromkeys(box for target in targets for box in target.boxes)
-    points = [(one.part.parent, None, one.corners) for one in observer.solids]
+    points: list[tuple[str, Array | None, Array]] = [(one.part.parent, None, one.corners) for one in observer.solids]
     points += [(box.frame, box.X_FB, box_corners(box.size)) for box in boxes]
     points += [(camera.frame, camera.X_FC, VIEW) for camera in observer.cameras]
     of_frames: defaultdict[str, list[Array]] = defaultdict(list)
