@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import combinations
 
 import coal
@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, ranges
+from sqrp_cli.geometry import Array, inverse, pose, ranges
 from sqrp_cli.motion.collision import CollisionScene, pair
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.robot.kinematics import RobotModel
@@ -62,66 +62,107 @@ class Cell:
         return plan_motion(choice, world or self.world, self.scene, seed)
 
 
-class PinocchioCell:
-    """The same cell as Pinocchio reads it itself, to check contacts independently: its geometry, its kinematics."""
+class PinocchioArm:
+    """Arm, tool and things as Pinocchio and coal read them from the URDF, to check places and contacts independently."""
 
-    def __init__(self, cell: Cell, margin: float) -> None:
-        robot = cell.robot
+    def __init__(
+        self,
+        robot: Robot,
+        model: RobotModel,
+        link: str,
+        X_LT: Array,
+        tool: Iterable[tuple[Array, coal.CollisionGeometry]],
+        things: Mapping[str, SceneObject],
+        unchecked: Iterable[tuple[str, str]],
+    ) -> None:
+        """link, X_LT: what carries the tool frame, and where. tool: shapes on that link, each with its pose there."""
+        self.robot_model, self.unchecked = model, model.adjacent_pairs | set(unchecked)
         self.model = pin.buildModelFromUrdf(str(robot.urdf.path))
-        folders = [str(root) for root in robot.package_roots]
-        kind = pin.GeometryType.COLLISION
+        folders, kind = [str(root) for root in robot.package_roots], pin.GeometryType.COLLISION
         self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf.path), kind, package_dirs=folders)
-        flange = self.model.getFrameId("tool0")
-        joint, X_JF = self.model.frames[flange].parentJoint, self.model.frames[flange].placement
-        self.tool = [
-            self._add(f"tool{k}", joint, X_JF * pin.SE3(np.eye(3), np.array([0, 0, z])), coal.Cylinder(radius, length))
-            for k, (z, radius, length) in enumerate([(0.01, 0.03, 0.02), (0.05, 0.01, 0.06), (0.09, 0.016, 0.02)])
-        ]
-        self.X_JT = X_JF * pin.SE3(np.eye(3), np.array([0, 0, 0.1]))
-        self.robot = range(self.geometry.ngeoms)
-        self.things = {name: self._add(name, 0, pin.SE3(t.X_WO), coal.Box(*t.size)) for name, t in cell.objects.items()}
-        self.held = {
-            name: self._add(name + "@tool", joint, pin.SE3.Identity(), coal.Box(*t.size))
-            for name, t in cell.objects.items()
-        }
-        self.last_joint, self.margin = joint, margin
-        self.data = self.model.createData()
+        frame = self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+        self.joint, self.X_JT = frame.parentJoint, frame.placement * pin.SE3(X_LT)
+        self.names = {k: self.model.frames[g.parentFrame].name for k, g in enumerate(self.geometry.geometryObjects)}
+        self.X_BW = pin.SE3(inverse(robot.X_WB))
+        for X_LP, shape in tool:
+            self._add("tool", self.joint, frame.placement * pin.SE3(X_LP), shape)
+        self.things = {name: self._add(name, 0, pin.SE3.Identity(), coal.Box(*t.size)) for name, t in things.items()}
 
     def _add(self, name: str, joint: int, X: pin.SE3, shape: coal.CollisionGeometry) -> int:
-        return self.geometry.addGeometryObject(pin.GeometryObject(name, joint, X, shape))
+        index = self.geometry.addGeometryObject(pin.GeometryObject(f"{name}{len(self.names)}", joint, X, shape))
+        self.names[index] = name
+        return int(index)
 
-    def contacts(self, motion: Motion, index: int, touching: set[tuple[str, str]], t: Array) -> set[tuple[str, str]]:
-        """Pairs of names that touch at some instant t [s] of a primitive, from its start, other than the ones named."""
-        primitive = motion.primitives[index]
-        geometry = self.geometry.copy()
+    def configuration(self, q: Array) -> Array:
+        """Pinocchio's q: every joint's position, cosine and sine for joints without limits."""
+        full = pin.neutral(self.model)
+        for name, value in self.robot_model.joint_values(q).items():
+            joint = self.model.joints[self.model.getJointId(name)]
+            full[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        return full
+
+    def tool_pose(self, q: Array) -> Array:
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.configuration(q))
+        return (self.X_BW.inverse() * data.oMi[self.joint] * self.X_JT).homogeneous
+
+    def contacts(self, motion: Motion, index: int, t: Array, margin: float) -> set[tuple[str, str]]:
+        """Pairs of names that come closer than a margin [m] at some instant t [s] of a primitive, from its start."""
+        primitive, geometry = motion.primitives[index], self.geometry.copy()
         geometry.removeAllCollisionPairs()
         objects = geometry.geometryObjects
-        for name, X in primitive.X_WO.items():
-            objects[self.things[name]].placement = pin.SE3(np.asarray(X))
+        for name, X_WO in primitive.X_WO.items():
+            objects[self.things[name]].placement = self.X_BW * pin.SE3(np.asarray(X_WO))
         if primitive.held is not None:
-            objects[self.held[primitive.held]].placement = self.X_JT * pin.SE3(np.asarray(primitive.X_TO))
-        solid = [*self.robot, *(self.things[name] for name in primitive.X_WO)]
-        solid += [self.held[primitive.held]] if primitive.held is not None else []
-        for i, j in combinations(solid, 2):
-            a, b = objects[i], objects[j]
-            near = a.parentJoint == b.parentJoint or abs(a.parentJoint - b.parentJoint) == 1
-            both_robot = i in self.robot and j in self.robot
-            fixed = a.parentJoint == 0 and b.parentJoint == 0
-            taken = {i, j} & set(self.held.values()) and {i, j} & set(self.tool)
-            named = pair(*("tool" if k in self.tool else objects[k].name.split("@")[0] for k in (i, j))) in touching
-            if not (fixed or taken or named or (both_robot and near)):
+            held = objects[self.things[primitive.held]]
+            held.parentJoint, held.placement = self.joint, self.X_JT * pin.SE3(np.asarray(primitive.X_TO))
+        absent = self.things.keys() - {*primitive.X_WO, primitive.held}
+        for i, j in combinations(range(geometry.ngeoms), 2):
+            names = pair(self.names[i], self.names[j])
+            known = names in self.unchecked or {"tool", primitive.held} == {*names} or absent & {*names}
+            if not known and objects[i].parentJoint != objects[j].parentJoint:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
-        data = geometry.createData()
+        found, model_data, data = set[tuple[str, str]](), self.model.createData(), geometry.createData()
         for request in data.collisionRequests:
-            request.security_margin = self.margin
-        found = set()
-        for q in primitive.trajectory.positions(t)[:, : self.model.nq]:
-            pin.computeCollisions(self.model, self.data, geometry, data, q, False)
-            for k, result in enumerate(data.collisionResults):
+            request.security_margin = margin
+        for q in primitive.trajectory.positions(t):
+            pin.computeCollisions(self.model, model_data, geometry, data, self.configuration(q), False)
+            for both, result in zip(geometry.collisionPairs, data.collisionResults, strict=True):
                 if result.isCollision():
-                    both = geometry.collisionPairs[k]
-                    found.add(pair(objects[both.first].name, objects[both.second].name))
+                    found.add(pair(self.names[both.first], self.names[both.second]))
         return found
+
+
+SUCTION_CUP = [(0.01, 0.03, 0.02), (0.05, 0.01, 0.06), (0.09, 0.016, 0.02)]
+"""Height of the middle, radius and length of its cylinders [m]."""
+
+
+def pinocchio_arm(cell: Cell) -> PinocchioArm:
+    """That of a UR with the suction cup."""
+    tool = [(pose(position=(0, 0, z)), coal.Cylinder(radius, length)) for z, radius, length in SUCTION_CUP]
+    X_LT = pose(position=(0, 0, 0.1))
+    return PinocchioArm(cell.robot, cell.model, "tool0", X_LT, tool, cell.objects, cell.robot.disabled_pairs)
+
+
+def even_steps(trajectory: Trajectory, step: float) -> Array:
+    """Instants [s] between which all joints together move by no more than a step [rad or m]."""
+    t = np.linspace(0, trajectory.duration, 4000)
+    moved = np.abs(np.diff(trajectory.positions(t), axis=0)).sum(axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(moved)])
+    return np.interp(np.linspace(0, travelled[-1], 2 + int(1.1 * travelled[-1] / step)), travelled, t)
+
+
+def assert_keeps_limits(model: RobotModel, motion: Motion, step: float = 1e-3) -> None:
+    """That position, velocity, acceleration and jerk of every joint of the arm stay within their limits at any time."""
+    n = len(model.arm)
+    for primitive in motion.primitives:
+        trajectory = primitive.trajectory
+        t = np.concatenate([np.arange(0, trajectory.duration, step), phase_samples(trajectory, 9)])
+        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
+            over = np.abs(trajectory.derivatives(t, order)[:, :n]) <= limit * (1 + 1e-9)
+            assert over.all(), (primitive.name, order)
+        q = trajectory.positions(t)[:, :n]
+        assert ((q >= model.lower - 2e-9) & (q <= model.upper + 2e-9)).all(), primitive.name
 
 
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:

@@ -21,7 +21,7 @@ from sqrp_cli.motion.stop_and_return import recovery_over
 from sqrp_cli.motion.tool_path import ToolCurve, follow, tool_line
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
-from tests.motion.cells import Cell, phase_samples, thing
+from tests.motion.cells import Cell, assert_keeps_limits, thing
 from tests.motion.test_tool_curves import straight_line
 from tests.task.robots import joint, robot, torso_arm, written_urdf
 
@@ -107,13 +107,7 @@ def test_every_instant_of_every_motion_of_an_arm_of_many_joints_keeps_all_limits
     cell = random_cell(tabletop, tmp_path, seed, joints)
     model, motion = cell.model, cell.plan(lift=0.15)
     assert isinstance(motion, Motion), motion
-    for primitive in motion.primitives:
-        moving = primitive.trajectory
-        t = np.concatenate([np.arange(0, moving.duration, 2e-3), phase_samples(moving, 9)])
-        q = moving.positions(t)
-        assert ((q >= model.lower - 2 * LIMIT_SLACK) & (q <= model.upper + 2 * LIMIT_SLACK)).all(), primitive.name
-        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
-            assert (np.abs(moving.derivatives(t, order)) <= limit * (1 + 1e-9)).all(), (primitive.name, order)
+    assert_keeps_limits(model, motion, 2e-3)
     assert np.isfinite(recovery_over(motion, model, 0.0).duration).all()
 
 

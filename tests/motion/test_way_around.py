@@ -22,8 +22,7 @@ from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import blended_path, motion_through
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import Skill
-from sqrp_cli.trajectory import Trajectory
-from tests.motion.cells import Cell, PinocchioCell, phase_samples, thing
+from tests.motion.cells import Cell, assert_keeps_limits, even_steps, phase_samples, pinocchio_arm, thing
 
 TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
@@ -59,57 +58,35 @@ def motion(walled: Cell) -> Motion:
     return planned
 
 
-def millimetre_steps(trajectory: Trajectory) -> Array:
-    """Instants between which no point moves further than 1 mm [s]."""
-    t = np.linspace(0, trajectory.duration, 4000)
-    moved = np.abs(np.diff(trajectory.positions(t), axis=0)).sum(axis=1) * FARTHEST
-    travelled = np.concatenate([[0.0], np.cumsum(moved)])
-    return np.interp(np.linspace(0, travelled[-1], int(np.ceil(1.1 * travelled[-1] / 1e-3))), travelled, t)
-
-
 def test_moves_that_a_wall_blocks_go_around_it_and_say_so(motion: Motion) -> None:
     assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
 def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own_model(
-    motion: Motion, walled: Cell
+    motion: Motion, walled: Cell, ur5: RobotModel
 ) -> None:
-    independent = PinocchioCell(walled, 0.9 * CLEARANCE)
+    independent, limits = pinocchio_arm(walled), MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
     for index in (0, 4):
-        t = millimetre_steps(motion.primitives[index].trajectory)
-        moved = np.abs(np.diff(motion.primitives[index].trajectory.positions(t), axis=0)).sum(axis=1) * FARTHEST
-        assert moved.max() <= 1e-3
-        assert independent.contacts(motion, index, set(), t) == set()
-
-
-def test_the_direct_move_does_touch_the_wall(motion: Motion, walled: Cell, ur5: RobotModel) -> None:
-    ends = motion.primitives[4].trajectory.path.positions([0.0, 1.0])
-    limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
-    direct = replace(motion.primitives[4], trajectory=joint_moves.joint_move(*ends, limits))
-    blocked = replace(motion, primitives=(*motion.primitives[:4], direct))
-    t = millimetre_steps(direct.trajectory)
-    found = PinocchioCell(walled, 0.0).contacts(blocked, 4, set(), t)
-    assert any("wall" in names for names in found)
+        t = even_steps(motion.primitives[index].trajectory, 1e-3 / FARTHEST)
+        assert independent.contacts(motion, index, t, 0.9 * CLEARANCE) == set()
+    direct = joint_move(*motion.primitives[4].trajectory.path.positions([0.0, 1.0]), limits)
+    blocked = replace(motion, primitives=(*motion.primitives[:4], replace(motion.primitives[4], trajectory=direct)))
+    assert any("wall" in names for names in independent.contacts(blocked, 4, even_steps(direct, 0.01), 0.0))
 
 
 def test_padding_is_kept_around_walls_on_the_way_too(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> None:
     cell = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK), padding=0.015)
     padded = cell.plan()
     assert isinstance(padded, Motion)
-    independent = PinocchioCell(cell, 0.9 * (CLEARANCE + 0.015))
-    t = millimetre_steps(padded.primitives[0].trajectory)[::4]
-    walls = [names for names in independent.contacts(padded, 0, set(), t) if {"wall", "back"} & set(names)]
-    assert walls == []
+    t = even_steps(padded.primitives[0].trajectory, 4e-3 / FARTHEST)
+    near = pinocchio_arm(cell).contacts(padded, 0, t, 0.9 * (CLEARANCE + 0.015))
+    assert not [names for names in near if {"wall", "back"} & set(names)]
 
 
 def test_a_way_around_keeps_velocity_acceleration_and_jerk_and_moves_smoothly(motion: Motion, ur5: RobotModel) -> None:
+    assert_keeps_limits(ur5, motion)
     for index in (0, 4):
         trajectory = motion.primitives[index].trajectory
-        t = np.concatenate([np.arange(0, trajectory.duration, 1e-3), phase_samples(trajectory, 9)])
-        for order, limit in ((1, ur5.velocity), (2, ur5.acceleration), (3, ur5.jerk)):
-            assert (np.abs(trajectory.derivatives(t, order)) <= limit * (1 + 1e-9)).all()
-        q = trajectory.positions(t)
-        assert ((q >= ur5.lower) & (q <= ur5.upper)).all()
         joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
         for instant in [*trajectory.law.breaks[1:-1], *joints]:
             sides = np.array([instant - 1e-7, instant + 1e-7])

@@ -7,19 +7,17 @@ The independent model is Pinocchio's own reading of the URDF, with its geometry,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.geometry import pose, rpy_to_matrix
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.motion.collision import CLEARANCE, pair
+from sqrp_cli.motion.collision import CLEARANCE
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.study.pipeline import RankJob
@@ -27,7 +25,7 @@ from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
 from tests.cells import write_cell
-from tests.motion.cells import phase_samples
+from tests.motion.cells import PinocchioArm, assert_keeps_limits, even_steps
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"
 DATA = "package://example-robot-data/robots/"
@@ -168,88 +166,23 @@ def motion(cell: Cell) -> Motion:
     return planned
 
 
-class IndependentArm:
-    """Arm, tool and things as Pinocchio and coal see them, from the URDF file."""
-
-    def __init__(self, cell: Cell, arm: Arm) -> None:
-        robot = cell.workspace.robot
-        self.cell = cell
-        self.model = pin.buildModelFromUrdf(str(robot.urdf.path))
-        folders = [str(root) for root in robot.package_roots]
-        kind = pin.GeometryType.COLLISION
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf.path), kind, package_dirs=folders)
-        frame = self.model.frames[self.model.getFrameId(arm.link, pin.FrameType.BODY)]
-        position, rpy = arm.tool
-        X_JR = frame.placement * pin.SE3(pose(rpy_to_matrix(np.radians(rpy)), position))
-        self.joint, self.X_JT = frame.parentJoint, X_JR * pin.SE3(pose(position=(0, 0, TOOL_LENGTH)))
-        self.links = {k: self.model.frames[g.parentFrame].name for k, g in enumerate(self.geometry.geometryObjects)}
-        X_JB = X_JR * pin.SE3(pose(position=(0, 0, TOOL_LENGTH / 2)))
-        self.tool = self._add("tool_body", self.joint, X_JB, coal.Box(*TOOL_BOX))
-        X_BW = pin.SE3(pose(position=(0, 0, -arm.height)))
-        sizes = {name: thing.size for name, thing in cell.workspace.objects.items()}
-        self.things = {
-            name: self._add(name, 0, X_BW * pin.SE3(cell.workspace.objects[name].X_WO), coal.Box(*size))
-            for name, size in sizes.items()
-        }
-        self.X_BW = X_BW
-
-    def _add(self, name: str, joint: int, X: pin.SE3, shape: coal.CollisionGeometry) -> int:
-        index = self.geometry.addGeometryObject(pin.GeometryObject(name, joint, X, shape))
-        self.links[index] = name
-        return int(index)
-
-    def configuration(self, q: Array) -> Array:
-        """Pinocchio's q: every joint's position, cosine and sine for joints without limits."""
-        full = pin.neutral(self.model)
-        for name, value in self.cell.model.joint_values(q).items():
-            joint = self.model.joints[self.model.getJointId(name)]
-            full[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
-        return full
-
-    def tool_pose(self, q: Array) -> Array:
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, self.configuration(q))
-        return (self.X_BW.inverse() * data.oMi[self.joint] * self.X_JT).homogeneous
-
-    def contacts(self, motion: Motion, index: int, margin: float, step: float) -> set[tuple[str, str]]:
-        """Pairs of names that come closer than a margin [m] at steps [m] of a primitive, neighbours aside."""
-        primitive = motion.primitives[index]
-        geometry = self.geometry.copy()
-        objects = geometry.geometryObjects
-        if primitive.held is not None:
-            held = objects[self.things[primitive.held]]
-            held.parentJoint, held.placement = self.joint, self.X_JT * pin.SE3(np.asarray(primitive.X_TO))
-        unchecked = self.cell.unchecked_pairs | self.cell.model.adjacent_pairs
-        for i, j in combinations(range(geometry.ngeoms), 2):
-            names = pair(self.links[i], self.links[j])
-            carried = primitive.held in names and "tool_body" in names
-            if objects[i].parentJoint != objects[j].parentJoint and names not in unchecked and not carried:
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
-        model_data, data = self.model.createData(), geometry.createData()
-        for request in data.collisionRequests:
-            request.security_margin = margin
-        t = np.linspace(0, primitive.trajectory.duration, 500)
-        moved = np.concatenate(
-            [[0.0], np.cumsum(np.abs(np.diff(primitive.trajectory.positions(t), axis=0)).sum(axis=1))]
-        )
-        count = max(2, int(np.ceil(moved[-1] / step)))
-        found = set()
-        for q in primitive.trajectory.positions(np.interp(np.linspace(0, moved[-1], count), moved, t)):
-            pin.computeCollisions(self.model, model_data, geometry, data, self.configuration(q), False)
-            for k, result in enumerate(data.collisionResults):
-                if result.isCollision():
-                    both = geometry.collisionPairs[k]
-                    found.add(pair(self.links[both.first], self.links[both.second]))
-        return found
+def independent_arm(cell: Cell, arm: Arm) -> PinocchioArm:
+    robot, position, rpy = cell.workspace.robot, *arm.tool
+    X_LR = pose(rpy_to_matrix(np.radians(rpy)), position)
+    X_RT, tool = (
+        pose(position=(0, 0, TOOL_LENGTH)),
+        [(X_LR @ pose(position=(0, 0, TOOL_LENGTH / 2)), coal.Box(*TOOL_BOX))],
+    )
+    return PinocchioArm(robot, cell.model, arm.link, X_LR @ X_RT, tool, cell.workspace.objects, cell.unchecked_pairs)
 
 
 @pytest.fixture(scope="module")
-def independent(cell: Cell, arm: Arm) -> IndependentArm:
-    return IndependentArm(cell, arm)
+def independent(cell: Cell, arm: Arm) -> PinocchioArm:
+    return independent_arm(cell, arm)
 
 
 def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(
-    independent: IndependentArm, arm: Arm, motion: Motion
+    independent: PinocchioArm, arm: Arm, motion: Motion
 ) -> None:
     """Straight down onto the middle of the cube's upper side, and straight up again."""
     x, y, side = arm.cube
@@ -264,23 +197,17 @@ def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(
                 np.testing.assert_allclose(X_WT[:3, 2], [0, 0, -1], atol=5e-6)
 
 
-def test_nothing_touches_by_pinocchios_geometry(independent: IndependentArm, motion: Motion) -> None:
-    meant = {"a2": {("cube", "tool_body")}, "a3": {("cube", "tool_body")}, "a4": {("cube", "table")}}
+def test_nothing_touches_by_pinocchios_geometry(independent: PinocchioArm, motion: Motion) -> None:
+    meant = {"a2": {("cube", "tool")}, "a3": {("cube", "tool")}, "a4": {("cube", "table")}}
     for index, primitive in enumerate(motion.primitives):
-        found = independent.contacts(motion, index, 0.9 * CLEARANCE, 0.01)
+        found = independent.contacts(
+            motion, index, even_steps(motion.primitives[index].trajectory, 0.01), 0.9 * CLEARANCE
+        )
         assert found <= meant.get(primitive.name, set()), primitive.name
 
 
 def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, motion: Motion) -> None:
-    model = cell.model
-    for primitive in motion.primitives:
-        steps = np.arange(0, primitive.trajectory.duration, 5e-3)
-        t = np.concatenate([steps, phase_samples(primitive.trajectory, 7)])
-        n = len(model.arm)
-        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
-            assert (np.abs(primitive.trajectory.derivatives(t, order)[:, :n]) <= limit * (1 + 1e-9)).all()
-        q = primitive.trajectory.positions(t)[:, :n]
-        assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
+    assert_keeps_limits(cell.model, motion, 5e-3)
 
 
 def test_it_is_ranked(cell: Cell) -> None:
@@ -299,9 +226,11 @@ def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
     motion = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(motion, Motion)
-    independent = IndependentArm(cell, ARMS["panda"])
+    independent = independent_arm(cell, ARMS["panda"])
     for index in range(len(motion.primitives)):
-        found = independent.contacts(motion, index, 0.9 * CLEARANCE, 0.01)
+        found = independent.contacts(
+            motion, index, even_steps(motion.primitives[index].trajectory, 0.01), 0.9 * CLEARANCE
+        )
         assert not any("box" in names for names in found)
     monkeypatch.setattr(inverse_kinematics, "MORE_REDUNDANCY_SAMPLES", inverse_kinematics.REDUNDANCY_SAMPLES)
     few = feasible_motion(cell, candidate, cell.initial_world)
