@@ -63,7 +63,7 @@ class Cell:
 
 
 class PinocchioArm:
-    """Arm, tool and things as Pinocchio and coal read them from the URDF, to check places and contacts independently."""
+    """Arm, tool and things as Pinocchio and coal read the URDF, to check places and contacts independently."""
 
     def __init__(
         self,
