@@ -40,7 +40,7 @@ ROOMS = {
     "study": ("study", 4_463),
     "search": ("search", 4_499),
     "checks": ("checks", 1_242),
-    "run": ("run", 7_834),
+    "run": ("run", 7_742),
     "field": ("field ros", 3_123),
     "score": ("score", 2_387),
     "show": ("show", 4_982),

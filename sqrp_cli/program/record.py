@@ -6,9 +6,9 @@ camera covers what when, and the world before and after.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -272,8 +272,8 @@ class Program(Entry):
         return tuple(dict.fromkeys(step.skill for step in self.steps))
 
 
-class Replanner(Protocol):
-    """Plans a step again from another world, for a retry; passed to the runtime, which cannot plan itself."""
+Replanner = Callable[[Step, World], Step | None]
+"""Plans a step again from another world, for a retry; passed to the runtime, which cannot plan itself.
 
-    def replan(self, step: Step, world: World) -> Step | None:
-        """The same skill with the same parameters from `world`; None if that is infeasible."""
+It gives the same skill with the same parameters; None if that is infeasible.
+"""

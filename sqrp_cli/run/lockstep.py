@@ -120,11 +120,6 @@ class EvidenceCollector:
                 for image in taken:
                     self._recorder.add(image, self._number, tau if attempt.undisturbed else None, self._publisher.doing)
 
-    def collect(self, t: float) -> list[Detection]:
-        """The images that have arrived by time t [s], looked at. Raises Stopped if some are not."""
-        with self._publisher.timed("waiting for perception"):
-            return self.streams.collect(t)
-
     def take_notice(self, detections: Sequence[Detection], now: float) -> list[Evidence]:
         """Learn from what images show; returns the evidence of each exposure that was not complete before."""
         attempt = self._attempt
@@ -288,7 +283,8 @@ class Lockstep:
         if self.faults.is_pending and self.attempt is not None:
             tau = self._tau(self.now)
             self.faults.look(self.now, tau, self.attempt, self._truth.atoms(self.attempt, tau))
-        arrived = self.collector.collect(self.now)
+        with self.publisher.timed("waiting for perception"):
+            arrived = streams.collect(self.now)
         while self._due and self._due[0][0] <= self.now + 1e-9:
             self._due.pop(0)[2]()
         if self.attempt is not None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.faults import FaultTracker, InjectedFault, StepPlace, parse_fault
+from sqrp_cli.run.cell.ros_cell import RosCell
+from sqrp_cli.run.faults import FaultTracker, InjectedFault, parse_fault
 from sqrp_cli.run.ground_truth import GroundTruth
 from sqrp_cli.run.lockstep import SAME_INSTANT, EvidenceCollector, Lockstep
 from sqrp_cli.run.monitor.nominal_step import NominalStep
@@ -30,7 +31,9 @@ from sqrp_cli.run.monitor.step_monitor import (
     condition_atoms,
     condition_value,
 )
-from sqrp_cli.run.perception.streams import Streams
+from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
+from sqrp_cli.run.perception.image_detector import DetectorPool
+from sqrp_cli.run.perception.streams import ImageStreams, ReceivedStreams, Streams
 from sqrp_cli.run.record.events import EventPublisher, Listener, listed
 from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.run.record.report import Outcome, RunReport, StepRecord, Stopped
@@ -47,16 +50,6 @@ SPACING = 0.05
 """Sampling period of a motion in the search for a viewpoint [s]."""
 
 
-class Spectator(Protocol):
-    """Somebody who looks on, and may let go what the tool holds."""
-
-    def wants_slip(self) -> bool:
-        """Whether it is to slip now."""
-
-    def told(self, fault: str, refused: str) -> None:
-        """The fault as `--fault` would have it, and why it cannot happen; empty if it does."""
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What is kept of a run, and its listeners."""
@@ -67,66 +60,78 @@ class Recording:
     """Receives every image with its detections."""
     states: bool = False
     """Whether the events include the true poses; the run itself is the same."""
-    spectator: Spectator | None = None
+    spectator: Any = None
+    """Somebody who looks on, and may let slip what the tool holds: where `wants_slip()` says so, it slips now.
+
+    `told(fault, refused)` gets the fault as `--fault` would have it, and why it cannot happen; empty if it does.
+    """
 
 
 class Run:
-    """One run of a program in a cell, simulated or real, whose images come in streams."""
+    """One run of a program in a cell, simulated or real, with what it takes: its perception, monitors and clock."""
 
     def __init__(
         self,
         program: Program,
         workspace: Workspace,
-        body: RobotBody,
         cell: RunnableCell,
-        streams: Streams,
         replanner: Replanner,
         faults: Sequence[InjectedFault] = (),
         recording: Recording | None = None,
     ) -> None:
-        """replanner: plans retries. faults: that are to happen, in a simulated cell."""
+        """replanner: plans retries. faults: that are to happen, in a simulated cell.
+
+        Raises InputError for a mesh, or a detector of a package, that cannot be used.
+        """
         recording = Recording() if recording is None else recording
-        self._program, self._body, self._cell, self._faults = program, body, cell, list(faults)
-        self._streams, self._spectator = streams, recording.spectator
-        self._publisher = EventPublisher(recording.listeners)
-        self._truth = GroundTruth(cell, body, program.steps[0].before, self._publisher if recording.states else None)
-        self._collector = EvidenceCollector(cell, streams, self._publisher, recording.images)
-        self._tracker, self._replanner = FaultTracker(cell, streams, self._publisher), replanner
+        self._program, self._cell, self._faults, self._replanner = program, cell, list(faults), replanner
+        self._body, self._spectator = RobotBody.load(workspace.robot), recording.spectator
+        self._detectors, cameras = DetectorPool(CellModel.of(workspace, self._body)), workspace.cameras
+        self._streams: Streams = ImageStreams(cameras, self._detectors)
+        if isinstance(cell, RosCell):
+            self._streams = ReceivedStreams(cameras, self._detectors, lambda: cell.t, cell.file.mend_of_lateness)
+        self._publisher, world = EventPublisher(recording.listeners), program.steps[0].before
+        self._truth = GroundTruth(cell, self._body, world, self._publisher if recording.states else None)
+        self._collector = EvidenceCollector(cell, self._streams, self._publisher, recording.images)
+        self._tracker = FaultTracker(cell, self._streams, self._publisher)
         self._lockstep = Lockstep(
             program, workspace.robot, cell, self._collector, self._tracker, self._truth, self._publisher
         )
         self._report = RunReport(workspace=workspace.name)
 
-    def run(self) -> RunReport:
-        """Run all steps; returns how it went."""
-        return self._reported(*(partial(self._run_step, index, step) for index, step in enumerate(self._program.steps)))
+    def run(self, *, moves: bool = True) -> RunReport:
+        """Run all steps, and return how it went; without moving, only look whether all is right where the first starts.
 
-    def look(self) -> RunReport:
-        """Look whether all is as it should be where the first step starts, without moving; returns what came of it."""
-        return self._reported(lambda: self._look_at_start(self._prepared(0, self._program.steps[0], first=True), 1))
-
-    def _reported(self, *actions: Callable[[], None]) -> RunReport:
-        """How it went when some actions were taken, one after the other."""
-        lockstep = self._lockstep
+        It can be run once.
+        """
+        lockstep, tracker, reason = self._lockstep, self._tracker, None
         outcome: Outcome = "done"
-        reason = None
-        try:
-            for action in actions:
-                action()
-        except Stopped as stopped:
-            outcome, reason = "stopped", str(stopped)
-            self._tracker.stopped(lockstep.now, stopped)
-            lockstep.halt(str(stopped))
-        self._truth.publish()
+        with self._detectors:
+            if isinstance(self._cell, RosCell):
+                self._detectors.watch(DetectionTargets({}, {}, {}))
+                self._detectors.get_ready()
+                self._cell.begin()
+            try:
+                for index, step in enumerate(self._program.steps if moves else ()):
+                    self._run_step(index, step)
+                if not moves:
+                    self._look_at_start(self._prepared(0, self._program.steps[0], first=True), 1)
+            except Stopped as stopped:
+                outcome, reason = "stopped", str(stopped)
+                tracker.stopped(lockstep.now, stopped)
+                lockstep.halt(str(stopped))
+            self._truth.publish()
         if outcome == "done" and (truth := self._cell.truth()) is not None:
             meant = self._program.steps[-1].after.X_WO
             lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
-            if any(np.linalg.norm(away) > ELSEWHERE for away in lies.values()):
-                self._tracker.dropped()
+            for record in tracker.records if any(np.linalg.norm(away) > ELSEWHERE for away in lies.values()) else ():
+                # A part lies where it should not: no formula asks about when it slipped, but it did.
+                if record.kind == "slip" and record.happened is None and record.detected is None:
+                    record.happened = record.injected
         report = replace(
             self._report,
             time=round(lockstep.now, 6),
-            faults=[replace(record) for record in self._tracker.records],  # with the delays that follow from the times
+            faults=[replace(record) for record in tracker.records],  # with the delays that follow from the times
             conflicts=self._collector.conflicts,
             tracking=self._cell.tracking_error(),
             images=self._streams.images,
@@ -149,31 +154,30 @@ class Run:
         while True:
             first, retries = record.attempts == 1, record.attempts - 1
             attempt = self._prepared(index, step, first=first)
-            try:
-                self._look_at_start(attempt, index + 1)
-                alarm = self._move(attempt, index + 1)
-            finally:
-                if first:
-                    report.prediction.append(attempt.check.counts)
-                    report.usual.append(attempt.check.usual)
-                    report.disagreements.extend(attempt.check.disagreements)
+            if first:  # predictions are checked while all goes as planned
+                report.prediction.append(attempt.check.counts)
+                report.usual.append(attempt.check.usual)
+                attempt.check.disagreements = report.disagreements
+            self._look_at_start(attempt, index + 1)
+            alarm = self._move(attempt, index + 1)
             if alarm is None:
                 break
             response = alarm.response
             if alarm.kind == "fault":
                 tracker.seen(alarm, lockstep.now)
-            elif alarm.kind == "violation":
-                tracker.suspected(lockstep.now)
+            for fault in tracker.open if alarm.kind == "violation" else ():  # images show that something is wrong
+                fault.detected = lockstep.now if fault.detected is None else fault.detected
             if response.action != "retry" or retries >= response.retries:
                 after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
                 raise Stopped(f"{alarm.text}{after}")
             step = prepare_retry(lockstep, self._replanner, attempt, alarm)
             record.attempts += 1
-            tracker.acted(lockstep.now)
+            tracker.note(acted=lockstep.now)
             of, planned = response.retries, round(step.time, 6)
             self._publisher.publish("retry", lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned)
         record.end, record.unseen = round(lockstep.now, 6), attempt.unseen
-        tracker.recovered(lockstep.now)
+        tracker.note(recovered=lockstep.now)
+        tracker.open.clear()
 
     def _prepared(self, index: int, step: Step, *, first: bool) -> Attempt:
         """An attempt at a step, before it begins."""
@@ -202,15 +206,14 @@ class Run:
                 schedule(begin if lockstep.fingers is not None else end, "tool", self._cell.release)
                 schedule(end, "tool", partial(lockstep.command_hold, holding=False))
             schedule(begin, "primitive", partial(self._begin, primitive.name, primitive.does))
-        for fault in self._faults:
-            if fault.step == number:
-                schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
-        self._faults = [fault for fault in self._faults if fault.step != number]
+        for fault in [fault for fault in self._faults if fault.step == number]:
+            self._faults.remove(fault)
+            schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
         lockstep.motion.play(attempt.step.primitives, start)
-        end = attempt.end
+        end = start + attempt.step.time
         while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
             if self._spectator is not None and self._spectator.wants_slip():
-                self._slip(self._spectator, number, start)
+                self._slip(number, start)
             for alarm in attempt.alarms(lockstep.pass_time(end)):
                 if alarm.response.action != "continue":
                     return alarm
@@ -221,7 +224,7 @@ class Run:
     def _grasp(self, attempt: Attempt) -> None:
         self._cell.grasp()
         self._lockstep.command_hold(holding=True)
-        attempt.undisturbed &= not self._tracker.is_open
+        attempt.undisturbed &= not self._tracker.open
 
     def _begin(self, primitive: str, does: str | None) -> None:
         self._publisher.doing = primitive
@@ -231,10 +234,10 @@ class Run:
         if self._lockstep.attempt is not None:
             self._tracker.inject(fault, self._lockstep.now, self._lockstep.attempt)
 
-    def _slip(self, spectator: Spectator, number: int, start: float) -> None:
+    def _slip(self, number: int, start: float) -> None:
         """Let slip what the tool holds, at the next millisecond, so that a command can say when."""
         t = math.ceil(1e3 * (self._lockstep.now - start + SAME_INSTANT)) / 1e3
-        text, refused = StepPlace(number, self._program.steps).prefix + f"slip@{t:g}", ""
+        text, refused = f"slip@{t:g}" if len(self._program.steps) == 1 else f"{number}:slip@{t:g}", ""
         try:
             if self._report.steps[-1].attempts > 1:
                 raise bad_input("bad-fault", "a fault happens in the first try of a step")
@@ -242,7 +245,7 @@ class Run:
             self._lockstep.schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
         except InputError as error:
             refused = error.problems[0].message
-        spectator.told(text, refused)
+        self._spectator.told(text, refused)
 
     def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
         """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""
@@ -294,7 +297,7 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
                 motion.keep(lockstep.fingers.open.keys(), began)
             while lockstep.now < began + stop_at - tau - 1e-9 and not is_seen():
                 lockstep.pass_time(began + stop_at - tau)
-            lockstep.faults.moved_on(lockstep.now - began)
+            lockstep.faults.note(moved_on=round(lockstep.now - began, 6))
     lockstep.stop(alarm.text)
     lockstep.let_go()
     collector.forget(lockstep.now)
@@ -313,6 +316,6 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     measured = lockstep.cell.measured_joints()
     joints = {name: measured.get(name, value) for name, value in before.joints.items()}
     world = replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
-    if (planned := replanner.replan(attempt.step, world)) is None:
+    if (planned := replanner(attempt.step, world)) is None:
         raise Stopped(f"{attempt.step.skill} cannot be tried again: no feasible motion from here")
     return planned

@@ -21,12 +21,8 @@ from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.cell.ros_cell import RosCell
 from sqrp_cli.run.cell.ros_checks import CellCheck, check_cell
 from sqrp_cli.run.faults import InjectedFault
-from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool
-from sqrp_cli.run.perception.streams import ImageStreams, ReceivedStreams
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
-from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.run.run import Recording, Run
 from sqrp_cli.trajectory import Trajectory
 
@@ -60,10 +56,7 @@ class Simulation:
             with self.cell() as cell:
                 return self.run(faults, recording, cell)
         cell.reset(self.program.steps[0].before)
-        body, cameras = RobotBody.load(self.workspace.robot), self.workspace.cameras
-        with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
-            streams = ImageStreams(cameras, detectors)
-            return Run(self.program, self.workspace, body, cell, streams, self.replanner, faults, recording).run()
+        return Run(self.program, self.workspace, cell, self.replanner, faults, recording).run()
 
 
 def sweep(
@@ -127,15 +120,8 @@ class ConnectedRobot:
 
         replanner: plans retries at full speed.
         """
-        replanner = replanner if self.speed == 1.0 else SlowedReplanner(replanner, self.speed)
-        cell, body, cameras = self.cell, RobotBody.load(self.workspace.robot), self.workspace.cameras
-        with DetectorPool(CellModel.of(self.workspace, body)) as detectors:
-            streams = ReceivedStreams(cameras, detectors, lambda: cell.t, cell.file.mend_of_lateness)
-            run = Run(self.program, self.workspace, body, cell, streams, replanner, recording=recording)
-            detectors.watch(DetectionTargets({}, {}, {}))
-            detectors.get_ready()
-            cell.begin()
-            return run.run() if moves else run.look()
+        slower = slowed_replanner(replanner, self.speed)
+        return Run(self.program, self.workspace, self.cell, slower, recording=recording).run(moves=moves)
 
 
 @contextmanager
@@ -163,17 +149,14 @@ def slowed(program: Program, speed: float) -> Program:
     return program.model_copy(update={"steps": tuple(_slowed_step(step, 1.0 / speed) for step in program.steps)})
 
 
-@dataclass(frozen=True)
-class SlowedReplanner:
+def slowed_replanner(replanner: Replanner, speed: float) -> Replanner:
     """A replanner whose steps are slowed, too."""
 
-    replanner: Replanner
-    speed: float
+    def replan(step: Step, world: World) -> Step | None:
+        planned = replanner(step, world)
+        return None if planned is None else _slowed_step(planned, 1.0 / speed)
 
-    def replan(self, step: Step, world: World) -> Step | None:
-        """As `Replanner` says."""
-        planned = self.replanner.replan(step, world)
-        return None if planned is None else _slowed_step(planned, 1.0 / self.speed)
+    return replanner if speed == 1.0 else replan
 
 
 def _slowed_step(step: Step, factor: float) -> Step:

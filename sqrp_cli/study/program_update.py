@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StepReplanner:
-    """A `program.Replanner` for the steps of one cell."""
+    """Plans the steps of one cell again; its `replan` is a `Replanner`."""
 
     cell: Cell
 

@@ -81,14 +81,19 @@ def test_nothing_slips_where_nothing_is_held(text: str) -> None:
 
 def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
     with pytest.raises(InputError, match="nothing in `a1`, nor in any other") as caught:
-        parse_fault("slip@0.1", [SimpleNamespace(primitives=STEP.primitives[:2])], CAMERAS, np.random.default_rng(0))
+        parse_fault(
+            "slip@0.1",
+            [SimpleNamespace(primitives=STEP.primitives[:2], short_task="move")],
+            CAMERAS,
+            np.random.default_rng(0),
+        )
     assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
 
 @pytest.mark.parametrize("text", ["slip@a1", "moved@a1", "camera-loss:cam1@1"])
 def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_sweep(text: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse_sweep(text, [SimpleNamespace(primitives=STEP.primitives[:2])])
+        parse_sweep(text, [SimpleNamespace(primitives=STEP.primitives[:2], short_task="move")])
     assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
 
@@ -162,7 +167,7 @@ def test_a_fault_happens_in_the_step_that_is_told_or_the_first_in_which_it_can(t
 def test_of_steps_that_are_alike_the_first_is_meant_unless_it_is_too_short() -> None:
     assert parse_in("slip@a4", STEP, STEP) == (1, 2.0)
     assert parse_in("miss-pick", STEP, STEP) == (1, None)
-    brief = SimpleNamespace(primitives=[SimpleNamespace(name="a4", action="", held="g", start=0.0, end=1.0)])
+    brief = program_step("pickup g", [], ("a4", "", "g", 0.0, 1.0))
     assert parse_in("slip@a4+2", brief, STEP) == (2, 4.0)
 
 
@@ -203,8 +208,8 @@ def test_where_nothing_grasps_something_else_can_happen() -> None:
 
 @pytest.mark.parametrize(("text", "step", "name"), [("slip@a1", 1, "a1"), ("slip@a4", 2, "a4"), ("2:slip@a3", 2, "a3")])
 def test_a_sweep_finds_its_step_as_a_fault_does(text: str, step: int, name: str) -> None:
-    place, primitive = parse_sweep(text, [PLACE, STEP])
-    assert (place.number, primitive.name) == (step, name)
+    number, primitive = parse_sweep(text, [PLACE, STEP])
+    assert (number, primitive.name) == (step, name)
 
 
 @pytest.mark.parametrize(

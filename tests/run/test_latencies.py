@@ -75,7 +75,7 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     collector = EvidenceCollector(looker, eyes, EventPublisher(listeners))
     collector.watch(attempt, 1, 0.0)
     while (now := eyes.next_event) < TOTAL + 0.5:
-        arrived = collector.collect(now)
+        arrived = eyes.collect(now)
         looker.t = now
         collector.expose(now, lambda t: (min(t, TOTAL), {"held": True}, True))
         for alarm in attempt.alarms(collector.take_notice(arrived, now)):

@@ -83,8 +83,8 @@ class Trial:
     def let_go(self) -> None:
         self.is_open = True
 
-    def moved_on(self, seconds: float) -> None:
-        self.done.append(("moved on", round(seconds, 3)))
+    def note(self, moved_on: float) -> None:
+        self.done.append(("moved on", round(moved_on, 3)))
 
     def publish(self, kind: str, _t: float, *, cameras: list[str], **_: object) -> None:
         self.done.append((kind, tuple(cameras)))
@@ -99,7 +99,7 @@ class Trial:
     def run(self, t: float = 2.0) -> None:
         """A fault is seen at a time of the motion."""
         self.now = t
-        assert prepare_retry(self, self, self.attempt, ALARM) is self.planned
+        assert prepare_retry(self, self.replan, self.attempt, ALARM) is self.planned
 
     def when(self, what: str) -> float:
         return next(entry[1] for entry in self.done if entry[0] == what)

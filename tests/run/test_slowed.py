@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
-from sqrp_cli.run.start import SlowedReplanner, slowed
+from sqrp_cli.run.start import slowed, slowed_replanner
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
@@ -52,11 +52,6 @@ def test_formulas_and_predictions_keep_to_the_motion() -> None:
 def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too() -> None:
     whole = program()
     assert slowed(whole, 1.0) is whole
-
-    class Planner:
-        def replan(self, _step, world):
-            return whole.steps[0] if world == "free" else None
-
-    slow = SlowedReplanner(Planner(), 0.25)
-    assert slow.replan(whole.steps[0], "free").time == pytest.approx(4 * whole.steps[0].time)
-    assert slow.replan(whole.steps[0], "full") is None
+    slow = slowed_replanner(lambda _step, world: whole.steps[0] if world == "free" else None, 0.25)
+    assert slow(whole.steps[0], "free").time == pytest.approx(4 * whole.steps[0].time)
+    assert slow(whole.steps[0], "full") is None

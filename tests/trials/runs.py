@@ -44,7 +44,7 @@ def _programs(folder: Path) -> list[Path]:
 
 def _simulation(program: Path, seed: int = 0) -> Simulation:
     opened = open_program(program)
-    return Simulation(opened.program, opened.workspace, LazyReplanner(opened.workspace), seed)
+    return Simulation(opened.program, opened.workspace, LazyReplanner(opened.workspace).replan, seed)
 
 
 def _ran(program: Path, seed: int, faults: Sequence[InjectedFault], said: str) -> dict[str, Any]:

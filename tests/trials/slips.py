@@ -52,7 +52,7 @@ def slips(number: int, folder: Path, n: int = 20) -> dict[str, Any] | None:
     ways = [one.study for one in found if isinstance(one, BestWay) and one.study.windows[FAULT]]
     if not ways:
         return None
-    simulations = [Simulation(_program(cell, way), workspace, LazyReplanner(workspace), 0) for way in ways]
+    simulations = [Simulation(_program(cell, way), workspace, LazyReplanner(workspace).replan, 0) for way in ways]
     compared, rng = [], np.random.default_rng(number)
     with simulations[0].cell() as simulated:
         for turn in range(n):

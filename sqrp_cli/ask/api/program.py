@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sqrp_cli.ask import values
 from sqrp_cli.ask.api.cell import OpenCell
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.run.record.events import Event, Listener, ProgramStep
     from sqrp_cli.run.record.images import ImageRecorder, Screen
     from sqrp_cli.run.record.report import RunReport, SweepDocument
-    from sqrp_cli.run.run import Recording, Spectator
+    from sqrp_cli.run.run import Recording
     from sqrp_cli.run.start import Simulation
     from sqrp_cli.show.documents.explanation import Explanation
     from sqrp_cli.study.program_update import StepReplanner
@@ -251,7 +251,7 @@ class OpenProgram:
         ask: RunRequest,
         *,
         screen: Screen | None = None,
-        spectator: Spectator | None = None,
+        spectator: Any = None,  # noqa: ANN401 - see `Recording`
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
         """As `run`. Raises InputError where what it writes would replace a file that was read.
@@ -317,13 +317,13 @@ class OpenProgram:
         simulation = self._simulation()
         from sqrp_cli.run.start import sweep
 
-        place, primitive = parse_sweep(slip, self.program.steps, option)
+        number, primitive = parse_sweep(slip, self.program.steps, option)
         runs: list[SweptRun] = []
         with suppress(KeyboardInterrupt), progress(f"Sweeping {slip}", count) as advance:
-            runs.extend(sweep(simulation, place.number, primitive, count, lambda: advance(1)))  # keeps the finished
+            runs.extend(sweep(simulation, number, primitive, count, lambda: advance(1)))  # keeps the finished
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
         tasks = [step.short_task for step in self.program.steps]
-        return SweepDocument.of(self.workspace.name, slip, place.number, tasks, runs, count, slowest)
+        return SweepDocument.of(self.workspace.name, slip, number, tasks, runs, count, slowest)
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`.
@@ -353,7 +353,7 @@ class OpenProgram:
         check_simulator()
         from sqrp_cli.run.start import Simulation
 
-        return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
+        return Simulation(self.program, self.workspace, LazyReplanner(self.workspace).replan, self.seed)
 
 
 def read_run(log: str | Path) -> SimulatedRun:
@@ -437,7 +437,7 @@ class LazyReplanner:
         self._planner: StepReplanner | None = None
 
     def replan(self, step: Step, world: World) -> Step | None:
-        """As `program.Replanner` says."""
+        """As `Replanner` says."""
         from sqrp_cli.motion.cell import Cell
         from sqrp_cli.study.program_update import StepReplanner
 

@@ -35,7 +35,7 @@ class RobotSession:
 
     def run(self, ask: RunRequest, *, moves: bool) -> SimulatedRun:
         """Run the program: the robot moves. moves: whether it does, or images are only looked at where it starts."""
-        perform = partial(self.robot.run, LazyReplanner(self.opened.workspace), moves=moves)
+        perform = partial(self.robot.run, LazyReplanner(self.opened.workspace).replan, moves=moves)
         return self.opened.run_into(ask.but(witnessed=moves), elsewhere=perform)
 
 

@@ -133,6 +133,8 @@ class StepMonitor:
         self._patience = max(PATIENCE, 3 * period)
         self._contrary: dict[Literal, float] = {}
         self._missing: dict[str, float] = {}
+        self.faults = [(one.entry.fault, one.operators) for one in self._watches if one.entry.fault is not None]
+        """The name of each fault, with the operators of its formula."""
 
     def monitored(self, t: float) -> tuple[str, ...]:
         """The atoms that some formula requires at a time."""
@@ -196,14 +198,6 @@ class StepMonitor:
                 cameras = ", ".join(self._nominal.covering(atom, t))
                 return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
         return None
-
-    def faults(self) -> list[tuple[str, list[tuple[float, float, tuple[Literal, ...]]]]]:
-        """The name of each fault, with start, end and literals of each operator of its formula."""
-        return [
-            (watch.entry.fault, [(one.start, one.end, one.literals) for one in watch.operators])
-            for watch in self._watches
-            if watch.entry.fault is not None
-        ]
 
     def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """A fault that is seen, else a violation."""
