@@ -246,16 +246,9 @@ class VisibilityTable:
         new = [pair for pair in pairs if pair not in known]
         if not new:
             return False
-        more = replace(way, samples=Samples(np.array([p for p, _ in new]), np.array([t for _, t in new])))
-        order = way.samples.merge_order(more.samples)
-        after = replace(way, samples=way.samples.joined(more.samples, order))
-        first, both = len(way.samples), np.concatenate([self.sees[number], self._verdicts([more])[0]], axis=-1)
-        columns = np.zeros((len(order), len(way.scene.targets)), dtype=np.int64)  # of `both`, by sample and target
-        (sample, target), (new_sample, new_target), (of_after, target_after) = way.items, more.items, after.items
-        known_targets = np.concatenate([target, new_target])
-        columns[np.concatenate([sample, first + new_sample]), known_targets] = np.arange(both.shape[1])
-        self.sees[number] = both[:, columns[order[of_after], target_after]]
-        self.ways[number] = after
+        more = Samples(np.array([piece for piece, _ in new]), np.array([t for _, t in new]))
+        self.ways[number] = replace(way, samples=way.samples.joined(more, way.samples.merge_order(more)))
+        self.sees[number] = self._verdicts([self.ways[number]])[0]
         return True
 
     def add_hiding(self, selection: Selection) -> bool:
