@@ -38,7 +38,7 @@ ROOMS = {
     "motion": ("motion", 2_782),
     "sight": ("kernel sight", 1_516),
     "study": ("study", 4_463),
-    "search": ("search", 4_499),
+    "search": ("search", 4_468),
     "checks": ("checks", 1_242),
     "run": ("run", 7_742),
     "field": ("field ros", 3_123),
