@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import cast
@@ -67,37 +68,38 @@ def check_skill(
             message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
             yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
     named = [*(parameter.name for parameter in skill.action.parameters), *objects]
+    # Each name: its key, what it has to be, the known ones, and what it is not if it is none of these.
+    names: list[tuple[KeyPath, str, str, Sequence[str], str]] = []
     for name, waypoint in skill.waypoints.items():
         words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
-        for key, frame, mark in marked(waypoint, ("waypoints", name)):
-            if isinstance(mark, Names) and mark.what == "frame" and frame not in (*words, *named):
-                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
-                message = f"`{dotted(key)}`: found `{frame}`, which is {what}; "
-                message += expected_names(str(frame), [*words, *named])
-                yield Problem("unknown-frame", message, skill.place(*key))
+        what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+        marks = marked(waypoint, ("waypoints", name))
+        frames = [(key, str(frame)) for key, frame, mark in marks if isinstance(mark, Names) and mark.what == "frame"]
+        names += [(key, "frame", frame, [*words, *named], what) for key, frame in frames]
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
-            # Each name of a box: its key, what it has to be, and what it is not if it is none of these.
-            what, valid = "no skill parameter or object, as `@start` needs", named
-            if not box.frame.at_start:
-                what = "neither `world` nor `tool`, a link, a skill parameter or an object"
-                valid = [WORLD, TOOL, *named, *links]
-            names: list[tuple[KeyPath, str, str, Sequence[str], str]]
-            names = [(("frame",), "frame", box.frame.owner if box.frame.at_start else box.frame, valid, what)]
+            at: KeyPath = ("targets", predicate, "boxes", index)
+            what, valid = (
+                "neither `world` nor `tool`, a link, a skill parameter or an object",
+                [WORLD, TOOL, *named, *links],
+            )
+            if box.frame.at_start:
+                what, valid = "no skill parameter or object, as `@start` needs", named
+            names.append(((*at, "frame"), "frame", box.frame.owner if box.frame.at_start else box.frame, valid, what))
+            if box.at is not None and box.frame in links and box.frame != TOOL:
+                message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+                message = f"`{dotted((*at, 'frame'))}`: {message}"
+                yield Problem("wrong-value", message, skill.place(*at, "frame"))
             if box.fits is not None:
-                names.append((("fits",), "object", box.fits, named, "no skill parameter or object"))
+                names.append(((*at, "fits"), "object", box.fits, named, "no skill parameter or object"))
             for number, name in enumerate(box.encloses or ()):
-                what = "neither a link nor an object, a skill parameter or `tool`"
-                names.append((("encloses", number), "enclosed", link_called(name, links), [TOOL, *named, *links], what))
-            names.append((("detector",), "detector", box.detector, detectors, "no detector of the workspace"))
-            for key, kind, name, known, what in names:
-                at = ("targets", predicate, "boxes", index, *key)
-                if name not in known:
-                    message = f"`{dotted(at)}`: found `{name}`, which is {what}; {expected_names(name, known)}"
-                    yield Problem(f"unknown-{kind}", message, skill.place(*at))
-                if key == ("frame",) and box.at is not None and box.frame in links and box.frame != TOOL:
-                    message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
-                    yield Problem("wrong-value", f"`{dotted(at)}`: {message}", skill.place(*at))
+                what, valid = "neither a link nor an object, a skill parameter or `tool`", [TOOL, *named, *links]
+                names.append(((*at, "encloses", number), "enclosed", link_called(name, links), valid, what))
+            names.append(((*at, "detector"), "detector", box.detector, detectors, "no detector of the workspace"))
+    for key, kind, name, known, what in names:
+        if name not in known:
+            message = f"`{dotted(key)}`: found `{name}`, which is {what}; {expected_names(name, known)}"
+            yield Problem(f"unknown-{kind}", message, skill.place(*key))
     condition, domain = skill.action.precondition, skill.domain
     types = {name: frozenset(obj.types) for name, obj in objects.items()}
     count = literal_count(condition, types, domain)
@@ -296,27 +298,23 @@ def _contradictions(
         for skill in skills
     ]
 
-    def excludes(one: str, other: str) -> bool:
-        """Whether every skill that makes one of the two predicates true makes the other false."""
-        pairs = ((one, other), (other, one))
-        return all(a not in adds or b in deletes for adds, deletes in changes for a, b in pairs)
-
     for fact in facts:
         for skill in holding.get(fact.predicate, ())[:1]:
             held = f"?{_held_at_the_end(skill) or ''}"
-            for lost in skill.action.deletes:
-                if not excludes(fact.predicate, lost.predicate):
-                    continue
-                for other in facts:
-                    # What the skill deletes, with the held object for its parameter, and any for the other ones.
-                    if other.predicate == lost.predicate and all(
+            for lost, other in product(skill.action.deletes, facts):
+                # Every skill that makes one of the two predicates true makes the other false.
+                pairs = ((fact.predicate, lost.predicate), (lost.predicate, fact.predicate))
+                exclusive = all(a not in adds or b in deletes for adds, deletes in changes for a, b in pairs)
+                # What the skill deletes, with the held object for its parameter, and any for the other ones.
+                if (
+                    exclusive
+                    and other.predicate == lost.predicate
+                    and all(
                         argument == (fact.arguments[0] if term == held else term)
                         for term, argument in zip(lost.terms, other.arguments, strict=True)
                         if term == held or not term.startswith("?")
-                    ):
-                        message = (
-                            f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"
-                            f" makes `{other}` false"
-                        )
-                        mend = f"remove `{fact}` or `{other}` from the state"
-                        yield document.problem("contradictory-facts", ("state", facts[other]), message, mend)
+                    )
+                ):
+                    message = f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"
+                    message, mend = f"{message} makes `{other}` false", f"remove `{fact}` or `{other}` from the state"
+                    yield document.problem("contradictory-facts", ("state", facts[other]), message, mend)

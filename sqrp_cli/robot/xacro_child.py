@@ -7,6 +7,7 @@ do to the machine.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -40,20 +41,10 @@ _HARMLESS = ("compile", "exec", "import", "glob.", "os.listdir", "os.scandir", "
 """Beginnings of the names of audit events that may happen, files that are opened for reading apart."""
 
 
-class _MissingError(OSError):
-    """A file that cannot be included, as the library expects it: an `optional` include goes on."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(str(problem))
-        self.problem = problem
-
-
 class _PlacedBuilder(expatbuilder.ExpatBuilderNS):
     """Builds a document whose elements, and copies of them, know where they were written."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
+    path: Path  # of the file that is read
 
     def handle(self, _operation: int, key: str, place: Place, _node: minidom.Node, copy: minidom.Node | None) -> None:
         """Copies the place of a node to a copy of it."""
@@ -63,7 +54,7 @@ class _PlacedBuilder(expatbuilder.ExpatBuilderNS):
     def start_element_handler(self, name: str, attributes: list[str]) -> None:
         super().start_element_handler(name, attributes)
         parser = self.getParser()
-        place = Place(self._path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+        place = Place(self.path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
         self.curNode.setUserData(_PLACE, place, self)
 
 
@@ -186,18 +177,18 @@ class _Expansion:
         return any(real == folder or real.startswith(folder.rstrip(os.sep) + os.sep) for folder in folders)
 
     def _parsed(self, _text: None, name: str) -> minidom.Document:
-        asked_at, path = self._at, Path(self._absolute(name))
+        path = Path(self._absolute(name))
         try:
             content = read_input(path, MAX_BYTES)
         except InputError as error:
-            problem = error.problems[0]
-            if problem.code != "missing-file":
+            if error.problems[0].code != "missing-file":
                 raise
             xacro.filestack.pop()
-            missing = Problem("missing-file", f"{name}: {problem.message}", asked_at, mend=problem.mend)
-            raise xacro.XacroException(exc=_MissingError(missing)) from error
+            raise xacro.XacroException(exc=FileNotFoundError(errno.ENOENT, "", name)) from error  # some are optional
         parse_xml(path, content, None)  # well-formed, of bounded size, without entities
-        document: minidom.Document = _PlacedBuilder(path).parseString(content)
+        builder = _PlacedBuilder()
+        builder.path = path
+        document: minidom.Document = builder.parseString(content)
         for node in document.getElementsByTagName("property"):
             if node.parentNode is document.documentElement:  # as xacro before 2014 wrote it
                 document.renameNode(node, "", "xacro:property")
@@ -217,8 +208,8 @@ class _Expansion:
             if not isinstance(inner, BaseException):
                 break
             nested = inner
-        if isinstance(nested, InputError | _MissingError):
-            return nested.problem if isinstance(nested, _MissingError) else nested.problems[0]
+        if isinstance(nested, InputError):
+            return nested.problems[0]
         if isinstance(nested, FileNotFoundError):
             missing = missing_file(Path(nested.filename))
             return replace(missing, message=f"{nested.filename}: {missing.message}", place=self._at)
