@@ -195,8 +195,7 @@ class CellServer:
             position=np.array(list(found.values())),
         )
         self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
-        force = self._types.make("geometry_msgs/msg/Vector3", z=self._cell.tool_force())
-        wrench = self._types.make("geometry_msgs/msg/Wrench", force=force)
+        wrench = {"force": {"z": self._cell.tool_force()}}
         self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
 
     def _publish_images(self) -> None:

@@ -16,7 +16,6 @@ import yaml
 
 from sqrp_cli.errors import InputError, Place, bad_input, needed
 from sqrp_cli.platform.files import naming
-from sqrp_cli.records import dataclass
 from sqrp_cli.ros.messages import Message, MessageError, Ros, message_types
 
 METADATA = "metadata.yaml"
@@ -64,13 +63,12 @@ def _head(path: Path) -> bytes:
         return file.read(1000)
 
 
-@dataclass(frozen=True, order=True)
-class RecordedTopic:
+class RecordedTopic(NamedTuple):
     """A topic of a recording: its type, such as `sensor_msgs/msg/Image`, and how many messages are on it."""
 
     name: str
     type: str
-    count: int
+    messages: int
 
 
 class Packed(NamedTuple):

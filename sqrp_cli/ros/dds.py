@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Collection, Mapping
+from functools import cache
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
@@ -142,12 +143,9 @@ def _configuration(network: str) -> str:
     interface = f"<NetworkInterface {'address' if address else 'name'}={quoteattr(network)}/>"
     alone = network in ("lo", "::1") or network.startswith("127.")
     general = f"<Interfaces>{interface}</Interfaces>" + ("<AllowMulticast>false</AllowMulticast>" if alone else "")
-    discovery = (
-        f"<MaxAutoParticipantIndex>{_PEERS}</MaxAutoParticipantIndex><ParticipantIndex>auto</ParticipantIndex>"
-        '<Peers><Peer address="127.0.0.1"/></Peers>'
-        if alone
-        else ""
-    )
+    discovery = f"<MaxAutoParticipantIndex>{_PEERS}</MaxAutoParticipantIndex>" if alone else ""
+    if alone:
+        discovery += '<ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
     return (
         f"<CycloneDDS><Domain><General>{general}</General><Discovery>{discovery}</Discovery>"
         "<Internal><SocketReceiveBufferSize min='default'/></Internal></Domain></CycloneDDS>"
@@ -166,10 +164,7 @@ def _qos(topic: Topic) -> Any:  # noqa: ANN401 # of a library that is imported l
     )
 
 
-_STRUCTS: dict[str, Any] = {}
-_CARRIERS: dict[str, Any] = {}
-
-
+@cache
 def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
     """The class of a type for DDS, whose messages are bytes: the library only learns from it what they are."""
 
@@ -178,28 +173,21 @@ def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class m
         sample.data = bytes(data)
         return sample
 
-    if name not in _CARRIERS:
-        made = _struct(name, types, own=True)
-        made.serialize = lambda self, **_: self.data
-        made.deserialize = classmethod(carrying)
-        made.deserialize_key = classmethod(lambda *_, **__: None)
-        made.__init__ = lambda _self: None
-        _CARRIERS[name] = made
-    return _CARRIERS[name]
+    made = _struct.__wrapped__(name, types)  # of its own, as it is changed
+    made.serialize, made.deserialize = lambda self, **_: self.data, classmethod(carrying)
+    made.deserialize_key = classmethod(lambda *_, **__: None)
+    made.__init__ = lambda _self: None
+    return made
 
 
-def _struct(name: str, types: MessageTypes, *, own: bool = False) -> Any:  # noqa: ANN401 # a class made at run time
+@cache
+def _struct(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
     """The class of a type for DDS, field by field from the message store."""
     from cyclonedds.idl import make_idl_struct
 
-    if own or name not in _STRUCTS:
-        package, _, short = name.split("/")
-        fields = {field: _field(of, types) for field, of in types.fields(name)}
-        made = make_idl_struct(f"{short}_", f"{package}.msg.dds_.{short}_", fields, dataclassify=False)
-        if own:
-            return made
-        _STRUCTS[name] = made
-    return _STRUCTS[name]
+    package, _, short = name.split("/")
+    fields = {field: _field(of, types) for field, of in types.fields(name)}
+    return make_idl_struct(f"{short}_", f"{package}.msg.dds_.{short}_", fields, dataclassify=False)
 
 
 def _field(of: object, types: MessageTypes) -> Any:  # noqa: ANN401 # a type of the library

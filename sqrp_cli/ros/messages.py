@@ -51,8 +51,8 @@ class MessageTypes:
             self.store.register(get_types_from_msg(_TF, "tf2_msgs/msg/TFMessage"))
 
     def make(self, name: str, /, **fields: Message) -> Message:
-        """A message of a type; what is not given is zero or empty."""
-        given = {field: fields.pop(field) if field in fields else self._empty(of) for field, of in self.fields(name)}
+        """A message of a type; what is not given is zero or empty, what is given as a mapping is a message, too."""
+        given = {field: self._made(of, fields.pop(field, None)) for field, of in self.fields(name)}
         if fields:
             raise TypeError(f"{name} has no field {next(iter(fields))}")
         return self.store.types[name](**given)
@@ -71,9 +71,8 @@ class MessageTypes:
 
     def encode(self, message: Message) -> bytes:
         """The message as bytes: CDR (little endian, with its header) in ROS 2, the bytes of ROS 1 there."""
-        name = message.__msgtype__
         write = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
-        return bytes(write(message, name))
+        return bytes(write(message, message.__msgtype__))
 
     def decode(self, name: str, data: bytes | memoryview) -> Message:
         """The message of a type that bytes hold. Raises MessageError for others."""
@@ -87,20 +86,22 @@ class MessageTypes:
         """Name and kind of each field of a type, in order, as the store describes them."""
         return self.store.fielddefs[name][1]
 
-    def _empty(self, of: FieldDesc) -> Message:
-        """The value of a field that nothing is said of."""
+    def _made(self, of: FieldDesc, value: Message = None) -> Message:
+        """The value of a field; None: that of one that nothing is said of."""
         from rosbags.interfaces import Nodetype
 
         kind, about = cast("tuple[Nodetype, Any]", of)
+        if value is not None and not isinstance(value, dict):
+            return value
         if kind == Nodetype.NAME:
-            return self.make(about)
+            return self.make(about, **(value or {}))
         if kind == Nodetype.BASE:
             return {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(about[0], 0)
         (inner, what), length = about
         count = length if kind == Nodetype.ARRAY else 0
         if inner == Nodetype.BASE and what[0] != "string":
             return np.zeros(count, dtype={"byte": "uint8", "octet": "uint8", "char": "uint8"}.get(what[0], what[0]))
-        return [self._empty((inner, what)) for _ in range(count)]
+        return [self._made((inner, what)) for _ in range(count)]
 
 
 @cache
@@ -116,23 +117,22 @@ def nanoseconds(time: Message) -> int:
 
 def pose_message(types: MessageTypes, X: Array) -> Message:
     """A geometry_msgs/Pose of a pose (4, 4)."""
-    x, y, z = X[:3, 3].tolist()
-    point = types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    return types.make("geometry_msgs/msg/Pose", position=point, orientation=_quaternion(types, X))
+    position, orientation = _numbers(X)
+    return types.make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
 
 
 def transform_message(types: MessageTypes, ns: int, parent: str, child: str, X: Array) -> Message:
     """A geometry_msgs/TransformStamped: the pose (4, 4) of a frame in its parent; ns: the stamp [ns]."""
-    x, y, z = X[:3, 3].tolist()
-    vector = types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-    transform = types.make("geometry_msgs/msg/Transform", translation=vector, rotation=_quaternion(types, X))
-    header = types.header(ns, parent)
-    return types.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform)
+    translation, rotation = _numbers(X)
+    transform = {"translation": translation, "rotation": rotation}
+    name, header = "geometry_msgs/msg/TransformStamped", types.header(ns, parent)
+    return types.make(name, header=header, child_frame_id=child, transform=transform)
 
 
-def _quaternion(types: MessageTypes, X: Array) -> Message:
-    x, y, z, w = matrix_to_quaternion(X[:3, :3]).tolist()
-    return types.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+def _numbers(X: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Position and quaternion of a pose, as messages have them."""
+    quaternion = matrix_to_quaternion(X[:3, :3]).tolist()
+    return dict(zip("xyz", X[:3, 3].tolist(), strict=True)), dict(zip("xyzw", quaternion, strict=True))
 
 
 Send = Callable[[Message], None]

@@ -27,7 +27,7 @@ def audited(asked: Callable[..., Any], slip_run: SlipRun) -> Any:
 def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
     images = slip_run.outcome.document["images"]
     with Bag(slip_run.cell.folder / "run.mcap") as bag:
-        counts = {topic.name: topic.count for topic in bag.topics}
+        counts = {topic.name: topic.messages for topic in bag.topics}
         ends = [one.t * 1e-9 for one in bag.messages(["/joint_states"])]
     assert sum(count for name, count in counts.items() if name.endswith("compressed")) == images
     assert counts["/joint_states"] == counts["/tf"] >= 25 * slip_run.outcome.document["time"]

@@ -103,7 +103,7 @@ def _thin(recording: Path) -> None:
     left, thinned = dict[str, int](), recording.with_name(f"thinned{recording.suffix}")
     with Bag(recording) as bag, written(thinned) as writer:
         kept = [topic for topic in bag.topics if topic.name in {"/joint_states", "/as_planned"} or topic.type == IMAGE]
-        every = {topic.name: max(topic.count // IMAGES_KEPT, 1) for topic in kept if topic.type == IMAGE}
+        every = {topic.name: max(topic.messages // IMAGES_KEPT, 1) for topic in kept if topic.type == IMAGE}
         for one in bag.messages([topic.name for topic in kept]):
             left[one.topic] = left.get(one.topic, -1) + 1
             if left[one.topic] % every.get(one.topic, 1) == 0:

@@ -96,7 +96,7 @@ def test_the_library_writes_the_same_bytes_of_its_own_objects() -> None:
     """The classes that Cyclone gets are made by machine; filled and written by Cyclone, they give our bytes."""
     types = message_types(2)
     name = "trajectory_msgs/msg/JointTrajectory"
-    Trajectory = dds._struct(name, types, own=True)
+    Trajectory = dds._struct.__wrapped__(name, types)
     Point, Header, Time, Duration = (
         dds._struct(one, types)
         for one in (

@@ -47,7 +47,7 @@ class BagFootage:
         self.path, self._program, self._workspace = path, program, workspace
         self.damaged: dict[int, str] = {}
         with Bag(path) as bag:
-            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.count]
+            there = [topic for topic in bag.topics if topic.type in IMAGES and topic.messages]
             there = [topic for topic in there if not topic.name.endswith("/compressedDepth")]
             self._topics = _cameras_of(there, workspace, topics, path)
             self._index(bag)
