@@ -41,7 +41,7 @@ ROOMS = {
     "search": ("search", 4_468),
     "checks": ("checks", 1_242),
     "run": ("run", 7_742),
-    "field": ("field ros", 3_123),
+    "field": ("field ros", 3_108),
     "score": ("score", 2_387),
     "show": ("show", 4_982),
     "ask": ("ask cli __init__ __main__", 5_450),
