@@ -16,7 +16,8 @@ def swept(*runs: tuple[float | None, float | None, float | None]) -> SweepDocume
         detected = None if delay is None or happened is None else happened + delay
         known = {"happened": happened, "detected": detected, "predicted_delay": predicted}
         found.append(SweptRun(name="slip", injected=5.0, recovered=20.0, x=5.0, outcome="done", time=20.0, **known))
-    return SweepDocument.of("cell", "slip@a4", 1, ["pickup g"], found, len(runs), PERIOD)
+    asked = {"workspace": "cell", "sweep": "slip@a4", "step": 1, "steps": ["pickup g"]}
+    return SweepDocument.of(found, PERIOD, count=len(runs), **asked)
 
 
 def test_a_delay_is_as_predicted_up_to_the_longest_and_a_step_of_the_physics() -> None:

@@ -117,7 +117,7 @@ def sweep_asked(found: Sequence[dict[str, Any]]) -> Asked:
     for name in sorted({one["name"] for one in found}):
         those = [one for one in found if one["name"] == name]
         runs = [SweptRun(**one["faults"][0], x=one["x"], outcome="done", time=0.0) for one in those]
-        summary = SweepDocument.of("", "slip", 1, [name], runs, len(runs), period)
+        summary = SweepDocument.of(runs, period, count=len(runs), workspace="", sweep="slip", step=1, steps=[name])
         if summary.seen:
             seen, can = summary.seen, summary.predictable
             yield f"{name}: {seen} slips seen of {can} that can be", seen == can

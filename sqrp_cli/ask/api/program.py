@@ -323,7 +323,8 @@ class OpenProgram:
             runs.extend(sweep(simulation, number, primitive, count, lambda: advance(1)))  # keeps the finished
         slowest = max(1.0 / camera.rate for camera in self.workspace.cameras.values())
         tasks = [step.short_task for step in self.program.steps]
-        return SweepDocument.of(self.workspace.name, slip, number, tasks, runs, count, slowest)
+        asked = {"workspace": self.workspace.name, "sweep": slip, "step": number, "steps": tasks}
+        return SweepDocument.of(runs, slowest, count=count, **asked)
 
     def footage(self, path: Path, topics: Mapping[str, str]) -> Footage:
         """A recording of the program's run, of any kind; topics: see `audit`.

@@ -63,19 +63,20 @@ class FolderFootage(ImageFiles):
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""
         entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
-        super().__init__(folder, workspace, [entry.file for entry in entries])
+        super().__init__(folder, workspace, [file for _, file, _, _ in entries])
         self._program, self.damaged = program, dict[int, str]()
         """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
-        self.recorded: Collection[str] = {entry.camera for entry in entries}
+        self.recorded: Collection[str] = {camera for camera, *_ in entries}
         """Cameras of the workspace that it has images of."""
         check_recorded(workspace, self.recorded)
         longest = max((step.time for step in program.steps), default=0.0)
         self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
-        usable = [(number, entry) for number, entry in enumerate(entries) if entry.t is not None]
         self.frames: Sequence[Frame] = [
-            Frame(entry.camera, self.starts[entry.step - 1] + (entry.t or 0.0), number) for number, entry in usable
+            Frame(camera, self.starts[step - 1] + t, number)
+            for number, (camera, _, step, t) in enumerate(entries)
+            if t is not None
         ]
-        self.unplanned = len(entries) - len(usable)
+        self.unplanned = len(entries) - len(self.frames)
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """By the program."""

@@ -25,7 +25,6 @@ from sqrp_cli.files.units import LONGEST, as_number
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.files import make_folder, naming
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.image import CameraImage, ImageArray
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.packed_image import png_of
@@ -172,19 +171,11 @@ class ImageRecorder:
                     closing.callback(sink.close)
 
 
-@dataclass(frozen=True)
-class FrameEntry:
-    """A row of a folder's index."""
+def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[tuple[str, Path, int, float | None]]:
+    """The rows of a folder's index: camera, file, number of the step, and time in it [s], None if it is not as planned.
 
-    camera: str
-    file: Path
-    step: int
-    t: float | None
-    """Of the step [s], None where it did not go as planned."""
-
-
-def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[FrameEntry]:
-    """The rows of a folder's index. Raises InputError for one that is missing or wrong, with its line."""
+    Raises InputError for one that is missing or wrong, with its line.
+    """
     path = folder / INDEX
     if folder.is_file():
         raise bad_input("no-frames", _FILE, Place(folder))
@@ -219,7 +210,7 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
         if not 0.0 <= seconds <= LONGEST:
             message = f"`t` is {describe(t)}, expected seconds from 0 to {LONGEST:g}, or nothing"
             raise bad_input("wrong-value", message, place)
-        yield FrameEntry(camera, file, number, seconds if t else None)
+        yield camera, file, number, seconds if t else None
 
 
 def table_rows(path: Path) -> Iterator[tuple[Place, list[str]]]:

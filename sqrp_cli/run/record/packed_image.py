@@ -101,13 +101,12 @@ def read_png(path: Path, expected: PixelSize, camera: str) -> ImageArray:
         raise bad_input("unreadable", "this PNG file is animated, expected one image", Place(path), mend=mend)
     if found != expected:
         raise bad_input("wrong-size", f"this image is {found.short}, {camera} has {expected.short}", Place(path))
-    try:
-        if (image := decoded(bare_png(content))) is not None:
-            return image
-        damage = "it cannot be decoded"
-    except DamagedPngError as error:
-        damage = str(error)
-    raise bad_input("unreadable", f"this is no PNG file, or a damaged one: {damage}", Place(path))
+    damage, bare = bare_png(content)
+    image = None if damage else decoded(bare)
+    if image is None:
+        damage = damage or "it cannot be decoded"
+        raise bad_input("unreadable", f"this is no PNG file, or a damaged one: {damage}", Place(path))
+    return image
 
 
 def png_size(content: bytes) -> PixelSize | None:
@@ -119,55 +118,52 @@ def png_size(content: bytes) -> PixelSize | None:
     return PixelSize(int.from_bytes(chunk[8:12], "big"), int.from_bytes(chunk[12:16], "big"))
 
 
-class DamagedPngError(Exception):
-    """What is wrong with a PNG file, and where in it."""
-
-
-def bare_png(content: bytes) -> bytes:
+def bare_png(content: bytes) -> tuple[str, bytes]:
     """A PNG file with nothing but its pixels: of what else there may be, the decoder has much to say.
 
-    Raises DamagedPngError for a damaged chunk, or other rows than its header promises.
+    Before it what is wrong with the file, such as a damaged chunk, or other rows than its header promises: then the
+    second is empty; else the first.
     """
     if not content.startswith(_SIGNATURE):
-        raise DamagedPngError("it does not begin as PNG files do")
+        return "it does not begin as PNG files do", b""
     at, chunks = len(_SIGNATURE), list[tuple[str, bytes]]()
     while at < len(content):
         length, name = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
         kind, end = name.decode("ascii", errors="replace"), at + 12 + length
         if not (name.isalpha() and end <= len(content)):
-            raise DamagedPngError(f"the chunk at byte {at:,} is cut off or damaged")
+            return f"the chunk at byte {at:,} is cut off or damaged", b""
         data = content[at + 8 : end - 4]
         if zlib.crc32(name + data) != int.from_bytes(content[end - 4 : end], "big"):
-            raise DamagedPngError(f"the chunk `{kind}` at byte {at:,} does not fit its checksum")
+            return f"the chunk `{kind}` at byte {at:,} does not fit its checksum", b""
         chunks.append((kind, data))
         at = end
     first, header = chunks[0] if chunks else ("", b"")
     if first != "IHDR" or len(header) != _HEADER.size:
-        raise DamagedPngError(f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes")
+        return f"its first chunk is `{first}`, expected `IHDR` with {_HEADER.size} bytes", b""
     width, height, depth, color, _, _, interlaced = _HEADER.unpack(header)
     if color not in _NUMBERS or depth not in _DEPTHS:
-        raise DamagedPngError(f"its header asks for colours of type {color} with {depth} bits, which PNG does not have")
+        return f"its header asks for colours of type {color} with {depth} bits, which PNG does not have", b""
     if chunks[-1][0] != "IEND":
-        raise DamagedPngError("it ends without the chunk `IEND`")
+        return "it ends without the chunk `IEND`", b""
     if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
-        raise DamagedPngError("its colours are numbers of a palette (`PLTE`), which it does not have")
+        return "its colours are numbers of a palette (`PLTE`), which it does not have", b""
     row = 1 + (width * _NUMBERS[color] * depth + 7) // 8
     packed = b"".join(data for kind, data in chunks if kind == "IDAT")
     try:
         pixels = zlib.decompressobj().decompress(packed, row * height + 1)
     except zlib.error as error:
-        raise DamagedPngError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error
+        return f"its image data (`IDAT`) cannot be unpacked: {error}", b""
     if not interlaced:
         if len(pixels) < row * height:
-            raise DamagedPngError(f"it has {len(pixels) // row:,} rows, its header promises {height:,}")
+            return f"it has {len(pixels) // row:,} rows, its header promises {height:,}", b""
         if len(pixels) > row * height:
-            raise DamagedPngError(f"it has more rows than the {height:,} that its header promises")
+            return f"it has more rows than the {height:,} that its header promises", b""
         wrong = next((number for number, law in enumerate(pixels[::row], 1) if law >= _FILTERS), None)
         if wrong is not None:
-            raise DamagedPngError(f"row {wrong:,} is packed in a way that PNG does not have")
+            return f"row {wrong:,} is packed in a way that PNG does not have", b""
     kept = ((kind.encode() + data, len(data)) for kind, data in chunks if kind in _PIXELS)
     packed_again = (struct.pack(">I", size) + named + struct.pack(">I", zlib.crc32(named)) for named, size in kept)
-    return _SIGNATURE + b"".join(packed_again)
+    return "", _SIGNATURE + b"".join(packed_again)
 
 
 class DamagedImageError(InputError):
@@ -198,16 +194,13 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
             what = f"as `{message.format}`" if message.format else "in a way that is not said"
             raise damaged(f", packed {what}, is no whole JPEG or PNG")
         check_size(size)
-        damage, image = None, None
         if is_png:
-            try:
-                image = decoded(bare_png(content))
-            except DamagedPngError as error:
-                damage = str(error)
+            damage, bare = bare_png(content)
+            image = None if damage else decoded(bare)
         else:
             with _complaints() as said:
                 image = decoded(content)
-            damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), None)
+            damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), "")
         if damage or image is None or image.shape[:2] != (camera.height, camera.width):
             raise damaged(f" is damaged: {damage or 'it cannot be decoded'}")
         return image

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import field
-from typing import Literal
+from typing import Any, Literal
 
 from sqrp_cli.document import LEFT_OUT, Record, WorkspaceDocument, how_many
 from sqrp_cli.errors import SqrpError
@@ -30,14 +30,8 @@ class Stopped(SqrpError):  # noqa: N818
         self.fault, self.cameras = fault, cameras
 
 
-class _Counted:
-    """A record that changes while a run goes on; the JSON Schema describes its fields as they are described here."""
-
-    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012
-
-
 @dataclass
-class FaultRecord(_Counted):
+class FaultRecord(Record):
     """A fault with its times on the run's clock [s]; null for what never happened."""
 
     name: str
@@ -66,8 +60,10 @@ class FaultRecord(_Counted):
 
     def __post_init__(self) -> None:
         """The delay follows from the times."""
-        known = self.happened is not None and self.detected is not None
-        self.delay = self.detected - self.happened if known else None  # type: ignore[operator]
+        if self.happened is not None and self.detected is not None:
+            self.delay = self.detected - self.happened
+        else:
+            self.delay = None
 
     @property
     def label(self) -> str:
@@ -83,7 +79,7 @@ class FaultRecord(_Counted):
 
 
 @dataclass
-class StepRecord(_Counted):
+class StepRecord(Record):
     """A step as it was run; start and end on the run's clock [s]."""
 
     skill: str
@@ -103,7 +99,7 @@ class StepRecord(_Counted):
 
 
 @dataclass
-class Confusion(_Counted):
+class Confusion(Record):
     """How often a camera was predicted to see an atom (positive) and did (true), over its images."""
 
     tp: int = 0
@@ -133,7 +129,7 @@ class Confusion(_Counted):
 
 
 @dataclass(frozen=True)
-class Disagreement(_Counted):
+class Disagreement(Record):
     """An image in which a prediction was wrong."""
 
     step: int
@@ -298,30 +294,17 @@ class SweepDocument(WorkspaceDocument):
     """True if Ctrl-C came before all runs were finished."""
 
     @classmethod
-    def of(
-        cls,
-        workspace: str,
-        sweep: str,
-        step: int,
-        steps: list[str],
-        runs: Sequence[SweptRun],
-        count: int,
-        period: float,
-    ) -> SweepDocument:
-        """The runs of a sweep that are finished, and their sums; period: of the slowest camera [s]."""
-        able = [run for run in runs if run.happened is not None and run.predicted_delay is not None]
-        lateness = [
-            run.delay - run.predicted_delay for run in able if run.delay is not None and run.predicted_delay is not None
-        ]
+    def of(cls, runs: Sequence[SweptRun], period: float, *, count: int, **asked: Any) -> SweepDocument:
+        """The finished runs of a sweep, and their sums; period: of the slowest camera [s]. asked: the other fields."""
+        pairs = [(run, run.delay, run.predicted_delay) for run in runs if run.happened is not None]
+        able = [run for run, _, predicted in pairs if predicted is not None]
+        lateness = [delay - best for _, delay, best in pairs if delay is not None and best is not None]
         sooner, later = (
             sum(late < -(period + PROCESSING) - 1e-9 for late in lateness),
             sum(run.excess > 0 for run in able),
         )
         return cls(
-            workspace=workspace,
-            sweep=sweep,
-            step=step,
-            steps=steps,
+            **asked,
             count=count,
             tolerance=period + PROCESSING,
             predictable=len(able),
