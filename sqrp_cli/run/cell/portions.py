@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +32,9 @@ JUMP = 0.02
 """How far a portion may begin from where the robot will be by the one before [rad or m]."""
 
 
-class Portion(NamedTuple):
-    """Points of a trajectory, the last one at rest."""
-
-    times: Array
-    """From when it is sent, which is when it begins [s], rising, shape (m,)."""
-    states: JointStates
-    """At these times, shape (m, n) each."""
+Send = Callable[[Array, JointStates], None]
+"""Takes points of a trajectory, the last one at rest: when they are, from when it is sent and begins [s], rising, shape
+(m,); and the joints then, shape (m, n) each."""
 
 
 class Portions:
@@ -49,7 +44,7 @@ class Portions:
     portion of that would be a jump. None is sent then, nor ever again, but for a stop along the path that was sent.
     """
 
-    def __init__(self, send: Callable[[Portion], None], loose: Collection[str] = ()) -> None:
+    def __init__(self, send: Send, loose: Collection[str] = ()) -> None:
         """loose: joints that may be wanted elsewhere at once, such as fingers."""
         self._send, self._loose = send, loose
         self._revision: int | None = None
@@ -75,7 +70,7 @@ class Portions:
         self._brakes_at = now + LEAD + AHEAD
         ends = reference.rests_at <= self._brakes_at
         self._told = reference.stopped(self._brakes_at)
-        self._send(_portion(reference if ends else self._told, now))
+        self._send(*_portion(reference if ends else self._told, now))
         if ends:
             self._next = self._brakes_at = float("inf")
 
@@ -97,12 +92,12 @@ class Portions:
             return now
         if not self.over and now < min(self._brakes_at, self._told.rests_at):
             self._told = self._told.stopped(now)
-            self._send(_portion(self._told, now))
+            self._send(*_portion(self._told, now))
         self.over = True
         return max(now, self._told.rests_at)
 
 
-def _portion(reference: ArmMotion, now: float) -> Portion:
+def _portion(reference: ArmMotion, now: float) -> tuple[Array, JointStates]:
     """A motion from `LEAD` after a time [s] on to its end."""
     first = now + LEAD
     last = max(first, reference.rests_at)
@@ -110,7 +105,7 @@ def _portion(reference: ArmMotion, now: float) -> Portion:
     times = np.append(inner, last) if last > first else np.array([first])
     positions, velocities, accelerations = reference.states(times)
     velocities[-1] = accelerations[-1] = 0.0
-    return Portion(times - now, JointStates(positions, velocities, accelerations))
+    return times - now, JointStates(positions, velocities, accelerations)
 
 
 _REMEMBERED = 2000

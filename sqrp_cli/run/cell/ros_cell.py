@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,12 +16,15 @@ from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, nanoseconds
-from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portion, Portions
+from sqrp_cli.run.arm_motion import ArmMotion, JointStates
+from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portions
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.packed_image import image_of
 from sqrp_cli.run.record.report import Stopped
+
+if TYPE_CHECKING:
+    from sqrp_cli.run.cell.simulated_cell import CellState
 
 TICK = 0.004
 """Longest wait for a message [s]."""
@@ -93,15 +96,6 @@ def _steady_ns() -> int:
     return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
-class ImageTimes(NamedTuple):
-    """An image of a camera, on the cell's clock."""
-
-    t: float
-    """When it was taken [s]."""
-    came: float
-    """When it came [s]."""
-
-
 class RosCell(AbstractContextManager["RosCell"]):
     """A cell behind topics; a context manager that leaves the robot standing."""
 
@@ -140,8 +134,8 @@ class RosCell(AbstractContextManager["RosCell"]):
         self._floods = [(self.states, MOST_JOINT_STATES)]  # most messages a second
         self._floods += [(inbox, rates[name]) for name, inbox in self.images.items()]
         self._counts, self._counted = [0] * len(self._floods), time.monotonic()
-        self.ages: dict[str, deque[ImageTimes]] = {name: deque(maxlen=100) for name in self.images}
-        """When images were taken, and when they came, since `watch`."""
+        self.ages: dict[str, deque[tuple[float, float]]] = {name: deque(maxlen=100) for name in self.images}
+        """When images were taken, and when they came, since `watch` [s]."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
         self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
         self._reference: ArmMotion | None = None
@@ -169,7 +163,10 @@ class RosCell(AbstractContextManager["RosCell"]):
             ages.clear()
 
     def advance(self, t: float, reference: ArmMotion) -> float:
-        """As `RunnableCell` says; returns sooner where no time passes any more."""
+        """Let time pass until t [s] while the arm follows the reference; returns the time then.
+
+        That may be later; and sooner where no time passes any more.
+        """
         if self._reference is None and reference.rests_at < t:
             self._portions.begin(reference, t)
         self._reference = reference
@@ -207,12 +204,7 @@ class RosCell(AbstractContextManager["RosCell"]):
 
     def _end(self, why: str) -> None:
         """Send no motion any more."""
-        self._portions.over = True
-        self._note(why)
-
-    def _note(self, why: str) -> None:
-        """There is trouble; the first counts."""
-        self.malformed = self.malformed or Stopped(why)
+        self._portions.over, self.malformed = True, self.malformed or Stopped(why)
 
     def read(self) -> None:
         """Take in what has come. What is wrong with it is told by `trouble`."""
@@ -231,19 +223,21 @@ class RosCell(AbstractContextManager["RosCell"]):
                     image = image_of(arrived.message, camera, Place(Path(about.image)), f"`{name}`")
                     t = self.clock.since(arrived.message.header.stamp) - about.clock_offset
                     self._waiting[name].append(CameraImage(name, t, image))
-                    self.ages[name].append(ImageTimes(t, now))
+                    self.ages[name].append((t, now))
         except MessageError as error:
-            self._note(f"a message is malformed: {error}")
+            self.malformed = self.malformed or Stopped(f"a message is malformed: {error}")
         except InputError as error:
-            self._note(error.problems[0].message)
+            self.malformed = self.malformed or Stopped(error.problems[0].message)
         if (passed := time.monotonic() - self._counted) >= FLOOD_WINDOW:
             for (inbox, most), count in zip(self._floods, self._counts, strict=True):
                 if (rate := (inbox.count - count) / passed) > most:
-                    self._note(f"a flood on `{inbox.topic.name}`: {rate:,.0f} messages a second")
+                    self.malformed = self.malformed or Stopped(
+                        f"a flood on `{inbox.topic.name}`: {rate:,.0f} messages a second"
+                    )
             self._counts, self._counted = [inbox.count for inbox, _ in self._floods], time.monotonic()
 
     def grasp(self, *, holding: bool = True) -> None:
-        """As `RunnableCell` says; nothing is commanded where there is trouble: the robot may be elsewhere."""
+        """Have the tool hold what is there, or let go; not where there is trouble: the robot may be elsewhere."""
         tool = self.file.tool
         if tool is not None and self._send_tool is not None and self.trouble() is None:
             value = tool.hold if holding else tool.release
@@ -251,23 +245,23 @@ class RosCell(AbstractContextManager["RosCell"]):
             self._send_tool(self.transport.types.make(tool.type, data=data))
 
     def release(self) -> None:
-        """As `RunnableCell` says; as `grasp`, nothing where there is trouble."""
+        """Have the tool let go, unless there is trouble."""
         self.grasp(holding=False)
 
     def tool_force(self) -> float:
-        """As `RunnableCell` says: of the last message of the force sensor."""
+        """How hard the tool pushes against anything, by the last message of the force sensor [N]."""
         return self._newton
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
-        """As `RunnableCell` says: the oldest that has come of each."""
+        """The oldest image that has come of each of some cameras and was not given before; it may be missing."""
         return {name: self._waiting[name].popleft() for name in cameras if self._waiting[name]}
 
     def measured_joints(self, t: float | None = None) -> Mapping[str, float]:
-        """As `RunnableCell` says."""
+        """Position of every movable joint by its encoder [rad or m], at a time [s] or now."""
         return self.joints.at(t)
 
     def trouble(self) -> Stopped | None:
-        """As `RunnableCell` says: malformed messages, floods, joint states that stay out, are old, or do not follow."""
+        """Why nobody may go on: malformed messages, floods, joint states that stay out, are old, or do not follow."""
         if self.malformed is not None or self.clock.stands_still:
             return self.malformed or Stopped(_NO_TIME)
         topic, reference, waited = f"on `{self.file.joint_states}`", self._reference, self._pauses.waited
@@ -293,14 +287,16 @@ class RosCell(AbstractContextManager["RosCell"]):
                 return f"`{name}` is {off:.1f} deg from {where}, more than {np.degrees(limit):.1f}"
         return None
 
-    def tracking_error(self) -> None:
-        """As `RunnableCell` says: nobody measures where the tool is."""
+    def tracking_error(self) -> float | None:
+        """None: nobody measures where the tool is."""
+        return None
 
-    def truth(self) -> None:
-        """As `RunnableCell` says: nobody knows it."""
+    def truth(self) -> CellState | None:
+        """None: nobody knows the ground truth."""
+        return None
 
-    def _send(self, portion: Portion) -> None:
-        types, states = self.transport.types, portion.states
+    def _send(self, times: Array, states: JointStates) -> None:
+        types = self.transport.types
         assert self._reference is not None  # noqa: S101 - a portion is of a reference
         columns = [list(self._reference.joints).index(name) for name in self.moved]
         points = [
@@ -311,7 +307,7 @@ class RosCell(AbstractContextManager["RosCell"]):
                 accelerations=states.accelerations[row, columns],
                 time_from_start=types.duration(round(t * 1e9)),
             )
-            for row, t in enumerate(portion.times.tolist())
+            for row, t in enumerate(times.tolist())
         ]
         self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
 

@@ -184,11 +184,11 @@ def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
             problem = f"`{camera.name}` hardly sends images"
             yield CellCheck(camera.name, "rate", "none", f"{camera.rate:.3g} Hz", problem)
         return
-    rate = 1.0 / float(np.median([b.t - a.t for a, b in pairwise(arrived)]) or 1e9)
+    rate = 1.0 / float(np.median([later - t for (t, _), (later, _) in pairwise(arrived)]) or 1e9)
     problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
     slow = rate < (1.0 - cell.file.tolerances.rate) * camera.rate
     yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem if slow else None)
-    yield _age(cell, f"images of `{camera.name}`", [one.came - one.t for one in arrived], camera.lag)
+    yield _age(cell, f"images of `{camera.name}`", [came - t for t, came in arrived], camera.lag)
 
 
 def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopicEntry) -> Iterator[CellCheck]:

@@ -50,6 +50,7 @@ class _CameraStreams:
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, mend: str = "") -> None:
         """detectors: the processes that look at the images. mend: what may help, for the reasons of failures."""
         self.cameras, self.detectors, self._mend = cameras, detectors, mend
+        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
         self.seconds, self.images = 0.0, 0
         self.period = max(1.0 / camera.rate for camera in cameras.values())
         """Time between two images of the slowest camera [s]."""
@@ -80,20 +81,32 @@ class _CameraStreams:
 
 
 @dataclass
-class _Simulated:
-    """A simulated camera and its images."""
+class _Stream:
+    """A camera and its images; times of exposure on the cell's clock [s]."""
 
     camera: Camera
-    exposures: int = 0
     newest: float = 0.0
+    """Exposure of the newest image that came."""
+    exposures: int = 0
+    """Of a simulated camera, how many images it took, with those that were lost."""
     lost: bool = False
     freezes: bool = False
     delay: float = 0.0
     last: CameraImage | None = None
+    came: float = 0.0
+    """Of a real camera, when the last image came [s]."""
+    seen: float = 0.0
+    """Exposure of the newest image that was looked at."""
+    begun: bool = False
+    """Whether any image was looked at since nobody did for a while."""
+    waiting: deque[tuple[CameraImage, BelievedState]] = field(default_factory=deque)
+    """Images that nobody looks at yet, with what was believed when they were taken."""
+    looked_at: int = 0
+    """How many are being looked at."""
 
     @property
     def fails_at(self) -> float:
-        """When it fails if no image comes [s]."""
+        """When a simulated one fails if no image comes [s]."""
         return self.newest + self.camera.lag + OVERDUE_PERIODS / self.camera.rate
 
 
@@ -106,7 +119,6 @@ class ImageStreams(_CameraStreams):
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
         """detectors: the processes that look at the images."""
         super().__init__(cameras, detectors)
-        self._streams = {name: _Simulated(camera) for name, camera in cameras.items()}
         self._arrivals: list[tuple[float, float, str]] = []
 
     @property
@@ -128,15 +140,11 @@ class ImageStreams(_CameraStreams):
         Or the process that looks at them ends. delay: by how much they are late then [s].
         """
         stream = self._streams[camera]
-        match how:
-            case "camera-loss":
-                stream.lost = True
-            case "frozen":
-                stream.freezes = True
-            case "latency":
-                stream.delay = delay
-            case "perception-crash":
-                self.detectors.crash(camera)
+        stream.lost |= how == "camera-loss"
+        stream.freezes |= how == "frozen"
+        stream.delay = delay if how == "latency" else stream.delay
+        if how == "perception-crash":
+            self.detectors.crash(camera)
 
     def expose(self, t: float, take: Expose, believed: Callable[[float], BelievedState]) -> list[CameraImage]:
         """Take the images that are due at time t [s]; returns them, as they will arrive. believed: at a time [s]."""
@@ -181,25 +189,6 @@ class ImageStreams(_CameraStreams):
         return t
 
 
-@dataclass
-class _Received:
-    """A real camera and its images, times of exposure on the cell's clock [s]."""
-
-    camera: Camera
-    came: float = 0.0
-    """When the last one came [s]."""
-    newest: float = 0.0
-    """Exposure of the newest one that came."""
-    seen: float = 0.0
-    """Exposure of the newest one that was looked at."""
-    begun: bool = False
-    """Whether any image was looked at since nobody did for a while."""
-    waiting: deque[tuple[CameraImage, BelievedState]] = field(default_factory=deque)
-    """Those that nobody looks at yet, with what was believed when they were taken."""
-    looked_at: int = 0
-    """How many are being looked at."""
-
-
 class ReceivedStreams(_CameraStreams):
     """The images of real cameras: each comes when it comes, with the time of its exposure."""
 
@@ -209,7 +198,6 @@ class ReceivedStreams(_CameraStreams):
         """clock: of the cell [s]. mend: what may help, for the reasons of failures."""
         super().__init__(cameras, detectors, mend)
         self._clock, self._pauses = clock, Pauses()
-        self._streams = {name: _Received(camera) for name, camera in cameras.items()}
         self.next_event = LOOKING
         """When to look again for images that have come, and for what they show [s]."""
 

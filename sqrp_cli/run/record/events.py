@@ -104,7 +104,13 @@ class Event(BaseModel):
 
     def line(self) -> dict[str, object]:
         """Its line in the log."""
-        return {"t": self.t, "event": self.event, **self.model_dump(exclude_unset=True)}
+        fields = self.model_dump(exclude_unset=True, exclude={"report"})
+        if self.event == "report":  # as in logs of earlier versions, no wall time, no camera of a fault of a step
+            fields |= {key: value for key, value in asdict(self.report).items() if key not in _NOT_LOGGED}
+            for fault in fields["faults"]:
+                if fault["camera"] is None:
+                    del fault["camera"]
+        return {"t": self.t, "event": self.event, **fields}
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -125,21 +131,6 @@ class Event(BaseModel):
 
 _NOT_LOGGED = ("schema", "document", "workspace", "wall")
 """Fields of a run's document that the last line of a log does not have: its header has the workspace."""
-
-
-class RunReported(Event):
-    """How a run went: the last line of a log, with the fields of the report."""
-
-    event: Literal["report"] = Field(default="report", description=_KIND)
-    report: RunReport
-
-    def line(self) -> dict[str, object]:
-        """What the log holds: as in logs of earlier versions, no wall time, no camera of a fault of a step."""
-        document = {key: value for key, value in asdict(self.report).items() if key not in _NOT_LOGGED}
-        for fault in document["faults"]:
-            if fault["camera"] is None:
-                del fault["camera"]
-        return {"t": self.t, "event": self.event, **document}
 
 
 def _kind(name: str, kind: Any, about: str, /, **fields: tuple[Any, ...]) -> type[Event]:  # noqa: ANN401 - or a literal
@@ -256,7 +247,12 @@ MODELS = (
         "The program is done, or the robot has stopped.",
         reason=(str | None, "Why it stopped, or what was not noticed.", None),
     ),
-    RunReported,
+    _kind(
+        "RunReported",
+        "report",
+        "How a run went: the last line of a log, with the fields of the report.",
+        report=(RunReport, "All of it."),
+    ),
 )
 """The record of each kind of event: its fields with their types, what they mean, and defaults."""
 KINDS: Mapping[str, type[Event]] = {

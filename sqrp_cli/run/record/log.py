@@ -20,7 +20,7 @@ from sqrp_cli.files.units import LARGEST
 from sqrp_cli.geometry import Array
 from sqrp_cli.platform.files import naming
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, RunReported
+from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, event
 from sqrp_cli.run.record.report import Confusion, RunReport
 
 MAX_BYTES = 200_000_000
@@ -41,15 +41,15 @@ class LogWriter:
             self._file = path.open("w", encoding="utf-8", buffering=1)
         self(header)
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, happened: Event) -> None:
         """Write an event. Raises InputError where that is not possible."""
         with naming(self._path):
-            self._file.write(json.dumps(event.line(), allow_nan=False) + "\n")
+            self._file.write(json.dumps(happened.line(), allow_nan=False) + "\n")
 
     def close(self, report: RunReport | None = None) -> None:
         """Write nothing more, but for the report of a run that has ended."""
         if report is not None:
-            self(RunReported(t=report.time, report=report))
+            self(event("report", report.time, report=report))
         with naming(self._path):
             self._file.close()
 
@@ -64,23 +64,23 @@ def read_log(path: Path) -> Iterator[Event]:
         t, kind = float(fields["t"]), fields["event"]
         if place.line == 1 and (kind, fields.get("sqrp_log")) != ("run", VERSION):
             raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
-        event: Event | None = None
+        found: Event | None = None
         try:
             if kind == "report":
-                event = RunReported(t=t, report=_report(fields, place))
+                found = event("report", t, report=_report(fields, place))
             elif kind in KINDS:
-                event = (WHOLE_STATE if kind == "state" and joints is None else KINDS[kind]).model_validate(fields)
+                found = (WHOLE_STATE if kind == "state" and joints is None else KINDS[kind]).model_validate(fields)
         except ValidationError as error:
             raise _no_log(f"this `{kind}` is no event of a log: {_first_words(error)}", place) from None
-        if event is not None and kind == "state":
-            joints = len(event.joints) if joints is None else joints
-            if "q" in event.model_fields_set and len(event.q) != joints:
-                raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
+        if found is not None and kind == "state":
+            joints = len(found.joints) if joints is None else joints
+            if "q" in found.model_fields_set and len(found.q) != joints:
+                raise _no_log(f"this state has {len(found.q)} positions `q` of {joints} joints", place)
         if t < before - SLACK:
             raise _no_log(f"this event is at {t:g} s, before that of the line above", place)
         before = max(before, t)
-        if event is not None:
-            yield event
+        if found is not None:
+            yield found
     if place is None:
         raise _no_log("this log is empty", Place(path))
 
@@ -118,7 +118,9 @@ def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
     try:
         # Logs of earlier versions have the times of the last stop each for itself.
         stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
-        report = RunReported.model_validate({"t": 0.0, "report": {"stop": stop, **fields, "wall": {}}}).report
+        report: RunReport = (
+            KINDS["report"].model_validate({"t": 0.0, "report": {"stop": stop, **fields, "wall": {}}}).report
+        )
     except ValidationError as error:
         raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
     if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
@@ -169,7 +171,7 @@ class Track:
     @classmethod
     def of(cls, events: Iterable[Event]) -> Track | None:
         """What a run published of it, from all its events; None if it published none."""
-        states = [event for event in events if event.event == "state"]
+        states = [one for one in events if one.event == "state"]
         if not states:
             return None
         q, held = list[Sequence[float]](), list[str | None]()

@@ -294,7 +294,7 @@ class SweepDocument(WorkspaceDocument):
     """True if Ctrl-C came before all runs were finished."""
 
     @classmethod
-    def of(cls, runs: Sequence[SweptRun], period: float, *, count: int, **asked: Any) -> SweepDocument:
+    def of(cls, runs: Sequence[SweptRun], period: float, *, count: int, **asked: Any) -> SweepDocument:  # noqa: ANN401
         """The finished runs of a sweep, and their sums; period: of the slowest camera [s]. asked: the other fields."""
         pairs = [(run, run.delay, run.predicted_delay) for run in runs if run.happened is not None]
         able = [run for run, _, predicted in pairs if predicted is not None]

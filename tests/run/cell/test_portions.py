@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 
 from sqrp_cli.field.cell_server import FollowedTrajectory
-from sqrp_cli.run.cell.portions import EVERY, LEAD, SETTLES, Portion, Portions
+from sqrp_cli.geometry import Array
+from sqrp_cli.run.arm_motion import JointStates
+from sqrp_cli.run.cell.portions import EVERY, LEAD, SETTLES, Portions
 from tests.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 
 NAMES = {"a": "a", "b": "b"}
 
 
-def message(portion: Portion) -> SimpleNamespace:
+def message(times: Array, states: JointStates) -> SimpleNamespace:
     points = [
         SimpleNamespace(
             positions=q, velocities=v, accelerations=a,
             time_from_start=SimpleNamespace(sec=int(t), nanosec=round((t - int(t)) * 1e9)),
         )
-        for t, q, v, a in zip(portion.times.tolist(), *portion.states, strict=True)
+        for t, q, v, a in zip(times.tolist(), *states, strict=True)
     ]  # fmt: skip
     return SimpleNamespace(joint_names=["a", "b"], points=points)
 
@@ -40,9 +42,9 @@ class Played:
             self.q.append(self.arm.states(np.array([self.now])).positions[0])
             self.now += 0.01
 
-    def get(self, portion: Portion) -> None:
+    def get(self, times: Array, states: JointStates) -> None:
         self.sent += 1
-        self.arm.replace(message(portion), self.now, None)
+        self.arm.replace(message(times, states), self.now, None)
 
 
 def test_played_in_portions_a_motion_is_the_motion() -> None:
@@ -69,26 +71,26 @@ def test_who_falls_silent_leaves_the_arm_standing_within_a_second_and_on_its_pat
 
 def test_a_stop_is_sent_at_once_and_replaces_what_was_sent() -> None:
     motion, sent = playback(), []
-    portions = Portions(lambda portion: sent.append(portion))
+    portions = Portions(lambda *portion: sent.append(portion))
     portions.follow(motion, 1.5)
     portions.follow(motion, 1.51)
     assert len(sent) == 1
     stands = motion.stop(1.52, protective=True)
     portions.follow(motion, 1.52)
     assert len(sent) == 2
-    assert 1.52 + sent[1].times[-1] == pytest.approx(stands)
-    assert not sent[1].states.velocities[-1].any()
+    assert 1.52 + sent[1][0][-1] == pytest.approx(stands)
+    assert not sent[1][1].velocities[-1].any()
 
 
 def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sent_after_it() -> None:
     motion, sent = playback(), []
-    portions = Portions(sent.append)
+    portions = Portions(lambda *portion: sent.append(portion))
     portions.follow(motion, 1.5)
     motion.stop(1.2)  # what is wanted now is elsewhere
     stands = portions.stop(1.55)
-    assert np.allclose(sent[1].states.positions[0], playback().state(1.55 + LEAD).positions, atol=1e-3)
-    assert 1.55 + sent[1].times[-1] == pytest.approx(stands)
-    assert stands < 1.5 + sent[0].times[-1] - 0.2
+    assert np.allclose(sent[1][1].positions[0], playback().state(1.55 + LEAD).positions, atol=1e-3)
+    assert 1.55 + sent[1][0][-1] == pytest.approx(stands)
+    assert stands < 1.5 + sent[0][0][-1] - 0.2
     portions.follow(playback(), 1.6)
     assert portions.stop(1.65) == stands
     assert len(sent) == 2
@@ -96,8 +98,8 @@ def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sen
 
 @pytest.mark.parametrize("pause", [0.43, 0.6, 1.0, 1.5])
 def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(pause: float) -> None:
-    sent: list[Portion] = []
-    portions, motion = Portions(sent.append), playback()
+    sent: list[tuple[Array, JointStates]] = []
+    portions, motion = Portions(lambda *portion: sent.append(portion)), playback()
     portions.follow(motion, 1.5)
     portions.follow(motion, 1.5 + pause)
     assert portions.over
@@ -109,8 +111,8 @@ def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(pause: float) -
 
 @pytest.mark.parametrize("stand", [True, False])
 def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(stand: bool) -> None:
-    sent: list[Portion] = []
-    portions, motion = Portions(sent.append), playback()
+    sent: list[tuple[Array, JointStates]] = []
+    portions, motion = Portions(lambda *portion: sent.append(portion)), playback()
     before = motion.stopped(0.5)
     if stand:
         portions.begin(before, 0.5)
@@ -120,13 +122,13 @@ def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(stand: bool)
         motion.stop(1.5, protective=True)  # too late: the robot goes on
         portions.follow(motion, 1.9)
     assert portions.over
-    first = np.array([portion.states.positions[0] for portion in sent]).reshape(-1, 2)
+    first = np.array([states.positions[0] for _, states in sent]).reshape(-1, 2)
     assert np.allclose(first, playback().states(np.array([1.8 + LEAD, 1.9 + LEAD][: len(sent)])).positions, atol=2e-3)
     assert len(sent) == (0 if stand else 2)
 
 
 def test_a_start_is_compared_only_where_the_robot_has_stood_long_enough_to_settle() -> None:
-    portions, motion = Portions(lambda _: None), playback()
+    portions, motion = Portions(lambda *_: None), playback()
     assert portions.begins(motion, 0.0)  # nothing was sent yet
     for now in np.arange(0.9, 4.0, 0.05):
         portions.follow(motion, now)
@@ -140,7 +142,7 @@ def test_a_start_is_compared_only_where_the_robot_has_stood_long_enough_to_settl
 
 def test_fingers_may_be_wanted_elsewhere_at_once() -> None:
     for loose, over in (((), True), (("b",), False)):
-        portions, motion = Portions(lambda _: None, loose), playback()
+        portions, motion = Portions(lambda *_: None, loose), playback()
         portions.follow(motion, 1.5)
         motion.place({"b": 1.0})
         portions.follow(motion, 1.51)
@@ -148,10 +150,10 @@ def test_fingers_may_be_wanted_elsewhere_at_once() -> None:
 
 
 def test_trajectories_that_no_controller_would_follow_are_refused() -> None:
-    sent: list[Portion] = []
-    Portions(sent.append).follow(playback(), 1.5)
+    sent: list[tuple[Array, JointStates]] = []
+    Portions(lambda *portion: sent.append(portion)).follow(playback(), 1.5)
     arm = FollowedTrajectory(NAMES, {"a": 0.0, "b": 0.0}, {})
-    good = message(sent[0])
+    good = message(*sent[0])
     good.joint_names = ["a", "c"]
     with pytest.raises(ValueError, match="its joints are a, c"):
         arm.replace(good, 0.0, None)
@@ -161,7 +163,7 @@ def test_trajectories_that_no_controller_would_follow_are_refused() -> None:
         (lambda points: points.reverse(), "do not rise"),
         (lambda points: points.clear(), "no points"),
     ):
-        bad = message(Portion(sent[0].times, type(sent[0].states)(*(one.copy() for one in sent[0].states))))
+        bad = message(sent[0][0], JointStates(*(one.copy() for one in sent[0][1])))
         spoil(bad.points)
         with pytest.raises(ValueError, match=why):
             arm.replace(bad, 0.0, None)

@@ -22,7 +22,6 @@ from sqrp_cli.run.record.events import (
     AskedBox,
     Event,
     ProgramStep,
-    RunReported,
     ShownAtom,
     event,
 )
@@ -69,7 +68,7 @@ RUN = [
     event("contact", 0.35, force=5.2),
     event("retry", 0.4, attempt=1, of=2, step="pickup", time=1.4),
     event("stopped", 0.5, reason="it was seen"),
-    RunReported(t=0.5, report=replace(REPORT, wall={})),
+    event("report", 0.5, report=replace(REPORT, wall={})),
 ]  # fmt: skip
 
 
