@@ -1,12 +1,7 @@
-"""Every limit of camera and detector, and their order, against a scalar version of the specification."""
+"""Every limit of camera and detector, and their order, against the plain reference and by hand."""
 
 from __future__ import annotations
 
-from collections import Counter
-from itertools import product
-from math import acos, hypot, sqrt
-
-import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -20,89 +15,17 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.sight.limits import SIDES, Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.targets import Target
+from sqrp_cli.sight.targets import SoughtBox, Target
+from tests.sight import reference
+from tests.sight.reference import Verdict
 from tests.sight.views import make_box, make_camera, make_detector, random_rotation
 
-CLOSE = 1e-7
-"""Cases that lie so close to a limit are not compared."""
+Case = tuple[Camera, Detector, tuple[float, ...], Array, Array | None]
+"""A camera, the limits, size, pose in the optical frame and normal of a box."""
 
 
-def folds_back(camera: Camera, radius: float) -> bool:
-    """Whether the distortion has stopped growing somewhere before a radius."""
-    if camera.distortion_model == "none":
-        return False
-    k1, k2, _, _, k3 = camera.distortion
-    before = 0.0
-    for step in range(1, 2001):
-        r = radius * step / 2000
-        bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
-        if bent <= before:
-            return True
-        before = bent
-    return False
-
-
-def project(camera: Camera, point: Array) -> tuple[float, float]:
-    still, distortion = np.zeros(3), camera.distortion if len(camera.distortion) else np.zeros(5)
-    pixel, _ = cv2.projectPoints(point.reshape(1, 3), still, still, camera.matrix, distortion)
-    return float(pixel[0, 0, 0]), float(pixel[0, 0, 1])
-
-
-def scalar_verdict(
-    camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
-) -> tuple[Cause, str | None, float, float]:
-    """The first limit that fails, its side, by how much, and how close the nearest decision on the way was."""
-    corners = [
-        X_CB[:3, :3] @ np.array([x * size[0] / 2, y * size[1] / 2, z * size[2] / 2]) + X_CB[:3, 3]
-        for x, y, z in product((-1, 1), repeat=3)
-    ]
-    depths = [corner[2] for corner in corners]
-    margins = [abs(min(depths) - camera.near), abs(min(depths))]
-    if min(depths) <= 0:
-        return Cause.BEHIND, None, -min(depths), min(margins)
-    if min(depths) < camera.near:
-        return Cause.TOO_NEAR, None, camera.near - min(depths), min(margins)
-    margins.append(abs(max(depths) - camera.far))
-    if max(depths) > camera.far:
-        return Cause.TOO_FAR, None, max(depths) - camera.far, min(margins)
-
-    pixels = [project(camera, corner) for corner in corners]
-    if any(folds_back(camera, hypot(x / z, y / z)) for x, y, z in corners):
-        return Cause.OUT_OF_IMAGE, None, np.nan, min(margins)
-    beyond = {
-        "left": max(-0.5 - u for u, _ in pixels),
-        "right": max(u - (camera.width - 0.5) for u, _ in pixels),
-        "top": max(-0.5 - v for _, v in pixels),
-        "bottom": max(v - (camera.height - 0.5) for _, v in pixels),
-    }
-    worst = max(beyond, key=lambda side: beyond[side])
-    margins.append(min(abs(value) for value in beyond.values()))
-    if beyond[worst] > 0:
-        return Cause.OUT_OF_IMAGE, worst, beyond[worst], min(margins)
-
-    x, y, z = X_CB[:3, 3]
-    distance = sqrt(x * x + y * y + z * z)
-    margins += [abs(distance - limit) for limit in detector.distance]
-    if distance < detector.distance[0]:
-        return Cause.DETECTOR_NEAR, None, detector.distance[0] - distance, min(margins)
-    if distance > detector.distance[1]:
-        return Cause.DETECTOR_FAR, None, distance - detector.distance[1], min(margins)
-    if normal is not None:
-        facing = X_CB[:3, :3] @ normal
-        angle = acos(max(-1.0, min(1.0, float(-facing @ X_CB[:3, 3]) / distance)))
-        margins.append(abs(angle - detector.max_incidence))
-        if angle > detector.max_incidence:
-            return Cause.OBLIQUE, None, angle - detector.max_incidence, min(margins)
-    hull = cv2.convexHull(np.array(pixels, dtype=np.float32))
-    side = sqrt(cv2.contourArea(hull))
-    margins.append(abs(side - detector.min_pixels) / 1000)
-    if side < detector.min_pixels:
-        return Cause.TOO_SMALL, None, detector.min_pixels - side, min(margins)
-    return Cause.NONE, None, 0.0, min(margins)
-
-
-def random_case(seed: int) -> tuple[Camera, Detector, tuple[float, float, float], Array, Array | None]:
-    """A camera, a detector and a box; each limit fails now and then."""
+def random_case(seed: int) -> Case:
+    """Each limit fails now and then."""
     rng = np.random.default_rng(seed)
     distortion = rng.uniform(-1, 1, 5) * (0.3, 0.1, 1e-3, 1e-3, 0.02)
     bent = rng.random() < 0.5
@@ -126,11 +49,12 @@ def random_case(seed: int) -> tuple[Camera, Detector, tuple[float, float, float]
     return camera, detector, tuple(rng.uniform(0.001, 0.25, 3).tolist()), X_CB, normal
 
 
-def checked(
-    camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
-) -> BoxVerdicts:
+def boxed(detector: Detector, size: tuple[float, ...], normal: Array | None) -> SoughtBox:
+    return make_box(size, frame="thing", detector=detector, normal=normal if normal is None else tuple(normal.tolist()))
+
+
+def checked(camera: Camera, box: SoughtBox, X_CB: Array) -> BoxVerdicts:
     """Verdicts of a box in a scene without solids, at poses (n, 4, 4) in the optical frame of one camera."""
-    box = make_box(size, frame="thing", detector=detector, normal=normal if normal is None else tuple(normal.tolist()))
     states = SceneStates(len(X_CB), {"world": pose()[None], "thing": X_CB})
     ((found,),) = Observer((camera,), ()).verdicts([Target(Atom("seen"), 1, (box,))], states)
     return found
@@ -139,38 +63,35 @@ def checked(
 def verdict(
     camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
 ) -> tuple[Cause, str | None, float]:
-    found = checked(camera, detector, size, X_CB[None], normal)
+    found = checked(camera, boxed(detector, size, normal), X_CB[None])
     cause = Cause(int(found.cause[0, 0]))
     side = SIDES[found.by[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
     assert cause is Cause.OUT_OF_IMAGE or found.by[0, 0] == -1
     return cause, side, float(found.figure[0, 0])
 
 
+def said(camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None) -> Verdict:
+    frames = {"world": pose(), "thing": X_CB}
+    return reference.limit(reference.Scene(camera, boxed(detector, size, normal), (), frames))
+
+
 @given(seed=st.integers(0, 2**32 - 1))
 def test_cause_side_and_figure_are_those_of_the_specification(seed: int) -> None:
-    case = random_case(seed)
-    cause, side, figure, margin = scalar_verdict(*case)
-    assume(margin > CLOSE)
-
-    found = verdict(*case)
-
-    assert found[0] is cause
-    if side is not None:
-        assert found[1] == side
-    if not np.isnan(figure):
-        assert found[2] == pytest.approx(figure, abs=1e-3 if cause is Cause.TOO_SMALL else 1e-7, rel=1e-5)
+    expected = said(*random_case(seed))
+    assume(expected.sure)
+    found = verdict(*random_case(seed))
+    assert found == (expected.cause, expected.by, pytest.approx(expected.figure, abs=1e-6))
 
 
 def test_every_limit_that_needs_no_scene_is_reached_by_the_cases_above() -> None:
-    found = Counter(scalar_verdict(*random_case(seed))[0] for seed in range(300))
-    assert set(found) == {cause for cause in Cause if cause < Cause.HIDDEN}
+    assert {said(*random_case(seed)).cause for seed in range(300)} == {one for one in Cause if one < Cause.HIDDEN}
 
 
 def test_many_states_at_once_give_what_each_gives_alone() -> None:
     camera, detector, size, _, normal = random_case(7)
     rng = np.random.default_rng(7)
     poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
-    together = checked(camera, detector, size, poses, normal)
+    together = checked(camera, boxed(detector, size, normal), poses)
     alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
     assert [Cause(int(code)) for code in together.cause[:, 0]] == [cause for cause, _, _ in alone]
     assert together.figure[:, 0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)

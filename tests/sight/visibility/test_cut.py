@@ -7,13 +7,14 @@ import pytest
 
 from sqrp_cli.camera.camera import Camera, DistortionModel
 from sqrp_cli.camera.projection import Projection
-from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, pose, transform
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box, Part
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.solids import load_solid
 from sqrp_cli.sight.targets import Target
+from tests.sight.reference import through_box
 from tests.sight.views import make_box, make_camera, make_detector, random_rotation
 
 HALF, CLOSE = 0.5, 0.02
@@ -25,16 +26,13 @@ ACROSS = 120
 
 def met(size: Array, X_CB: Array, rays: Array) -> Array:
     """How far along rays (n, 3) of the optical frame a box is, infinite where it is not met."""
-    X_BC = inverse(X_CB)
-    start, steps = transform(X_BC, np.zeros((1, 3)))[0], rays @ X_BC[:3, :3].T
-    sides = (0.5 * np.stack([-size, size])[:, None] - start) / steps
-    first, last = sides.min(axis=0).max(axis=1), sides.max(axis=0).min(axis=1)
-    return np.where(first < last, first, np.inf)
+    enter, leave = through_box(np.zeros(3), rays, X_CB, size / 2, np.zeros(3))
+    return np.where(enter < leave, enter, np.inf)
 
 
 def shown(camera: Camera, size: Array, X_CB: Array, before: tuple[Array, Array] | None) -> float:
     """The share of the box's rays that end in pixels of the image with nothing before it."""
-    corners = transform(X_CB, 0.5 * size * np.stack(np.meshgrid(*[(-1, 1)] * 3), axis=-1).reshape(-1, 3))
+    corners = transform(X_CB, 0.5 * size * BOX_SIGNS)
     plane = corners[:, :2] / corners[:, 2:]
     grid = [np.linspace(low, high, ACROSS) for low, high in zip(plane.min(axis=0), plane.max(axis=0), strict=True)]
     rays = np.stack([*map(np.ravel, np.meshgrid(*grid)), np.ones(ACROSS**2)], axis=1)

@@ -1,9 +1,10 @@
-"""Visible shares against rays that are traced one by one through the same triangles, by other formulas."""
+"""Visible shares against random rays that are traced one by one through the same triangles, by other formulas."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.logic.literal import Atom
@@ -13,11 +14,12 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_scene import SKIN
 from sqrp_cli.sight.solids import Solid
 from sqrp_cli.sight.targets import Target
+from tests.sight.reference import hits, through_box
 from tests.sight.solids import solid_of
 from tests.sight.views import make_box, make_camera, make_detector
 
 RAYS = 20_000
-"""Rays of a reference that meet the box, at least: its standard deviation is at most 0.35 points."""
+"""Of a reference: its standard deviation is at most 0.35 points."""
 
 CLOSE = 0.012
 """How far a share may be from its reference: three standard deviations, and what the grid may be off."""
@@ -31,40 +33,20 @@ def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
     return float(found.visible[0, 0])
 
 
-def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:
-    """Rays that meet a box, in the world, shape (n, 3), and how far along them they leave it; by slabs."""
-    generator = np.random.default_rng(5)
-    corners_C = transform(inverse(X_WC) @ X_WB, 0.5 * size * BOX_SIGNS)
-    image = corners_C[:, :2] / corners_C[:, 2:]
-    X_BW = inverse(X_WB)
-    eye_B = transform(X_BW, X_WC[:3, 3][None])[0]
-    rays, ends = [], []
-    while sum(map(len, rays)) < RAYS:
-        uv = generator.uniform(image.min(axis=0), image.max(axis=0), (100_000, 2))
-        rays_W = np.column_stack([uv, np.ones(len(uv))]) @ X_WC[:3, :3].T
-        with np.errstate(divide="ignore"):
-            sides = np.stack([(sign * size / 2 - eye_B) / (rays_W @ X_BW[:3, :3].T) for sign in (-1, 1)])
-        enters, leaves = sides.min(axis=0).max(axis=1), sides.max(axis=0).min(axis=1)
-        rays.append(rays_W[enters <= leaves])
-        ends.append(leaves[enters <= leaves])
-    return np.concatenate(rays)[:RAYS], np.concatenate(ends)[:RAYS]
-
-
 def traced(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
-    """The share by random rays, and triangles by Moeller and Trumbore (1997)."""
-    rays_W, leaves = random_rays(X_WC, X_WB, size)
-    free = np.ones(len(rays_W), dtype=bool)
-    for solid in solids:
-        for a, b, c in solid.vertices[solid.triangles]:
-            first, second, to = b - a, c - a, X_WC[:3, 3] - a
-            normal = np.cross(rays_W, second)
-            determinant = normal @ first
-            with np.errstate(divide="ignore", invalid="ignore"):
-                u = normal @ to / determinant
-                v = rays_W @ np.cross(to, first) / determinant
-                t = second @ np.cross(to, first) / determinant
-            free &= ~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < leaves))
-    return float(free.mean())
+    """The share by rays through random points of the outline of the box in the image."""
+    generator = np.random.default_rng(5)
+    corners = transform(inverse(X_WC) @ X_WB, 0.5 * size * BOX_SIGNS)
+    image = corners[:, :2] / corners[:, 2:]
+    outline = image[ConvexHull(image).vertices]
+    a, b, c = outline[0], outline[1:-1], outline[2:]  # a fan of triangles
+    areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    of, (u, v) = generator.choice(len(areas), RAYS, p=areas / areas.sum()), generator.uniform(size=(2, RAYS, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    rays = np.append(a + u * (b - a)[of] + v * (c - a)[of], np.ones((RAYS, 1)), axis=1) @ X_WC[:3, :3].T
+    _, leaves = through_box(X_WC[:3, 3], rays, X_WB, size / 2, np.zeros(3))
+    met = [hits(X_WC[:3, 3], rays, solid.vertices[solid.triangles]) for solid in solids]
+    return float((np.min(met, axis=0) >= leaves).mean())
 
 
 def view(generator: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -83,7 +65,7 @@ def between(generator: np.random.Generator, X_WC: Array, X_WB: Array, spread: fl
     return middle + generator.normal(scale=spread, size=3)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_loose_triangles_block_what_single_rays_say(seed: int) -> None:
     generator = np.random.default_rng(seed)
     X_WC, X_WB, size = view(generator)
@@ -95,7 +77,7 @@ def test_loose_triangles_block_what_single_rays_say(seed: int) -> None:
     assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None:
     generator = np.random.default_rng(100 + seed)
     X_WC, X_WB, size = view(generator)
