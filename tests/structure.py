@@ -1,11 +1,8 @@
-"""Figures of the code: `python -m tests.structure [--names] [ANOTHER_CHECKOUT]`, which is then shown as `before`."""
+"""Figures of the code: `python -m tests.structure [--names]`."""
 
 from __future__ import annotations
 
 import ast
-import os
-import re
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -53,7 +50,7 @@ ROOMS = {
 A budget is lowered when its room shrinks, and raised only with a sentence why in the change that does so.
 """
 
-Figure = tuple[int | str, list[str]]
+Figure = tuple[int, list[str]]
 """How many, and which."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 KINDS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef, ast.Call, ast.Dict, ast.Import, ast.ImportFrom)
@@ -104,7 +101,6 @@ class SourceTree:
         found["class names used twice"] = counted(name for name, count in Counter(self.classes()).items() if count > 1)
         found[f"functions over {LONG} lines"] = counted(self.long_functions())
         found["public functions that return bare tuples"] = counted(self.bare_tuples())
-        found["broken import contracts"] = (self.broken_contracts(), [])
         return found
 
     def _per_1000(self, *kinds: type[ast.AST]) -> int:
@@ -175,14 +171,6 @@ class SourceTree:
                 if any(part.startswith("tuple[") and "," in part and ", ...]" not in part[-6:] for part in parts):
                     yield f"{module}.{node.name}"
 
-    def broken_contracts(self) -> int | str:
-        """Import contracts that do not hold, such as imports that point up."""
-        command = Path(sys.executable).with_name("lint-imports")
-        environment = {**os.environ, "PYTHONPATH": str(self.root), "COLUMNS": "200"}
-        run = subprocess.run([command, "--no-cache"], cwd=self.root, env=environment, capture_output=True, text=True)
-        match = re.search(r"(\d+) kept, (\d+) broken", run.stdout)
-        return int(match[2]) if match else "-"
-
 
 def declared(node: ast.ClassDef) -> set[str]:
     """The fields of a class, as annotated in its body."""
@@ -204,20 +192,13 @@ def counted(names: Iterable[str]) -> Figure:
 def main(arguments: list[str]) -> None:
     """Print the figures and the rooms."""
     now = SourceTree(ROOT)
-    after = now.figures()
-    others = [SourceTree(Path(argument).resolve()) for argument in arguments if argument != "--names"]
-    before = [other.figures() for other in others]
-    print(f"{'':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}")
-    for title, (value, names) in after.items():
-        columns = [*(figures[title][0] for figures in before), value]
-        print(f"{title:42}" + "".join(f"{column:>9}" for column in columns))
+    for title, (value, names) in now.figures().items():
+        print(f"{title:52}{value:>9}")
         if "--names" in arguments:
             print("".join(f"    {name}\n" for name in names), end="")
-    print(f"\n{'room':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}{'budget':>9}{'left':>9}")
-    columns = [*(other.rooms() for other in others), now.rooms()]
-    for room, (_, budget) in ROOMS.items():
-        lines = [column[room] for column in columns]
-        print(f"{room:42}" + "".join(f"{count:>9}" for count in (*lines, budget, budget - lines[-1])))
+    print(f"\n{'room':42}{'lines':>9}{'budget':>9}{'left':>9}")
+    for room, lines in now.rooms().items():
+        print(f"{room:42}{lines:>9}{ROOMS[room][1]:>9}{ROOMS[room][1] - lines:>9}")
 
 
 if __name__ == "__main__":

@@ -61,15 +61,12 @@ def goal(*atoms: Atom) -> Compound:
     return Compound("and", tuple(Holds(atom.predicate, atom.arguments) for atom in atoms))
 
 
-@pytest.mark.parametrize(
-    ("start", "wanted", "steps"),
-    [
-        (Cubes({"a": "tray", "b": "tray", "c": "tray"}), {"b": "c", "a": "b"}, 4),
-        (Cubes({"b": "tray", "c": "tray"}, "a"), {"a": "b", "c": "a"}, 3),
-        (Cubes({"c": "tray", "b": "c", "a": "b"}), {"b": "a", "c": "b"}, 6),  # upside down
-        (Cubes({"c": "tray", "b": "c", "a": "b"}), {"c": "a"}, 6),
-    ],
-)
+@pytest.mark.parametrize(("start", "wanted", "steps"), [
+    (Cubes({"a": "tray", "b": "tray", "c": "tray"}), {"b": "c", "a": "b"}, 4),
+    (Cubes({"b": "tray", "c": "tray"}, "a"), {"a": "b", "c": "a"}, 3),
+    (Cubes({"c": "tray", "b": "c", "a": "b"}), {"b": "a", "c": "b"}, 6),  # upside down
+    (Cubes({"c": "tray", "b": "c", "a": "b"}), {"c": "a"}, 6),
+])  # fmt: skip
 def test_towers_are_planned_with_pickup_place_stack_and_unstack(
     start: Cubes, wanted: dict[str, str], steps: int
 ) -> None:

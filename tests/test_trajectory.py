@@ -58,12 +58,9 @@ def test_derivative_bounds_hold_everywhere(seed: int, order: int) -> None:
         assert (np.abs(path.derivatives(s, order)) <= bound * (1 + 1e-9)).all()
 
 
-def test_the_end_of_a_path_is_its_last_position() -> None:
+def test_the_end_of_a_path_is_its_last_position_and_the_bound_of_a_line_is_exact() -> None:
     path = bumpy_path(3)
     np.testing.assert_allclose(path.end, path.positions([1.0])[0], atol=1e-14)
-
-
-def test_the_derivative_bound_of_a_line_is_exact() -> None:
     np.testing.assert_allclose(JointPath.line([0.0, 1.0], [2.0, -3.0]).derivative_bounds(), [[2.0, 4.0]])
 
 
