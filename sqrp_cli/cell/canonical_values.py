@@ -173,17 +173,13 @@ def _plain(value: Any) -> Plain:  # noqa: ANN401
         case np.ndarray():
             return _pose(value) if value.shape == (4, 4) else _row(value)
         case frozenset():
-            return ", ".join(sorted(map(_word, value)))
+            return ", ".join(sorted("-".join(map(str, one)) if isinstance(one, tuple) else str(one) for one in value))
         case tuple() | list() if all(isinstance(item, int | float) and not isinstance(item, bool) for item in value):
             return _row(value)
         case tuple() | list() if all(isinstance(item, str | int | float) for item in value):
-            return ", ".join(map(_word, value))
+            return ", ".join(map(str, value))
     logical = type(value).__module__.startswith("sqrp_cli.logic.") and str(value) != repr(value)
     return str(value) if logical else None
-
-
-def _word(value: object) -> str:
-    return "-".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _number(value: float) -> float | str:

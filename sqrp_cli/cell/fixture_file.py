@@ -21,7 +21,6 @@ from sqrp_cli.shapes import Box, Shape, shape_of
 
 MAX_OBJECTS = 500  # most objects of a file
 MOST_NUMBERS = 300_000  # most vertices or triangles of a mesh
-
 _FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}  # how many figures a shape has
 
 

@@ -213,31 +213,23 @@ class LensChoice(LensEntry):
 class Spot:
     """One place for a camera."""
 
-    mount: str
-    """The entry that it belongs to."""
-    name: str
-    """Such as `ceiling 17`, counted from 1; the mount's own where it has one place only."""
-    frame: str
-    """`world`, or the link that carries it."""
-    position: Array
-    """In that frame, shape (3,) [m]."""
-    entry: MountEntry
-    """What holds for all places of the mount."""
-    lenses: tuple[LensChoice, ...]
-    """Those that fit."""
+    mount: str  # the entry that it belongs to
+    name: str  # such as `ceiling 17`, counted from 1; the mount's own where it has one place only
+    frame: str  # `world`, or the link that carries it
+    position: Array  # in that frame, shape (3,) [m]
+    entry: MountEntry  # what holds for all places of the mount
+    lenses: tuple[LensChoice, ...]  # those that fit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mounts:
     """Where cameras may go, and which."""
 
-    path: Path
-    """Of the file that says so."""
+    path: Path  # of the file that says so
     spots: tuple[Spot, ...]
     lenses: tuple[LensChoice, ...]
     weights: dict[str, float]
-    content: bytes
-    """Of the file."""
+    content: bytes  # of the file
 
 
 def place_file(workspace: Workspace, given: Path | None) -> Path:

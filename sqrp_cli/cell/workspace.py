@@ -144,28 +144,21 @@ class Workspace:
     """The description of one cell."""
 
     name: str
-    path: Path
-    """The workspace file."""
+    path: Path  # the workspace file
     robot: Robot
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
-    lights: Mapping[str, Light]
-    """If there are none, cameras see everything brightly enough."""
-    state: frozenset[Atom]
-    """The facts that hold at the beginning; every other one is false."""
+    lights: Mapping[str, Light]  # if there are none, cameras see everything brightly enough
+    state: frozenset[Atom]  # the facts that hold at the beginning; every other one is false
     skills: Mapping[str, Skill]
     tasks: tuple[ExpectedTask, ...]
-    padding: float
-    """Least distance that motions keep from fixed objects [m]."""
+    padding: float  # least distance that motions keep from fixed objects [m]
     files: Mapping[str, SourceFile]
     """The files that were read, meshes included, by the role that each plays, such as `robot.urdf`."""
-    values: Mapping[str, LeafValue]
-    """What the workspace file says, by dotted path."""
-    warnings: tuple[Problem, ...]
-    """Findings that do not prevent its use."""
-    places: Mapping[str, Place]
-    """Position of every key of the file, by dotted path."""
+    values: Mapping[str, LeafValue]  # what the workspace file says, by dotted path
+    warnings: tuple[Problem, ...]  # findings that do not prevent its use
+    places: Mapping[str, Place]  # position of every key of the file, by dotted path
 
     @cached_property
     def canonical_values(self) -> CanonicalValues:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,6 +49,14 @@ def simplified(message: str, place: Place, mend: str | None = None) -> Problem:
     return Problem("fixture-simplified", message, place, severity="warning", mend=mend)
 
 
+def mesh_at(reference: str, folder: Path, roots: Sequence[Path], place: Place, scale: Sequence[float]) -> Mesh:
+    """The mesh that a file in a folder names at a place. Raises InputError where there is none, or it is damaged."""
+    x, y, z = scale
+    mesh = Mesh(packages.resolve(reference, folder, roots, place), (x, y, z))
+    read_mesh(mesh.path, mesh.scale)
+    return mesh
+
+
 def read_sdf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[Problem]) -> Iterator[Standing]:
     """The models of a world, each with its shapes; warnings: gets those about what was left out.
 
@@ -80,9 +89,24 @@ def read_sdf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[P
         for link in model.all("link"):
             X_link = X @ _sdf_pose(link)
             for collision in [*link.all("collision")] or [*link.all("visual")]:
-                shape = _sdf_shape(collision.need("geometry"), files[-1], roots, warnings)
-                if shape is not None:
-                    yield shape, read_only(X_link @ _sdf_pose(collision))
+                geometry = collision.need("geometry")
+                shape: Shape
+                holder = next(iter(geometry.children), None)
+                if holder is None or holder.tag in ("plane", "empty"):
+                    continue
+                if holder.tag == "mesh":
+                    uri = _sdf_text(holder, "uri") or ""
+                    reference = f"package{uri[5:]}" if uri.startswith("model://") else uri
+                    scale = _sdf_numbers(holder, "scale", 3) if holder.first("scale") else [1.0, 1.0, 1.0]
+                    shape = mesh_at(reference, files[-1].parent, roots, holder.place, scale)
+                elif holder.tag in FIGURES:
+                    stated = (_sdf_numbers(holder, key, count) for key, count in FIGURES[holder.tag].items())
+                    shape = shape_of(holder.tag, list(chain.from_iterable(stated)))
+                else:
+                    message = f"a shape of the kind `{holder.tag[:40]}` is left out"
+                    warnings.append(simplified(message, geometry.place))
+                    continue
+                yield shape, read_only(X_link @ _sdf_pose(collision))
         for inner, X_inner, inner_files, _ in models(model, X, files):
             yield from solids(inner, X_inner, inner_files)
 
@@ -96,25 +120,6 @@ def read_sdf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[P
 
 _Model = tuple[Element, Array, tuple[Path, ...], Element | None]
 """A model with its pose in the world, the files that lead to it, and the <include> that names it, if one does."""
-
-
-def _sdf_shape(geometry: Element, file: Path, roots: Sequence[Path], warnings: list[Problem]) -> Shape | None:
-    holder = next(iter(geometry.children), None)
-    if holder is None or holder.tag in ("plane", "empty"):
-        return None
-    if holder.tag == "mesh":
-        uri = _sdf_text(holder, "uri") or ""
-        x, y, z = _sdf_numbers(holder, "scale", 3) if holder.first("scale") is not None else (1.0, 1.0, 1.0)
-        reference = uri.replace("model://", "package://", 1) if uri.startswith("model://") else uri
-        mesh = Mesh(packages.resolve(reference, file.parent, roots, holder.place), (x, y, z))
-        read_mesh(mesh.path, mesh.scale)
-        return mesh
-    if holder.tag not in FIGURES:
-        message = f"a shape of the kind `{holder.tag[:40]}` is left out"
-        warnings.append(simplified(message, geometry.place))
-        return None
-    figures = FIGURES[holder.tag].items()
-    return shape_of(holder.tag, [number for key, count in figures for number in _sdf_numbers(holder, key, count)])
 
 
 def _sdf_text(element: Element, tag: str) -> str | None:
@@ -232,10 +237,8 @@ class _MjcfReader:
             mesh = self.meshes[name]
             folder = self.compiler.get("meshdir") or self.compiler.get("assetdir") or ""
             reference = os.path.join(folder, mesh.text("file"))  # noqa: PTH118
-            file = packages.resolve(reference, self.path.parent, self.roots, mesh.place)
-            x, y, z = mesh.numbers("scale", 3, (1.0, 1.0, 1.0))
-            read_mesh(file, (x, y, z))
-            return Mesh(file, (x, y, z)), self._pose(geom)
+            scale = mesh.numbers("scale", 3, (1.0, 1.0, 1.0))
+            return mesh_at(reference, self.path.parent, self.roots, mesh.place, scale), self._pose(geom)
         if kind not in _SIZES:
             if kind != "plane":
                 self.warnings.append(simplified(f"a geom of the type `{kind[:40]}` is left out", geom.place))

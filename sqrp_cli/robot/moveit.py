@@ -182,8 +182,7 @@ class MoveitLimits:
     """The limits that a file states [rad or m, s], by joint; scaling factors are not applied."""
 
     document: SourceDocument
-    stated: Mapping[str, Mapping[str, float]]
-    """Of each kind of `KINDS`, by joint; only limits that are switched on."""
+    stated: Mapping[str, Mapping[str, float]]  # of each kind of `KINDS`, by joint; only limits that are switched on
     positions: Mapping[str, tuple[float, float]]  # position limits by joint
     scaling: Mapping[str, float]  # factor of each kind of `SCALED`; 1 where none is stated
     joints: tuple[str, ...]  # all joints that it names

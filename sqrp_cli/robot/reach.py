@@ -25,7 +25,6 @@ FOLLOWED = 1e-20  # square of the weighted pose error at which a start is good e
 STALLED = 1e6  # a step that reduces the square of the error by no more than one part in this is the last one
 LEAST_TURN = 1e-6  # least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]
 NEWTON_STEPS = 8  # most steps of Newton's method; each squares the error of an isolated solution
-
 STARTS = 64  # starting points of the search for the closest pose that can be reached
 
 STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))

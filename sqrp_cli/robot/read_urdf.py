@@ -63,11 +63,12 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         message = f"the robot has {count:,} links and {moving:,} joints that move"
         message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
         raise robot.error("too-many-links", message)
-    if len(shapes := [piece for _, piece in _pieces(robot)]) > MAX_SHAPES:
-        message = f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision>"
+    pieces = [(link, one) for link in robot.all("link") for one in link.children if one.tag in ("collision", "visual")]
+    if len(pieces) > MAX_SHAPES:
+        message = f"this is shape {MAX_SHAPES + 1:,} of {len(pieces):,}, expected at most {MAX_SHAPES:,} <collision>"
         message += " and <visual> of a robot together"
         mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
-        raise shapes[MAX_SHAPES].error("too-many-shapes", message, mend)
+        raise pieces[MAX_SHAPES][1].error("too-many-shapes", message, mend)
     links = _unique(map(_link, robot.all("link")))
     if not links:
         raise robot.error("no-links", "the robot has no <link>")
@@ -84,7 +85,7 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         ordered[joint.name] = joint
         waiting += children.get(joint.child, [])
     model = urdf.UrdfModel(robot.attributes.get("name", path.stem), path, links, ordered, root)
-    warnings = (*xml.warnings, *_doubts(model, robot))
+    warnings = (*xml.warnings, *_doubts(model, pieces))
     most = 2 * math.pi * MOST_TURNS
     for name, joint in ordered.items():
         if joint.type == "revolute":
@@ -96,11 +97,6 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
             ordered[name] = replace(joint, parent=called[joint.parent], child=called[joint.child])
         model = replace(model, links=links, root=called[root])
     return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
-
-
-def _pieces(robot: Element) -> Iterator[tuple[Element, Element]]:
-    """Each <collision> and <visual> of a robot, after its link."""
-    return ((link, one) for link in robot.all("link") for one in link.children if one.tag in ("collision", "visual"))
 
 
 def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
@@ -274,9 +270,10 @@ def _root(links: Mapping[str, urdf.UrdfLink], joints: Mapping[str, urdf.UrdfJoin
     return roots[0]
 
 
-def _doubts(model: urdf.UrdfModel, robot: Element) -> Iterator[Problem]:
+def _doubts(model: urdf.UrdfModel, pieces: Sequence[tuple[Element, Element]]) -> Iterator[Problem]:
     """Warnings about limits that are none, joints that cannot move, impossible inertias and shapes without a size.
 
+    pieces: each <collision> and <visual>, after its link.
     No principal moment of a body is below 0 or above the sum of the others (the triangle rule). Exported products of
     inertia sometimes break it, so it is not an error. Links fixed to each other make one body.
     """
@@ -309,7 +306,7 @@ def _doubts(model: urdf.UrdfModel, robot: Element) -> Iterator[Problem]:
             impossible.append(link)
     what = "a principal moment of inertia below 0 or above the sum of the other two, which no body has"
     yield from doubt("doubtful-inertia", "link", impossible, what, "check units and signs of <inertia>, in kg m^2")
-    if empty := [(link.text("name"), piece) for link, piece in _pieces(robot) if _is_empty(piece)]:
+    if empty := [(link.text("name"), piece) for link, piece in pieces if _is_empty(piece)]:
         names = ", ".join(f"`{name}`" for name in dict.fromkeys(name for name, _ in empty))
         message, place = f"a shape with a size of 0 is left out, of {names}", empty[0][1].place
         yield Problem("no-size", message, place, severity="warning", mend="state its size, or remove it")

@@ -33,8 +33,7 @@ class LinkGeometry:
 
     name: str | None  # none where the URDF gives none
     shape: Box | Sphere | Cylinder | Capsule | MeshReference
-    X_LG: Array
-    """Its pose in the link, shape (4, 4)."""
+    X_LG: Array  # its pose in the link, shape (4, 4)
     place: Place
 
 
@@ -54,8 +53,7 @@ class UrdfLink:
     name: str
     collision: tuple[LinkGeometry, ...]
     visual: tuple[LinkGeometry, ...]
-    inertial: Inertial | None
-    """None where the URDF gives none."""
+    inertial: Inertial | None  # none where the URDF gives none
     place: Place
 
     def geometry(self, preferred: Geometry) -> tuple[LinkGeometry, ...]:
@@ -81,8 +79,7 @@ class UrdfJoint:
     type: JointType
     parent: str
     child: str
-    X_PJ: Array
-    """Pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)."""
+    X_PJ: Array  # pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)
     axis: Array  # unit vector in the joint's frame, shape (3,); meaningless for a fixed joint
     lower: float = 0.0  # position limit [rad or m], infinite for a continuous joint
     upper: float = 0.0  # likewise
@@ -107,13 +104,11 @@ class UrdfModel:
     """A robot description: a tree of links."""
 
     name: str
-    path: Path
-    """The file that it was read from."""
+    path: Path  # the file that it was read from
     links: Mapping[str, UrdfLink]  # in file order
     joints: Mapping[str, UrdfJoint]  # from the root outwards, parents first
     root: str
-    warnings: tuple[Problem, ...] = ()
-    """About doubtful values."""
+    warnings: tuple[Problem, ...] = ()  # about doubtful values
     content: bytes = b""  # what it was read from: the file, or what its xacro stands for
     expanded: str | None = None  # the URDF as text if the file is a xacro; None for a plain one
     packages: tuple[str, ...] = ()  # the packages that the xacro names

@@ -92,13 +92,10 @@ class _Expansion:
             self.warnings.append(Problem("xacro-warning", text, self._at, severity="warning"))
             return ""
 
-        def message(*_what: object, **_how: object) -> str:
-            return ""
-
-        xacro.warning = xacro.message = xacro.print_location = message  # of the library itself
+        xacro.warning = xacro.message = xacro.print_location = lambda *_, **__: ""  # of the library itself
         xacro.parse, xacro.abs_filename_spec, xacro.safe_eval = self._parsed, self._absolute, evaluate
         symbols = xacro.create_global_symbols()
-        symbols["xacro"].update(warning=warning, error=warning, message=message, print_location=message)
+        symbols["xacro"].update(warning=warning, error=warning, message=xacro.message, print_location=xacro.message)
         symbols["xacro"]["arg"] = self._argument
         for name in UNOFFERED:
             symbols["python"].pop(name, None)
@@ -106,6 +103,8 @@ class _Expansion:
         substitution_args._eval_find, substitution_args._eval_env = self._find, self._environment
         substitution_args._eval_optenv = self._environment
         substitution_args._eval_arg = self._argument
+
+        dirname = substitution_args._eval_dirname = lambda *_: str(Path(xacro.filestack[-1]).parent)
 
         def evaluated(text: str, context: dict[str, Any]) -> str:
             """`$(eval ...)`: arguments are names, too."""
@@ -116,10 +115,7 @@ class _Expansion:
                          dirname=dirname)  # fmt: skip
             return str(evaluate(text, names))
 
-        def dirname(_name: str | None = None) -> str:
-            return str(Path(xacro.filestack[-1]).parent)
-
-        substitution_args._eval, substitution_args._eval_dirname = evaluated, dirname
+        substitution_args._eval = evaluated
         xacro.init_stacks(str(self._path))
         document = self._parsed(None, str(self._path))
         xacro.process_doc(document, mappings=dict(self._arguments), verbosity=0)
