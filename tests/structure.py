@@ -26,9 +26,9 @@ LONG = 30
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_353),
     "files": ("files", 2_088),
-    "robot": ("robot", 2_772),
+    "robot": ("robot", 2_758),
     "camera": ("camera", 1_936),
-    "cell": ("cell", 3_251),
+    "cell": ("cell", 3_234),
     "logic": ("logic", 2_406),
     "skill, program": ("skill program", 1_850),
     "task": ("task", 979),
