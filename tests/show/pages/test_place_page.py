@@ -71,6 +71,7 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
         camera = from_fields(
             Camera,
             mounts.lenses[0],
+            mounts.lenses[0].image.intrinsics(),
             name="alone",
             frame="world",
             X_FC=look_at(spot.position, AIM),
