@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
@@ -23,17 +23,6 @@ from sqrp_cli.task.feasibility import feasible_motion
 
 if TYPE_CHECKING:
     from sqrp_cli.program.record import Step
-
-
-class StepShown(NamedTuple):
-    """Which step of a task of several, or of a program, is looked at."""
-
-    number: int
-    """From 1."""
-    steps: int
-    """How many there are."""
-    whole: CandidateResult | None
-    """The candidate of all steps in its ranking; None in a program, which has no ranking."""
 
 
 def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -> tuple[str, ...]:

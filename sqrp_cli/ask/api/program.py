@@ -226,7 +226,7 @@ class OpenProgram:
         from sqrp_cli.study.pipeline import RankJob
         from sqrp_cli.study.program_update import candidate_of
         from sqrp_cli.study.ranking import rank
-        from sqrp_cli.study.whole_study import StepShown, worst_seen
+        from sqrp_cli.study.whole_study import worst_seen
         from sqrp_cli.task.candidate import Task
 
         steps = self.program.steps
@@ -240,8 +240,8 @@ class OpenProgram:
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
         ranking = rank([assignment.assess(candidate)], "q_eoi")
-        place = StepShown(step, len(steps), None)
-        return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, place)
+        place = {"step": step, "of_steps": len(steps)}
+        return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, **place)
 
     run = question(RunRequest, run)
     audit = question(AuditRequest, audited)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import values
 from sqrp_cli.camera.camera import assumed_latency
@@ -22,7 +22,7 @@ from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.whole_study import StepShown, worst_seen
+from sqrp_cli.study.whole_study import worst_seen
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Task, read_task
 
@@ -88,15 +88,8 @@ class Session:
             session=self,
         )
 
-    def explanation(
-        self, explained: Explained, ranking: Sequence[CandidateResult], place: StepShown | None = None
-    ) -> Explanation:
-        """What is found about one candidate of a ranking; place: which step it is, of a task of several."""
-        step: dict[str, Any] = {}
-        if place is not None:
-            step = {"step": place.number, "of_steps": place.steps}
-            if (whole := place.whole) is not None:
-                step |= {"whole": whole.candidate.name, "rank": whole.rank, "pareto": whole.pareto}
+    def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
+        """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
         study = study_shown(self.cell, explained.study, explained.result, self.assignment.sampling)
         about = {"workspace": self.workspace.name, "task": self.task.text, "explained": explained, "ranking": ranking}
         return Explanation(**{**vars(study), **step, **about})
@@ -202,7 +195,7 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
         mend = "write the steps before it with `sqrp rank ... --program FILE`, then ask about it with `--after FILE`"
         raise bad_option(message, mend=mend)
     ranking = rank(list(assess(session, ask.jobs, ask.progress)), "q_eoi")
-    place, chosen = None, ranking
+    place, chosen = dict[str, object](), ranking
     if choose is not None:
         chosen = (choose_candidate(ranking, choose),)
     if choose is not None and steps:
@@ -217,7 +210,8 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
         task = Task(candidate.task, candidate.skill, (candidate,))
         session = Session(task, replace(session.assignment, world=step.before))
         one = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
-        ranking, place = (one,), StepShown(number, len(steps), whole)
+        ranking, place = (one,), {"step": number, "of_steps": len(steps), "whole": whole.candidate.name}
+        place |= {"rank": whole.rank, "pareto": whole.pareto}
         chosen = ranking
     found = []
     with ask.progress("Looking up causes", len(chosen)) as advance:
@@ -225,7 +219,7 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
             found.append(session.assignment.explain(result))
             advance(1)
     if choose is not None:
-        return session.explanation(found[0], ranking, place)
+        return session.explanation(found[0], ranking, **place)
     sampling = session.assignment.sampling
     studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
     return ExplainedAll(workspace=workspace, task=ask.task, candidates=studies, explained=found, ranking=ranking)

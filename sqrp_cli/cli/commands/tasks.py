@@ -392,7 +392,7 @@ def place(ask: _Place) -> ExitCode:
     """Search, write what is to be written, and print."""
     from sqrp_cli.score.cluster import connected
     from sqrp_cli.show.terminal.console import note, progress
-    from sqrp_cli.show.terminal.search_tables import Bounds
+    from sqrp_cli.show.terminal.search_tables import bounds_told
 
     if len(ask.patch) > 1:
         named = ", ".join(map(str, ask.patch))
@@ -400,7 +400,7 @@ def place(ask: _Place) -> ExitCode:
     patch = ask.patch[0] if ask.patch else None
     cell = open_to_write(ask.workspace, ask.seed, [ask.mounts], report=ask.report, patch=patch, patches=PLACEMENT)
     with connected(ask.cluster, note, ask.tls) as workers:
-        found = placed(cell, ask.but(progress=progress), workers, Bounds())
+        found = placed(cell, ask.but(progress=progress), workers, bounds_told())
     if patch is not None and found.patch:
         PLACEMENT.write(patch, found.patch)
         note(f"the patch is in {patch}")

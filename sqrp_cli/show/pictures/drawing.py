@@ -28,20 +28,11 @@ _LEAST_Z = 0.01  # edges are drawn from this distance to the camera on [m]
 _FARTHEST = 1e4  # edges are drawn up to this distance outside the image [pixels]
 
 
-@dataclass(frozen=True)
-class Caption:
-    """A line under a picture, after a spot of `color` if there is one."""
+Caption = tuple[str, Color | None]
+"""A line under a picture, after a spot of a colour if there is one."""
 
-    text: str
-    color: Color | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class BoxOutline:
-    """A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
-
-    corners: Array
-    color: Color
+BoxOutline = tuple[Array, Color]
+"""A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +49,11 @@ def outlined(
     """An image with boxes outlined."""
     photo = _pillow("Image").fromarray(image)
     draw = _pillow("ImageDraw").Draw(photo)
-    for outline in outlines:
-        corners = _silhouette(outline.corners, projection)
-        for color, width in ((_PAPER, 6), (outline.color, 3)):
-            if corners:
-                draw.line([*corners, *corners[:2]], fill=color, width=width, joint="curve")
+    for corners, outer in outlines:
+        edge = _silhouette(corners, projection)
+        for color, width in ((_PAPER, 6), (outer, 3)):
+            if edge:
+                draw.line([*edge, *edge[:2]], fill=color, width=width, joint="curve")
     return Picture(photo, tuple(captions))
 
 
@@ -138,12 +129,12 @@ def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa:
     frame = _pillow("Image").new("RGB", (photo.width, photo.height + len(captions) * LINE + 2 * _MARGIN), _PAPER)
     frame.paste(photo, (0, 0))
     draw, font = _pillow("ImageDraw").Draw(frame), _pillow("ImageFont").load_default(size)
-    for index, caption in enumerate(captions):
+    for index, (said, color) in enumerate(captions):
         x, y = _MARGIN, photo.height + _MARGIN + index * LINE
-        if caption.color is not None:
-            draw.rounded_rectangle((x, y + 4, x + 9, y + 13), radius=3, fill=caption.color)
+        if color is not None:
+            draw.rounded_rectangle((x, y + 4, x + 9, y + 13), radius=3, fill=color)
             x += 16
-        text = visible(caption.text)
+        text = visible(said)
         while draw.textlength(text, font=font) > photo.width - _MARGIN - x and len(text) > 1:
             text = text[:-2] + "…"
         draw.text((x, y), text, fill=_FAINT if index else _INK, font=font)

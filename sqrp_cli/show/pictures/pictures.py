@@ -115,7 +115,7 @@ def _picture(
     camera, step = _drawable(cell.observer.cameras[index])
     colors, observation = solid_colors(cell), study.timeline.observation
     smaller = f", 1/{step} of its size" if step > 1 else ""
-    captions = [drawing.Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
+    captions: list[drawing.Caption] = [(f"{camera.name} at {interval.t:.2f} s{smaller}", None)]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
@@ -127,14 +127,14 @@ def _picture(
         if cause != Cause.NONE:
             which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
             why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
-        captions.append(drawing.Caption(f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
+        captions.append((f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
         if parts := views.get((column, number, interval.row, index)):
             hidden = sum(part.share for part in parts)
-            captions.append(drawing.Caption(f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}"))
+            captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
             covered = verdicts.cause[interval.row, index] == Cause.NONE
-            outlines.append(drawing.BoxOutline(corners, COVERED if covered else HIDDEN))
+            outlines.append((corners, COVERED if covered else HIDDEN))
         if cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]

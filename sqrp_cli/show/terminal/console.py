@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -92,7 +92,7 @@ NOTEBOOK_WIDTH = 100  # columns of results in a notebook
 
 def as_plain_text(show: Callable[[], None]) -> str:
     """The results that a function prints, without styles, in the width of the terminal."""
-    width = terminal_width()
+    width = output().width
     captured = _captured_by(show, Console(file=io.StringIO(), width=width, highlight=False, emoji=False, no_color=True))
     return str(captured.file.getvalue()).rstrip("\n")  # type: ignore[attr-defined] # it is kept in memory
 
@@ -132,11 +132,6 @@ def output() -> Console:
     return console
 
 
-def terminal_width() -> int:
-    """Width of the terminal of results [columns]."""
-    return output().width
-
-
 def diagnostics() -> Console:
     """The console of progress, warnings and errors, on stderr."""
     return Console(stderr=True, highlight=False, emoji=False)
@@ -150,22 +145,22 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
     """
     console, lines = output(), list(rows)
     for narrow in (False, True):
-        laid = _laid_out(columns, lines, narrow=narrow)
-        if laid.width > console.width:
+        titles, cells, width = _laid_out(columns, lines, narrow=narrow)
+        if width > console.width:
             continue
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
-        for column, title in zip(columns, laid.titles, strict=True):
+        for column, title in zip(columns, titles, strict=True):
             justify: Literal["left", "right"] = "right" if column.right else "left"
             table.add_column(Text(title, style="bold"), justify=justify, no_wrap=not column.shrink, overflow="fold")
-        for cells in laid.cells:
-            table.add_row(*cells)
+        for row in cells:
+            table.add_row(*row)
         for segments in console.render_lines(table, pad=False):  # Rich would pad the last column with blanks
             line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
             line.rstrip()
             _put(console, line)
         return
-    titles = [" ".join(title.split()) for title in laid.titles]
-    for head, *values in laid.cells:
+    titles = [" ".join(title.split()) for title in titles]
+    for head, *values in cells:
         named = [(title, value) for title, value in zip(titles[1:], values, strict=True) if str(value).strip()]
         pairs = [Text.assemble(*((title, " ") if title else ()), value) for title, value in named]
         name = Text.assemble(*((titles[0], " ") if titles[0] else ()), head, style="bold")
@@ -174,19 +169,16 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
 
 def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:
     """Whether the terminal is wide enough for these columns, bars left out, so that no row becomes a paragraph."""
-    return _laid_out(columns, rows, narrow=True).width <= output().width
+    return _laid_out(columns, rows, narrow=True)[2] <= output().width
 
 
-class _LaidOut(NamedTuple):
-    """What a table shows, and its least width."""
+def _laid_out(
+    columns: Sequence[Column], rows: Sequence[Sequence[Cell]], *, narrow: bool
+) -> tuple[list[str], list[list[Text]], int]:
+    """Titles and cells of a table, and its least width.
 
-    titles: list[str]
-    cells: list[list[Text]]
-    width: int
-
-
-def _laid_out(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], *, narrow: bool) -> _LaidOut:
-    """narrow: without bars, and titles in lines that fit their columns, or else are as short as possible."""
+    narrow: without bars, and titles in lines that fit their columns, or else are as short as possible.
+    """
     cells = []
     for row in rows:
         shares = (percentage(cell.value, bar=not narrow) if isinstance(cell, Share) else cell for cell in row)
@@ -205,7 +197,7 @@ def _laid_out(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], *, narr
             titles[number] = "\n".join(lines)
         widest = max(cell_len(line) for text in (titles[number], *texts) for line in text.split("\n"))
         total += min(widest, LEAST_FOLDED) if column.shrink else widest
-    return _LaidOut(titles, cells, total)
+    return titles, cells, total
 
 
 def _put(console: Console, line: Text) -> None:
@@ -239,7 +231,7 @@ def unbroken(parts: Iterable[Styled], between: str = ", ") -> Text:
     """Parts in a row, which `say` folds between them and not within one, save one that is too long for a line."""
     found = [plain(part) for part in parts]
     for part in found:
-        if cell_len(part.plain) < terminal_width() - 2:
+        if cell_len(part.plain) < output().width - 2:
             part.plain = part.plain.replace(" ", _KEPT)
     return Text(between).join(found)
 
@@ -318,34 +310,25 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
 
     total: None if it is not known beforehand.
     """
-    began = time.monotonic()
-    with _progress(title, total) as advance:
-        yield advance
-    if verbosity.get() is Verbosity.VERBOSE:
-        note(f"{title}: {time.monotonic() - began:.1f} s")
-
-
-@contextmanager
-def _progress(title: str, total: int | None) -> Iterator[Advance]:
-    console = diagnostics()
+    began, console = time.monotonic(), diagnostics()
     if verbosity.get() is Verbosity.QUIET:
         yield lambda count=1: None  # noqa: ARG005 - nobody is shown it
-        return
-    if not console.is_terminal:
+    elif not console.is_terminal:
         with progress_lines(title, total, note) as advance:
             yield advance
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    else:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    bar, left = BarColumn(bar_width=PROGRESS_WIDTH), TimeRemainingColumn(compact=True)
-    # Rich cuts the end of a long line first, but what follows the title matters more.
-    rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
-    shown = plain(title)
-    shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
-    text = TextColumn("{task.description}", markup=False)
-    with Progress(text, bar, MofNCompleteColumn(), left, console=console, transient=True) as bars:
-        task = bars.add_task(shown.plain, total=total)
-        yield lambda count=1: bars.advance(task, count)
+        bar, left = BarColumn(bar_width=PROGRESS_WIDTH), TimeRemainingColumn(compact=True)
+        # Rich cuts the end of a long line first, but what follows the title matters more.
+        rest, shown = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- "), plain(title)
+        shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
+        text = TextColumn("{task.description}", markup=False)
+        with Progress(text, bar, MofNCompleteColumn(), left, console=console, transient=True) as bars:
+            task = bars.add_task(shown.plain, total=total)
+            yield lambda count=1: bars.advance(task, count)
+    if verbosity.get() is Verbosity.VERBOSE:
+        note(f"{title}: {time.monotonic() - began:.1f} s")
 
 
 Show = Callable[[Styled], None]  # called with the new text to show: replaces what was shown

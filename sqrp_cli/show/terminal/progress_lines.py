@@ -9,15 +9,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import IntEnum
 from math import ceil
-from typing import Protocol
 
-
-class Advance(Protocol):
-    """Called when parts of the work are done."""
-
-    def __call__(self, count: int = 1) -> None:
-        """Count them."""
-
+Advance = Callable[..., None]
+"""Called when parts of the work are done, with how many, or with nothing for one."""
 
 PERIOD = 10.0  # least time before the first line and between two [s]
 SLOWER = 0.2  # least time between two lines, as a share of what has passed: a step of hours has tens of lines

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import degrees
-from typing import NamedTuple
 
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
@@ -133,11 +132,8 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             print_table(columns, rows)
 
 
-class _Figure(NamedTuple):
-    """A column with a figure of each feasible candidate."""
-
-    column: Column
-    cell: Callable[[CandidateResult], Cell]
+_Figure = tuple[Column, Callable[[CandidateResult], Cell]]
+"""A column with a figure of each feasible candidate."""
 
 
 def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
@@ -148,19 +144,21 @@ def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
         values = [getattr(one.faults[fault], name) for fault in faults]
         return plain("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")
 
-    found = [_Figure(Column("way", shrink=True), lambda one: one.choice)] if any(o.has_choice for o in feasible) else []
+    found: list[_Figure] = []
+    if any(one.has_choice for one in feasible):
+        found.append((Column("way", shrink=True), lambda one: one.choice))
     q_eoi, q_avg, expected, time = numbers("Q_eoi [%]", "Q_avg [%]", "expected\n[%]", "time\n[s]")
-    found += [_Figure(q_eoi, lambda one: Share(one.q_eoi)), _Figure(q_avg, lambda one: Share(one.q_avg))]
+    found += [(q_eoi, lambda one: Share(one.q_eoi)), (q_avg, lambda one: Share(one.q_avg))]
     if any(one.q_expected is not None for one in feasible):
-        found.append(_Figure(expected, lambda one: Share(one.q_expected)))
-    found.append(_Figure(time, lambda one: seconds(one.time)))
+        found.append((expected, lambda one: Share(one.q_expected)))
+    found.append((time, lambda one: seconds(one.time)))
     if faults := list(feasible[0].faults):
         mean, at_worst = numbers(f"{faults[0] if len(faults) == 1 else 'fault'}\nseen [s]", "at\nworst")
-        found.append(_Figure(mean, lambda one: worst(one, "delay_mean", one.faults)))
-        found.append(_Figure(at_worst, lambda one: worst(one, "delay_worst", one.faults)))
+        found.append((mean, lambda one: worst(one, "delay_mean", one.faults)))
+        found.append((at_worst, lambda one: worst(one, "delay_worst", one.faults)))
     if retried := feasible[0].retried:
         (done,) = numbers("all\ndone")
-        found.append(_Figure(done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
+        found.append((done, lambda one: worst(one, "expected_time", retried, "{:.1f}")))
     return found
 
 
@@ -169,13 +167,13 @@ def _print_feasible(feasible: Sequence[CandidateResult], shown: Sequence[Candida
     differing, figures = sentences.differing_parameters(feasible), _figures(feasible)
     objects = [name for name in differing if name in feasible[0].objects]
     settings = [name for name in differing if name not in objects]
-    ends = [[figure.cell(one) for figure in figures] for one in shown]
+    titles, ends = [column for column, _ in figures], [[cell(one) for _, cell in figures] for one in shown]
     begins = [[f"{one.rank}{' *' if one.pareto else ''}", *(one.objects[name] for name in objects)] for one in shown]
-    columns = [Column("#"), *map(Column, [*objects, *settings]), *(figure.column for figure in figures)]
+    columns = [Column("#"), *map(Column, [*objects, *settings]), *titles]
     middle = [[one.settings[name] for name in settings] for one in shown]
     rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
     if not fits(columns, rows):
-        columns = [Column("#"), *map(Column, objects), Column("with", shrink=True), *(one.column for one in figures)]
+        columns = [Column("#"), *map(Column, objects), Column("with", shrink=True), *titles]
         middle = [[", ".join(f"{name} {one.settings[name]}" for name in settings)] for one in shown]
         rows = [[*first, *values, *end] for first, values, end in zip(begins, middle, ends, strict=True)]
     print_table(columns, rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from itertools import groupby
 from time import monotonic
 from typing import Any
@@ -130,24 +131,20 @@ def _figures(found: AdvisedFigures, want: Goal) -> str:
 MOST_UNSEEN = 8  # most targets that are named where a wish cannot be met
 
 
-class Bounds:
-    """Lines on stderr about a search that is long: what is sought, the best so far, and the bound."""
+def bounds_told() -> Callable[[str, float | None, float], None]:
+    """Lines on stderr now and then about a search that is long: what is sought, the best so far, and the bound."""
+    began = told = monotonic()
 
-    def __init__(self) -> None:
-        """The first line comes after a while."""
-        self._began = self._told = monotonic()
+    def tell(title: str, best: float | None, bound: float) -> None:
+        nonlocal told
+        if wanted.get() and monotonic() - told >= PERIOD:
+            told = monotonic()
+            values = (best or 0.0, bound)
+            first, last = (f"{100 * v:.1f} %" if title.endswith(" Q") else f"{abs(v):.4g}" for v in values)
+            first = "none" if best is None else first
+            note(f"choosing cameras: {title}: best so far {first}, bound {last} after {told - began:.0f} s")
 
-    def __call__(self, title: str, best: float | None, bound: float) -> None:
-        """Tell it, if the last line is old enough."""
-        if wanted.get() and monotonic() - self._told >= PERIOD:
-            self._told = monotonic()
-
-            def shown(value: float) -> str:
-                return f"{100 * value:.1f} %" if title.endswith(" Q") else f"{abs(value):.4g}"
-
-            known = "none" if best is None else shown(best)
-            after = self._told - self._began
-            note(f"choosing cameras: {title}: best so far {known}, bound {shown(bound)} after {after:.0f} s")
+    return tell
 
 
 def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
@@ -163,7 +160,17 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
             say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
     if found.cameras:
         say()
-        _print_cameras(found)
+        columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
+        columns += numbers("alone\n[%]", "loss if it\nfails [points]")
+        if any(one.price for one in found.cameras):
+            columns.append(Column("price", right=True))
+        cameras = []
+        for camera in found.cameras:
+            where = " ".join(f"{row[3]:z.3f}" for row in camera.pose[:3])
+            where += "" if camera.frame == "world" else f" {camera.frame}"
+            figures = [f"{100 * camera.alone:.1f}", f"{100 * camera.loss:z.1f}", f"{camera.price:g}"]
+            cameras.append([camera.name, camera.mount, camera.lens, where, *figures][: len(columns)])
+        print_table(columns, cameras)
         say()
         several = len(found.tasks) > 1
         columns = [*([Column("task")] if several else []), Column("candidate")]
@@ -198,19 +205,6 @@ def _print_price(found: PlaceDocument) -> None:
         say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
     else:
         say(f"That costs nothing: if none could fail, it would be {in_words(without.cameras)}, too.")
-
-
-def _print_cameras(found: PlaceDocument) -> None:
-    columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
-    columns += numbers("alone\n[%]", "loss if it\nfails [points]")
-    if any(one.price for one in found.cameras):
-        columns.append(Column("price", right=True))
-    rows = []
-    for one in found.cameras:
-        where = " ".join(f"{row[3]:z.3f}" for row in one.pose[:3]) + ("" if one.frame == "world" else f" {one.frame}")
-        row = [one.name, one.mount, one.lens, where, f"{100 * one.alone:.1f}", f"{100 * one.loss:z.1f}"]
-        rows.append([*row, f"{one.price:g}"][: len(columns)])
-    print_table(columns, rows)
 
 
 def print_scorecard(findings: Scorecard) -> None:

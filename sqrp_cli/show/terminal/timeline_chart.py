@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, LiteralCoverage, Sample
 from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
-from sqrp_cli.show.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width, unbroken
+from sqrp_cli.show.terminal.console import Column, Styled, joined, output, plain, print_table, say, unbroken
 from sqrp_cli.study.result import CandidateResult
 
 MOST_SIGNS = 50  # signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time
@@ -148,7 +148,7 @@ def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
 
 def _width() -> int:
     """Signs in a row that fit the terminal."""
-    return max(LEAST_SIGNS, min(MOST_SIGNS, terminal_width() - LABEL - FIGURES))
+    return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL - FIGURES))
 
 
 def _axis(time: float) -> str:
