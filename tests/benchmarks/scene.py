@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.detector import Detector
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.files.frames import WORLD, FrameName
+from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, look_at, pose, transform
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.kinematics import RobotModel
@@ -20,9 +19,10 @@ from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.sight_scene import shrink
 from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import SoughtBox, Target
+from tests.sight.views import make_box, make_camera, make_detector
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
-DETECTOR = Detector(kind="color", distance=(0.1, 3.0), max_incidence=np.pi, min_pixels=8.0)
+DETECTOR = make_detector(distance=(0.1, 3.0), min_pixels=8.0)
 SIZE = (0.05, 0.05, 0.05)
 
 
@@ -85,21 +85,7 @@ def make_scene(
 def _camera(index: int, count: int) -> Camera:
     angle = 2 * np.pi * index / count + 0.2
     eye = np.array([0.2 + 1.3 * np.cos(angle), 1.3 * np.sin(angle), 0.6 + 0.35 * (index % 3)])
-    K = np.array([[520.0, 0.0, 319.5], [0.0, 520.0, 239.5], [0.0, 0.0, 1.0]])
-    X_WC = look_at(eye, (0.25, 0.0, 0.2))
-    return Camera(
-        name=f"cam{index}",
-        width=640,
-        height=480,
-        matrix=K,
-        distortion_model="none",
-        distortion=np.zeros(0),
-        frame=WORLD,
-        X_FC=X_WC,
-        far=4.0,
-        rate=10.0,
-        latency=0.05,
-    )
+    return make_camera(look_at(eye, (0.25, 0.0, 0.2)), name=f"cam{index}", focal=(520.0, 520.0), far=4.0)
 
 
 def _target(index: int, tool: str) -> Target:
@@ -108,17 +94,7 @@ def _target(index: int, tool: str) -> Target:
         frame, X_FB = tool, pose(position=(0.02 * (index // 3), 0.0, 0.04))
     else:
         frame, X_FB = WORLD, pose(position=(0.45 - 0.07 * index, 0.25 - 0.11 * index, 0.025))
-    box = SoughtBox(
-        name="box",
-        detector="color",
-        limits=DETECTOR,
-        frame=FrameName(frame),
-        size=SIZE,
-        X_FB=X_FB,
-        normal=None,
-        encloses=(),
-    )
-    return Target(Atom("seen", (f"box{index}",)), 1, (box,))
+    return Target(Atom("seen", (f"box{index}",)), 1, (make_box(SIZE, X_FB, frame=frame, detector=DETECTOR),))
 
 
 def _split(solid: Solid, splits: int) -> Solid:

@@ -181,6 +181,11 @@ def pixel(camera: Camera, p: Array) -> Array:
 # Half spaces: (n, o) of the points n . p <= o
 
 
+def half_spaces(points: Array) -> list[tuple[Array, float]]:
+    """Those of a convex hull."""
+    return [(one[:3], -one[3]) for one in ConvexHull(points).equations]
+
+
 def near(triangles: Array, spaces: Sequence[tuple[Array, float]]) -> Array:
     """Those of triangles (f, 3, 3) that are not wholly beyond one plane."""
     for n, o in spaces:
@@ -260,7 +265,7 @@ class View:
 
     def __init__(self, X_WC: Array, X_WB: Array, half: Array, middle: Array) -> None:
         self.eye, corners = X_WC[:3, 3], transform(X_WB, middle + BOX_SIGNS * half)
-        self.spaces = [(one[:3], -one[3]) for one in ConvexHull(np.vstack([corners, self.eye])).equations]
+        self.spaces = half_spaces(np.vstack([corners, self.eye]))
         corners = transform(inverse(X_WC), corners)
         u, v = (corners[:, :2] / corners[:, 2:]).T
         a, b = u - u.mean(), v - v.mean()
