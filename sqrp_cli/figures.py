@@ -106,7 +106,7 @@ NO_FIGURES = Figures(
 
 @dataclass(frozen=True, kw_only=True)
 class AdvisedFigures(Qualities):
-    """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
+    """The figures of a candidate that a goal may be about; null where undefined, and all of an infeasible one."""
 
     time: float | None = None
     """Duration of the whole motion [s]."""

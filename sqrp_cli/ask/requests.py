@@ -238,9 +238,9 @@ class AdviseRequest(Chosen, Resumable, TaskRequest):
     """
 
     want: str | None = option(
-        "--want WISH",
+        "--want GOAL",
         'Such as "q_eoi 100 %, time 20 s"; by default the thresholds of the task in the workspace.',
-        values.text("a wish such as `q_eoi 100 %, time 20 s`"),
+        values.text("a goal such as `q_eoi 100 %, time 20 s`"),
         default=None,
     )
     kinds: Any = option(
@@ -313,9 +313,9 @@ class PlaceRequest(Computed):
     )
     cameras: int | None = option("--cameras", "Most cameras on mounts.", values.count(1), default=None)
     want: str | None = option(
-        "--want WISH",
+        "--want GOAL",
         'As few cameras as possible with which every candidate has it, such as "q_eoi 100 %, delay 0.5 s".',
-        values.text("a wish such as `q_eoi 100 %, delay 0.5 s`"),
+        values.text("a goal such as `q_eoi 100 %, delay 0.5 s`"),
         default=None,
     )
     objective: Objective = option(

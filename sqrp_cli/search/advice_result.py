@@ -23,7 +23,7 @@ else:  # no file has them
 
 @dataclass(frozen=True, kw_only=True)
 class Margin(Record):
-    """How much less and more of a change, in the same direction, still meets the wish, in its unit."""
+    """How much less and more of a change, in the same direction, still meets the goal, in its unit."""
 
     less: float
     """By how much it may be smaller."""
@@ -143,7 +143,7 @@ class ChangeFound(AdvisedFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceFound(ChangeFound):
-    """A change that meets the wish."""
+    """A change that meets the goal."""
 
     margin: Margin | None
     """Null where there is nothing to measure."""
@@ -176,14 +176,14 @@ class AdviceFound(ChangeFound):
 
 @dataclass(frozen=True, kw_only=True)
 class NearestChange(ChangeFound):
-    """A change that does not meet the wish but comes near; as text, a sentence without its full stop."""
+    """A change that does not meet the goal but comes near; as text, a sentence without its full stop."""
 
     missing: tuple[str, ...]
     """What is missing, in a few words each."""
     limit: str
     """Which limit stands in the way."""
     nearer: bool
-    """Whether it comes nearer to the wish than what it starts from; false where nothing that was tried does."""
+    """Whether it comes nearer to the goal than what it starts from; false where nothing that was tried does."""
 
     def __str__(self) -> str:
         if not self.nearer:
@@ -198,14 +198,14 @@ class KindOutcome(Record):
     kind: Kind
     """What would be changed."""
     found: int = 0
-    """How many changes meet the wish, one for each target at most."""
+    """How many changes meet the goal, one for each target at most."""
     why: str | None = None
     """Why there is none."""
     nearest: NearestChange | None = None
     """What comes nearest, where something was tried."""
 
     advice: tuple[AdviceFound, ...] = live(())
-    """The changes that meet the wish, the least first."""
+    """The changes that meet the goal, the least first."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -222,17 +222,17 @@ class AdviceDocument(TaskDocument):
     way: Mapping[str, float | str]
     """Parameters of the way from which changes of objects and cameras start."""
     met: bool
-    """Whether it meets the wish without any change."""
+    """Whether it meets the goal without any change."""
     before: AdvisedFigures
-    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
+    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
     best: AdvisedFigures | None
-    """The candidate without any change in the way that `rank` and `score` take; None if that misses the wish."""
+    """The candidate without any change in the way that `rank` and `score` take; None if that misses the goal."""
     advice: tuple[AdviceFound, ...] = ()
-    """What meets the wish: the motion first, cameras last, of each kind the least change first."""
+    """What meets the goal: the motion first, cameras last, of each kind the least change first."""
     kinds: tuple[KindOutcome, ...] = ()
     """What came of each kind."""
     nearest: NearestChange | None = None
-    """If nothing meets the wish: what comes nearest."""
+    """If nothing meets the goal: what comes nearest."""
     ways: Literal["best", "fastest"] = "best"
     """Which ways were asked for: with `fastest`, the motion stays as it is."""
     starts_fastest: bool = True
@@ -258,7 +258,7 @@ class AdviceDocument(TaskDocument):
 
     @property
     def found(self) -> bool:
-        """Whether anything meets the wish."""
+        """Whether anything meets the goal."""
         return self.met or bool(self.advice)
 
     @property

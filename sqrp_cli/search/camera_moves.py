@@ -213,7 +213,7 @@ def changed_camera(question: Question, kind: Literal["aim", "position", "lens"])
             aside = CameraMove(question, kind, camera, middle=True)
             if len(aside.bound.corners) and not aside.meets(aside.change(np.zeros(3))):
                 moves.append(partial(CameraMove, question, kind, camera, middle=True))
-    none = f"no {kind} of a single camera meets the wish"
+    none = f"no {kind} of a single camera meets the goal"
     return least_changes(question, moves, none, "there is no free place for a camera")
 
 
@@ -259,7 +259,7 @@ def further_camera(question: Question) -> Found:
         return [], "one more camera is not enough"
     answers = [one for one in question.shared(best, few) if one is not None]
     if not answers:
-        return [], "from no free place that was tried does one more camera meet the wish"
+        return [], "from no free place that was tried does one more camera meet the goal"
     return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""
 
 

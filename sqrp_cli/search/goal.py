@@ -32,10 +32,10 @@ Objective = Literal["least", "mean"]
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
 NAMES = (*QUALITIES, *TIMES)
-"""The figures that a wish may be about."""
+"""The figures that a goal may be about."""
 
 _NEVER = 1e3
-"""A fault that is never noticed misses a wished delay as if it took so many times as long."""
+"""A fault that is never noticed misses the delay of a goal as if it took so many times as long."""
 
 SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
 """What texts call them."""
@@ -166,9 +166,9 @@ def read_goal(text: str) -> Goal:
         elif dimension is TIME and quantity.value == 0:
             why = f"`{named}` takes more than 0 s"
         elif name in found:
-            why = f"`{named}` is wished for twice"
+            why = f"`{named}` is stated twice"
         if why or quantity is None:
-            raise bad_option(f"the wish is `{text}`: {why}", mend='write parts such as "q_eoi 100 %, time 20 s"')
+            raise bad_option(f"the goal is `{text}`: {why}", mend='write parts such as "q_eoi 100 %, time 20 s"')
         found[name] = quantity.value
     return Goal(**found)
 

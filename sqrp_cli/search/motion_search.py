@@ -50,15 +50,15 @@ def other_way(question: Question) -> Found:
         way, said = study.candidate.parameters, choice_in_words(best.candidate, study.candidate)
         return Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), study)
 
-    near, none = _first_met(question, map(tried, ways), "none meets the wish")
+    near, none = _first_met(question, map(tried, ways), "none meets the goal")
     if not none:
         return near, ""
     if best.ways is None:
-        return near, f"none of {len(near)} combinations of the steps' ways meets the wish"
+        return near, f"none of {len(near)} combinations of the steps' ways meets the goal"
     pareto = [with_way(best.candidate, figures) for figures in best.ways.pareto[1:]]
     named = (question.studied(way) for way in ([best.way, *pareto] if best.ways.pareto else ()))
     near = [*near, *(tried(study) for study in named if isinstance(study, WholeAnalysis))]
-    return near, f"none of {best.ways.tried} meets the wish"
+    return near, f"none of {best.ways.tried} meets the goal"
 
 
 def seen_path(question: Question) -> Found:
@@ -67,7 +67,7 @@ def seen_path(question: Question) -> Found:
     if not several and not _open_paths(question.best.candidate):
         return [], "not tried: the skill or the task says which path"
     tried = _of_steps_in_seen_paths(question) if several else _in_seen_paths(question)
-    near, none = _first_met(question, tried, "no path that was found meets the wish")
+    near, none = _first_met(question, tried, "no path that was found meets the goal")
     if near:
         return near, none
     return (

@@ -126,7 +126,7 @@ def moved_object(question: Question) -> Found:
     moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names[:MOST_OBJECTS]]
     named = ", ".join(names[:MOST_OBJECTS])
     tried = f"in none of {_DIRECTIONS} directions, up to {100 * _BOUNDS.reaches[-1]:.0f} cm,"
-    none = f"{tried} does a place of {named} meet the wish"
+    none = f"{tried} does a place of {named} meet the goal"
     nowhere = f"{tried} is a place where {named} can be handled and stand clear of all else"
     return least_changes(question, moves, none, nowhere)
 

@@ -117,11 +117,7 @@ class CameraPlacer:
         )
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
             table.add_ways()
-            with_others = self._search(wanted)
-            if with_others.selection is None and found.selection is not None:  # it ended too early
-                found = replace(found, problem=with_others.problem, bound=with_others.bound, proven=False)
-            else:
-                found = with_others
+            found = self._search(wanted, known=found.selection)
         if found.selection is None and goal is not None and not self._stopped:
             if found.proven and wanted.most is not None:
                 enough = self._search(replace(wanted, most=None))
@@ -146,7 +142,9 @@ class CameraPlacer:
                 return self._solution(replace(mean, requirements=found.requirements, value=0.0, bound=found.bound))
         return self._solution(replace(found, selection=None), blind=True)
 
-    def _search(self, wanted: Requirements, *, rounds: int = ROUNDS, first_only: bool = False) -> SolveResult:
+    def _search(
+        self, wanted: Requirements, *, rounds: int = ROUNDS, first_only: bool = False, known: Selection | None = None
+    ) -> SolveResult:
         """The best selection: chosen by what it may be worth, and checked exactly, until it is worth that.
 
         So nothing better exists: what others may be worth is no more. Where the exact figures are less, samples are
@@ -155,7 +153,8 @@ class CameraPlacer:
         goal, table, best, bound, value = wanted.goal, self.table, None, 1.0, 0.0
         for number in count(1):
             problem = table.problem(wanted.failure_tolerance)
-            program = PlacementProgram(problem, wanted, self._watch, until=self._until, gap=self._gap)
+            start = known if best is None else best.selection
+            program = PlacementProgram(problem, wanted, self._watch, start, until=self._until, gap=self._gap)
             selection, grown, settled = program.solve_first(), False, False
             for further in (False,) if first_only else (False, True):
                 if further and selection is not None:

@@ -86,7 +86,7 @@ Hiding = tuple[int, tuple[int, ...], int]
 they see, and the way in whose motion it does."""
 
 Late = tuple[tuple[int, ...], int]
-"""A set of options with which a fault is noticed later than wished in a way, by the exact figures, and the way."""
+"""Options with which a fault of a way is noticed later than the goal says, by the exact figures, and the way."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Problem:
     """How long the longest delay of a fault of each way is at least with each option, shape (ways, options) [s]."""
     hiding: frozenset[Hiding] = frozenset()
     """Choices in which one camera hides something from another one; none of them counts."""
-    late: frozenset[Late] = frozenset()  # choices that are known to miss the wished delay
+    late: frozenset[Late] = frozenset()  # choices that are known to miss the delay of the goal
     beside: Mapping[int, str] = field(default_factory=dict)
     """Sites where a camera would touch one that stays, with its name."""
 

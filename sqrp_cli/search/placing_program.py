@@ -67,16 +67,18 @@ class LinearProgram:
         self,
         objective: Terms,
         watch: Callable[[float | None, float], None] | None = None,
+        start: Array | None = None,
         *,
         until: float = inf,
         gap: float = 0.0,
         presolve: bool = True,
     ) -> Optimum:
-        """The values with the greatest objective; always the same for the same program, unless time ends.
+        """The values with the greatest objective; always the same for the same program and start, unless time ends.
 
-        Ctrl-C ends the search with the best values so far, and so do `until`, by `time.monotonic` [s], and a bound that
-        is no more than `gap` above them. presolve: whether HiGHS looks for rows and variables that do not matter first.
-        One thread solves it: more would not always give the same values.
+        start: values that are known, of the first variables at least, which stay where none is better. Ctrl-C ends the
+        search with the best values so far, and so do `until`, by `time.monotonic` [s], and a bound that is no more than
+        `gap` above them. presolve: whether HiGHS looks for rows and variables that do not matter first. One thread
+        solves it: more would not always give the same values.
         """
         library, size = solver_library(), len(self.whole)
         highs = library._core._Highs()  # its wrapper in Python prints a line before it can be told not to
@@ -106,6 +108,10 @@ class LinearProgram:
         matrix.value_ = np.array([factor for _, terms, _ in self.rows for factor in terms.values()], dtype=float)
         model.integrality_ = [kinds.kInteger if whole else kinds.kContinuous for whole in self.whole]
         highs.passModel(model)
+        if start is not None:
+            found = library.HighsSolution()
+            found.col_value = [*start.tolist(), *[0.0] * (size - len(start))]
+            highs.setSolution(found)
         with _until_interrupted(highs, watch) as interrupted:
             highs.run()
         status = highs.getModelStatus()
@@ -114,6 +120,10 @@ class LinearProgram:
         info, values = highs.getInfo(), np.array(highs.getSolution().col_value)
         whole, feasible = np.array(self.whole, dtype=bool), info.primal_solution_status == 2
         values[whole] = np.round(values[whole])
+        reached = sum(factor * values[number] for number, factor in objective.items())
+        if start is not None and feasible and abs(reached - info.objective_function_value) > 1e-5:
+            # HiGHS 1.16 returns the start, with the figure of better values that it found before it read that.
+            return self.maximized(objective, watch, until=until, gap=gap, presolve=presolve)
         bound = float(info.mip_dual_bound) if any(self.whole) else float(info.objective_function_value)
         optimal = status == library.HighsModelStatus.kOptimal
         proven = optimal and (not feasible or bound - info.objective_function_value <= SLACK)
@@ -166,11 +176,18 @@ class PlacementProgram:
     """
 
     def __init__(
-        self, problem: Problem, requirements: Requirements, watch: Watch, *, until: float = inf, gap: float = 0.0
+        self,
+        problem: Problem,
+        requirements: Requirements,
+        watch: Watch,
+        start: Selection | None = None,
+        *,
+        until: float = inf,
+        gap: float = 0.0,
     ) -> None:
-        """watch: told of the search. until, gap: when it may end before its proof, see `LinearProgram.maximized`.
+        """watch: told of the search. start: a selection to begin with, which may break limits.
 
-        The gap is of the quality that counts first, in 0..1.
+        until, gap: when it may end before its proof, see `LinearProgram.maximized`; of the quality that counts first.
         """
         self._problem, self._requirements, self._watch = problem, requirements, watch
         self._until, self._gap = until, gap
@@ -186,6 +203,11 @@ class PlacementProgram:
         self._qualities: list[tuple[Terms | None, Terms | None]] = []
         """Q_eoi and Q_avg of each candidate, once they are expressions; None where undefined."""
         self._mean: Terms = {}  # then: the mean quality
+        self._start: Array | None = None
+        if start is not None:
+            self._start = np.zeros(len(program.whole))
+            self._start[[self._x[option] for option in start.options]] = 1.0
+            self._start[[self._taken[way] for way in start.ways if way in self._taken]] = 1.0
         self._limit_sites()
         self._values: Array | None = None  # the best so far
         self.bound = 1.0  # no selection has a greater quality, least or mean, in 0..1
@@ -296,7 +318,8 @@ class PlacementProgram:
             self._watch(title, None, 1.0)
             most = len(self._x) if self._requirements.most is None else self._requirements.most
             # Rows that follow from others are left out already.
-            found = self._program.maximized(self._last_objective(most), until=self._until, presolve=False)
+            terms, start = self._last_objective(most), self._start if self._values is None else self._values
+            found = self._program.maximized(terms, None, start, until=self._until, presolve=False)
             self.interrupted |= found.interrupted
             if found.values is not None:
                 self._values, self.proven = found.values, self.proven and found.proven
@@ -431,7 +454,8 @@ class PlacementProgram:
         """Improve one objective, keep the values if there are better ones, and let no later one worsen it."""
         found = Optimum(None, inf, proven=False, interrupted=True)
         if not self.interrupted:
-            found = self._program.maximized(terms, partial(self._watch, title), until=self._until, gap=gap)
+            watch, start = partial(self._watch, title), self._start if self._values is None else self._values
+            found = self._program.maximized(terms, watch, start, until=self._until, gap=gap)
         self.interrupted |= found.interrupted
         self.proven &= found.proven
         if found.values is not None:

@@ -78,12 +78,12 @@ class VisibilityTable:
         self.candidates, self.others = list[tuple[int, ...]](), list[list[PlannedMotion]]()
         """Of each candidate: which of the ways are its own, and ways that are looked at only if they may be better."""
         self.infeasible = list[tuple[str, CandidateResult]]()
-        self.too_slow = False  # whether no camera helps, because a candidate takes longer than is wished for
+        self.too_slow = False  # whether no camera helps, because a candidate takes longer than the goal allows
         self.sees, self._shut, self._least_delays = list[Mask](), list[Mask](), list[Array]()
         """Of each way: which options see which items, shape (options, items); at which sites a camera would touch
         something; and how long the longest delay of a fault is at least with each option [s]."""
         self.late, self._hiding = set[Late](), set[Hiding]()
-        """Choices that are known to miss the wished delay, or in which a camera hides what another one sees."""
+        """Choices that are known to miss the delay of the goal, or in which a camera hides what another one sees."""
 
     def plan(self) -> None:
         """The ways of every candidate, and the options: every pose at every site with every lens that fits."""
@@ -136,7 +136,7 @@ class VisibilityTable:
             shut = blocked(self.question.cell, way.swept, self.question.mounts.spots)
             shut[list(self.beside)] = True
             self._shut.append(shut)
-            delays = np.zeros(len(self.options))  # 0 if none is wished
+            delays = np.zeros(len(self.options))  # 0 if the goal has none
             if goal is not None and goal.delay is not None:
                 cameras, observer = [*map(self.camera_at, range(len(self.options)))], self.question.cell.observer
                 response = min((camera.response for camera in cameras), default=0.0)

@@ -161,7 +161,7 @@ def _search(job: Search, say: _Teller) -> None:
     if job.placing:
         placed = opened.place(job.task, jobs=job.jobs, progress=say.progress)
         names = ", ".join(f"{one.name} on {one.mount}" for one in placed.cameras)
-        title = f"{len(placed.cameras)} cameras: {names}" if names else "no cameras on these mounts meet the wish"
+        title = f"{len(placed.cameras)} cameras: {names}" if names else "no cameras on these mounts meet the goal"
         line: tuple[str, ...] = ("place", job.task, "--patch", "cameras.patch")
         if names:
             offers.append(Offer(words=f"cameras: {names}", line=line, content=placed.content))

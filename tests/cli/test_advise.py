@@ -154,7 +154,7 @@ def apply_patch(own: Path, patch: str) -> None:
     file.write_text(new.join(text.rsplit(old, 1)), encoding="utf-8")
 
 
-def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own, aims):
+def test_what_is_applied_meets_the_goal_and_keeps_comments(sqrp, own, aims):
     command = ("advise", own, TASK, *aims)
     comments = [line.partition("#")[2] for line in (own / "workspace.yaml").read_text().splitlines()]
     outcome = sqrp(*command, "--apply", 1)
@@ -204,7 +204,7 @@ def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_th
     command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
     outcome = sqrp(*command)
     assert outcome.code == 1
-    assert "Nothing meets the wish." in outcome.out
+    assert "Nothing meets the goal." in outcome.out
     assert max(map(len, outcome.out.splitlines())) <= 80
     document = sqrp(*command, "--json").document
     assert document["advice"] == []
@@ -270,7 +270,7 @@ def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, ow
         assert only[figure] == pytest.approx(way[figure], abs=1e-9)
 
 
-def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_wish_and_is_added_once(sqrp, own):
+def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_goal_and_is_added_once(sqrp, own):
     file = own / "workspace.yaml"
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace("task: pickup green,", 'task: "pickup object=g3,g4",'), encoding="utf-8")
@@ -320,20 +320,20 @@ def test_the_advised_way_is_the_fastest_of_all_that_meet_the_wish(sqrp):
 def test_a_delay_that_only_other_cameras_decide_has_an_answer(sqrp, tabletop):
     """The others see all of the event: the bound has nothing that the camera alone must see."""
     outcome = sqrp("advise", tabletop, "pickup g2", "--want", "delay 0.3 s", "--kinds", "lens", "--ways", "fastest")
-    assert (outcome.code, "Nothing meets the wish." in outcome.out) == (1, True)
+    assert (outcome.code, "Nothing meets the goal." in outcome.out) == (1, True)
 
 
 def test_a_way_is_found_for_a_delay(sqrp):
     ways = all_ways("pickup g3")
     least = min(one.delay_worst for one in ways)
-    wish = round(least + 0.001, 3)
+    goal = round(least + 0.001, 3)
     command = ("advise", TABLETOP, "pickup g3", "--kinds", "way", "--json", "--want")
-    (way,) = sqrp(*command, f"delay {wish} s").document["advice"]
-    assert way["delay_worst"] <= wish
-    assert way["time"] == pytest.approx(min(one.time for one in ways if one.delay_worst <= wish), abs=1e-6)
+    (way,) = sqrp(*command, f"delay {goal} s").document["advice"]
+    assert way["delay_worst"] <= goal
+    assert way["time"] == pytest.approx(min(one.time for one in ways if one.delay_worst <= goal), abs=1e-6)
     none = sqrp(*command, f"delay {least - 0.001} s")
     assert none.code == 1
-    assert none.document["kinds"][0]["why"] == "none of 32 meets the wish"
+    assert none.document["kinds"][0]["why"] == "none of 32 meets the goal"
 
 
 def all_ways(task: str) -> list[CandidateResult]:
@@ -349,7 +349,7 @@ def all_ways(task: str) -> list[CandidateResult]:
     return found
 
 
-def test_a_wish_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_way(sqrp, own):
+def test_a_goal_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_way(sqrp, own):
     """`score` takes the way with the best Q_eoi, which is too slow here."""
     shutil.copy(TABLETOP / "workspace.yaml", own / "workspace.yaml")
     file = own / "workspace.yaml"
@@ -361,7 +361,7 @@ def test_a_wish_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_w
     assert outcome.code == 0
     assert "In its best way, as rank takes it, it has Q_eoi 100.0 %" in outcome.out
     assert "nothing has to change" not in outcome.out
-    assert "meets the wish already" not in outcome.out
+    assert "meets the goal already" not in outcome.out
     assert "change 1 is in " in outcome.err
     assert "To have it" not in outcome.out
     assert "No patch" not in outcome.out
@@ -391,7 +391,7 @@ def others(sqrp, small, page):
 
 
 @pytest.mark.parametrize("kind", ["object", "lens", "camera", "aim", "position"])
-def test_every_kind_of_change_meets_the_wish_once_it_is_in_the_file(sqrp, advised, others, own, kind):
+def test_every_kind_of_change_meets_the_goal_once_it_is_in_the_file(sqrp, advised, others, own, kind):
     """Ranked again with the patch; ways and paths are, too, where they are stated below."""
     document = advised if kind in ("aim", "position") else others
     one = next(one for one in document["advice"] if one["kind"] == kind)
@@ -467,7 +467,7 @@ def test_no_command_contradicts_an_advice(sqrp, own):
     assert sqrp("score", own, "--jobs", 1).code == 0
 
 
-def test_the_page_says_where_its_finer_timeline_misses_a_wish_that_is_met(sqrp, own, tmp_path):
+def test_the_page_says_where_its_finer_timeline_misses_a_goal_that_is_met(sqrp, own, tmp_path):
     """Against the share of the timeline that the page plays."""
     page, file = tmp_path / "page.html", own / "workspace.yaml"
     text = (TABLETOP / "workspace.yaml").read_text(encoding="utf-8")
@@ -533,7 +533,7 @@ def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, watch, tmp_path, monkeypatch):
-    """With the same bytes as without; damaged files are searched again, and other wishes are others."""
+    """With the same bytes as without; damaged files are searched again, and other goals are others."""
     searched, search = [], advise._outcome
     stop: list[str] = ["lens"]
 

@@ -1,4 +1,4 @@
-"""A fault that no image shows is never noticed: no figure, no threshold, no wish and no run says otherwise."""
+"""A fault that no image shows is never noticed: no figure, no threshold, no goal and no run says otherwise."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_no_delay_is_ranked(sqrp, under_the_table, tmp_path):
     assert "never" in sqrp("program", tmp_path / "p.yaml").out
 
 
-def test_no_threshold_and_no_wish_is_met(sqrp, under_the_table):
+def test_no_threshold_and_no_goal_is_met(sqrp, under_the_table):
     scored = sqrp("score", under_the_table, columns=200)
     assert scored.code == 1
     assert "slip of g2 may never be noticed, expected at most 5 s" in scored.out

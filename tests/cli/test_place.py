@@ -102,7 +102,7 @@ def occupied(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("most", [pytest.param(3.0, marks=pytest.mark.trial), 0.586])
-def test_a_moved_camera_is_beside_those_that_stay_and_no_later_than_wished(sqrp, occupied, most):
+def test_a_moved_camera_is_beside_those_that_stay_and_no_later_than_the_goal_says(sqrp, occupied, most):
     """The best place is that of the camera that stays; the next best shows a fault after 0.5866 s."""
     found = sqrp("place", occupied, "--keep", "cam1", "--want", f"q_avg 60 %, delay {most} s", "--json")
     assert found.code == 0
@@ -154,7 +154,7 @@ def test_a_camera_that_only_makes_up_the_number_is_the_one_that_sees_most(sqrp, 
     assert "any" not in way.values()
 
 
-def test_a_wished_delay_is_met_by_the_delays_that_rank_says_not_by_those_of_the_search(sqrp, cell):
+def test_a_delay_of_a_goal_is_met_by_the_delays_that_rank_says_not_by_those_of_the_search(sqrp, cell):
     arguments = ("place", cell, "pickup g2", "--ways", "fastest", "--cameras", "2")
     exact = sqrp(*arguments, "--json").document["delay_worst"]
     shorter = sqrp(*arguments, "--want", f"delay {exact - 0.02:.4f} s", "--json")

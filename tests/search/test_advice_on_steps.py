@@ -1,4 +1,4 @@
-"""Advice on tasks of several steps: the least change of the cell with which the whole meets a wish."""
+"""Advice on tasks of several steps: the least change of the cell with which the whole meets a goal."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def whole(cell: OpenCell, found: AdviceDocument) -> WholeAnalysis:
     return studied
 
 
-def test_the_advised_lens_meets_the_wish_and_one_a_little_narrower_does_not(advice: AdviceDocument) -> None:
+def test_the_advised_lens_meets_the_goal_and_one_a_little_narrower_does_not(advice: AdviceDocument) -> None:
     (lens,) = [one for one in advice.advice if one.kind == "lens"]
     view = 28 + np.degrees(lens.change[0])
     assert view > 28
@@ -112,9 +112,9 @@ def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_shor
     assert nearest.limit.startswith("step ")
 
 
-@pytest.mark.parametrize("wish", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
-def test_what_meets_a_wish_about_all_steps_passes_the_bound(cell: OpenCell, advice: AdviceDocument, wish: str) -> None:
-    studied, wanted, rng = whole(cell, advice), read_goal(wish), np.random.default_rng(len(wish))
+@pytest.mark.parametrize("goal", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
+def test_what_meets_a_goal_about_all_steps_passes_the_bound(cell: OpenCell, advice: AdviceDocument, goal: str) -> None:
+    studied, wanted, rng = whole(cell, advice), read_goal(goal), np.random.default_rng(len(goal))
     camera = cell.workspace.cameras["left"]
     bound = CameraBound(cell.cell, studied.steps, wanted, camera, 0)
     poses = np.array([camera.X_FC @ displacement(*(0.08 * rng.normal(size=(2, 3)))) for _ in range(12)])

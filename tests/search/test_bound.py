@@ -55,21 +55,21 @@ def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateRe
 
 
 @pytest.mark.parametrize(
-    "wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s", "q_eoi 100 %", "q_eoi 60 %, q_avg 80 %, delay 2 s"]
+    "goal", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s", "q_eoi 100 %", "q_eoi 60 %, q_avg 80 %, delay 2 s"]
 )
-def test_what_meets_a_wish_passes_the_look(cell, studied, elsewhere, wish):
+def test_what_meets_a_goal_passes_the_look(cell, studied, elsewhere, goal):
     camera, poses, found = elsewhere
-    wanted, index = read_goal(wish), list(cell.workspace.cameras).index(camera)
+    wanted, index = read_goal(goal), list(cell.workspace.cameras).index(camera)
     entry = cell.workspace.cameras[camera]
     bound = CameraBound(cell, studied.steps, wanted, entry, index)
     for figures, passes in zip(found, bound.passes([entry], poses), strict=True):
         assert passes or not wanted.met(figures)
 
 
-@pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
-def test_some_poses_pass_and_some_do_not(cell, studied, wish):
+@pytest.mark.parametrize("goal", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
+def test_some_poses_pass_and_some_do_not(cell, studied, goal):
     entry = cell.workspace.cameras["cam2"]
-    bound = CameraBound(cell, studied.steps, read_goal(wish), entry, 1)
+    bound = CameraBound(cell, studied.steps, read_goal(goal), entry, 1)
     passes = bound.passes([entry], moved(entry, np.random.default_rng(0), 100))
     assert 0 < passes.sum() < 100
 

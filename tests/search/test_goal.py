@@ -1,4 +1,4 @@
-"""Wishes: how they are written, and what misses them."""
+"""Goals: how they are written, and what misses them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sqrp_cli.search.goal import Goal, goal_of, read_goal
 
 
 @pytest.mark.parametrize(
-    ("text", "wish"),
+    ("text", "goal"),
     [
         ("q_eoi 100 %", Goal(q_eoi=1.0)),
         ("q_eoi 100%, time 20 s", Goal(q_eoi=1.0, time=20.0)),
@@ -20,9 +20,9 @@ from sqrp_cli.search.goal import Goal, goal_of, read_goal
         ("time=20", Goal(time=20.0)),
     ],
 )
-def test_wishes_are_read(text, wish):
-    assert read_goal(text) == wish
-    assert read_goal(str(wish)) == wish
+def test_goals_are_read(text, goal):
+    assert read_goal(text) == goal
+    assert read_goal(str(goal)) == goal
 
 
 @pytest.mark.parametrize(

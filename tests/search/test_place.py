@@ -119,7 +119,7 @@ def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts
     assert min(candidate.found.q_eoi, candidate.found.q_avg) >= found.objective
 
 
-def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_path):
+def test_a_goal_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_path):
     narrow = FORTY.replace("6 deg", "4.5 deg").replace("step: 10 cm", "step: 20 cm")
     asked = placer(cell, tmp_path, narrow, Requirements(goal=Goal(q_eoi=1.0, q_avg=1.0), most=2))
     found = asked.place()
@@ -230,7 +230,7 @@ def test_a_budget_for_mounts_in_the_way_only_is_said_to_be_too_small(cell, tmp_p
     assert found.reason == f"{says}, the budget is {120 * most - 10}"
 
 
-def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
+def test_a_goal_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
     _, best, brute = pair
     goal = Goal(q_eoi=best.objective - 0.01, q_avg=best.objective - 0.01)  # samples are not those of that search
     assert brute.least(1) < best.objective - 0.02
@@ -239,7 +239,7 @@ def test_a_wish_that_more_cameras_meet_names_their_number(cell, tmp_path, pair):
     assert found.fewest == len(found.cameras) == 2
 
 
-def test_a_motion_that_takes_longer_than_wished_is_said_to(cell, tmp_path):
+def test_a_motion_that_takes_longer_than_the_goal_says_is_said_to(cell, tmp_path):
     found = placer(cell, tmp_path, FORTY, Requirements(goal=Goal(time=5.0))).place()
     assert not found.met
     (slow,) = found.infeasible
@@ -277,7 +277,7 @@ def test_no_pair_with_a_camera_is_quicker_than_that_camera_may_be(delays):
     assert min(delay - max(least[list(pair)]) for pair, delay in exact.items()) < 1e-3
 
 
-def test_a_wished_delay_is_met_if_any_pair_meets_it(cell, tmp_path, delays):
+def test_a_delay_of_a_goal_is_met_if_any_pair_meets_it(cell, tmp_path, delays):
     _, exact = delays
     shortest = min(exact.values())
     met = placer(cell, tmp_path, TWELVE, Requirements(most=2, goal=Goal(delay=shortest + 0.005))).place()

@@ -365,7 +365,7 @@ def write_change(found: AdviceDocument, path: Path, number: int | None, patch: P
     if (number is None and patch is None) or not found.found:
         return ""
     if found.met and number in (None, 1):
-        return f"the wish is met already, so {path if patch is None else patch} is not written"
+        return f"the goal is met already, so {path if patch is None else patch} is not written"
     chosen = next((n for n, one in enumerate(found.advice, 1) if one.patch), 1) if number is None else number
     if found.patched(chosen) == found.session.file.content:  # refuses a number that none has
         return f"change {chosen} is in {path} already; nothing was written"

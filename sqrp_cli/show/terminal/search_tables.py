@@ -45,20 +45,17 @@ def _figures_of(one: Any, worst: float | None = None) -> list[str]:  # noqa: ANN
 
 
 def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
-    """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
+    """The table with a row for each change that meets the goal, why other kinds do not, and what to do.
 
     written: whether a change was written to a file.
     """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {found.want}\n"]))
+    command = _conclude(found, written=written)
     as_it_is = "As it moves with --ways fastest" if found.starts_fastest else "In its best way, as rank takes it"
     say(f"{as_it_is}, it has {_figures(found.before, found.want)}.")
-    if found.met:
-        say("\nThat is met already: nothing has to change.")
-        _say_assumed(found.assumed)
-        return
-    if found.best is not None:
+    if found.best is not None and not found.met:
         say(
-            f"The way that rank and score take meets the wish already, with {_figures(found.best, found.want)}; what "
+            f"The way that rank and score take meets the goal already, with {_figures(found.best, found.want)}; what "
             "follows is for the motion of --ways fastest, which is planned without a look at the cameras."
         )
     if found.advice:
@@ -79,8 +76,9 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
             then = f"nearest: {nearest.words}, then {'; '.join(nearest.missing)}"
             near, about = (then, "") if nearest.nearer else ("nothing comes nearer", f"to {nearest.words}: ")
             say(plain(f"      {near}{f' ({about}{nearest.limit})' if nearest.limit else ''}", "dim"), indent=6)
-    say()
-    _conclude(found, written=written)
+    if command:
+        say()
+        say_command(*command)
     _say_assumed(found.assumed)
 
 
@@ -89,34 +87,35 @@ def _say_assumed(assumed: str) -> None:
         say(f"Delays: {assumed}.")
 
 
-def _conclude(found: AdviceDocument, *, written: bool) -> None:
-    """One sentence that says what to do; where nothing was found, what comes nearest or has to be done before."""
+def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None:
+    """Say what to do, or what comes nearest or has to be done before; the command that does it, with its words."""
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
-    if not found.advice:
+    if found.met:
+        say("That is met already: nothing has to change.")
+    elif not found.advice:
         nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
         if found.nearest is not None:
-            say(f"{nothing} meets the wish. {found.nearest}.")
+            say(f"{nothing} meets the goal. {found.nearest}.")
         elif found.first:
             say(f"No change helps: {found.first}.")
-            say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
+            return "These steps as a program:", "sqrp check WORKSPACE TASK --program FILE"
         elif found.kinds:
-            say("Nothing that was tried meets the wish.")
-        return
-    number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
-    one = found.advice[number - 1]
-    judged = " with --ways fastest" if found.ways == "fastest" else ""
-    cost = "what it costs is said above" if one.worse else f"no task gets worse{judged}"
-    words = one.words
-    say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one, found.want)}, and {cost}.")
-    if one.patch and not written:
-        say_command("To have it, add", f"--apply {number}")
-    elif one.unwritten:
-        say(f"No patch: {one.unwritten}.")
+            say("Nothing that was tried meets the goal.")
+    else:
+        number = next((n for n, one in enumerate(found.advice, 1) if one.kind in MOTION or not one.worse), 1)
+        one = found.advice[number - 1]
+        judged = " with --ways fastest" if found.ways == "fastest" else ""
+        cost = "what it costs is said below" if one.worse else f"no task gets worse{judged}"
+        words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_figures(one, found.want)}"
+        say(f"{words}, and {cost}.{f' No patch: {one.unwritten}.' if one.unwritten else ''}")
+        if one.patch and not written:
+            return "To have it, add", f"--apply {number}"
+    return None
 
 
 def _figures(found: AdvisedFigures, want: Goal) -> str:
-    """The figures of a candidate; how late faults are seen only where that is wished for."""
+    """The figures of a candidate; how late faults are seen only where that is asked for."""
     if found.time is None:
         return "no feasible motion"
     parts = [f"Q_eoi {100 * found.q_eoi:.1f} %"] if found.q_eoi is not None else []
@@ -128,7 +127,7 @@ def _figures(found: AdvisedFigures, want: Goal) -> str:
     return ", ".join(parts)
 
 
-MOST_UNSEEN = 8  # most targets that are named where a wish cannot be met
+MOST_UNSEEN = 8  # most targets that are named where a goal cannot be met
 
 
 def bounds_told() -> Callable[[str, float | None, float], None]:
@@ -150,14 +149,21 @@ def bounds_told() -> Callable[[str, float | None, float], None]:
 def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
     say(joined([(", ".join(found.tasks), "bold"), f" in {found.workspace}\n"]))
-    say(found.comparison)
     if found.unmet:
-        say()
         say(found.unmet, style="red")
         for unseen in found.unseen[:MOST_UNSEEN]:
             say(f"  {unseen.candidate}: {unseen}", indent=4)
         if len(found.unseen) > MOST_UNSEEN:
             say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
+    elif found.cameras:
+        places = " and ".join(f"{one.name} at {one.mount}" for one in found.cameras)
+        say(f"Put {places}: the {found.by} Q is then {100 * found.objective:.1f} %.")
+    say(found.proof)
+    if found.survive:
+        say("Counted is only what is still seen if any one of the cameras fails.")
+        _print_price(found)
+    for words in filter(None, (found.moves, found.other_ways, found.scope)):
+        say(words)
     if found.cameras:
         say()
         columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
@@ -179,12 +185,7 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     for no in found.infeasible:
         say(joined([("no   ", "dim"), f" {no.task}: {no.candidate}: {no.reason}"]), indent=6)
     say()
-    say(found.proof)
-    if found.survive:
-        say("Counted is only what is still seen if any one of the cameras fails.")
-        _print_price(found)
-    for words in filter(None, (found.moves, found.other_ways, found.scope)):
-        say(words)
+    say(f"Compared were {found.comparison}.")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
     _say_assumed(found.assumed)
