@@ -38,8 +38,8 @@ class Patches(NamedTuple):
 
 
 def check_own(path: Path, mark: str, what: str, mend: str = "choose another name") -> None:
-    """Raises InputError for a file with content that does not begin with a mark, so that it is no `what` of ours."""
-    if path.is_file() and path.stat().st_size:
+    """Raises InputError for a file that exists and does not begin with a mark, so that it is no `what` of ours."""
+    if path.is_file():
         with path.open("rb") as file:
             own = file.read(len(mark)) == mark.encode()
         if not own:

@@ -104,7 +104,7 @@ def score(ask: _Score) -> ExitCode:
     check_distinct(ask.outputs)
     for name, path in ask.outputs.items():
         check_writable(path)
-        if name in _OURS:
+        if name in _OURS and not (path.is_file() and not path.stat().st_size):  # a CI server makes empty ones
             check_own(path, *_OURS[name], f"choose another name: {name} FILE")
     if ask.report is not None:
         check_report(ask.report)

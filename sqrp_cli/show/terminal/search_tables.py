@@ -108,7 +108,9 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
         judged = " with --ways fastest" if found.ways == "fastest" else ""
         cost = "what it costs is said below" if one.worse else f"no task gets worse{judged}"
         words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_figures(one, found.want)}"
-        say(f"{words}, and {cost}.{f' No patch: {one.unwritten}.' if one.unwritten else ''}")
+        say(f"{words}, and {cost}.")
+        if one.unwritten:
+            say(f"No patch: {one.unwritten}.")
         if one.patch and not written:
             return "To have it, add", f"--apply {number}"
     return None
