@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from random import Random
 
 import numpy as np
 
@@ -146,29 +145,3 @@ def bombs() -> dict[str, Bomb]:
     """All of them, by what is wrong with them."""
     named = {"dae": dae_bombs(), "obj": obj_bombs(), "stl": stl_bombs()}
     return {f"{kind}: {name}": bomb for kind, group in named.items() for name, bomb in group.items()}
-
-
-_NUMBER = re.compile(rb"(?<![\w.#-])-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-_VALUES = (b"-1", b"0", b"1", b"3", b"7", b"8", b"255", b"65536", b"2147483647", b"4294967295", b"99999999999999999999")
-_VALUES += (b"1e38", b"1e300", b"nan", b"x", b"")
-
-
-def mutated(content: bytes, random: Random) -> bytes:
-    """A mesh file with one damage: a number, a byte, or a piece that is lost, doubled or moved."""
-    at, length = random.randrange(len(content)), random.choice([1, 2, 5, 20, 100, 1000])
-    piece = content[at : at + length]
-    match random.randrange(7):
-        case 0 | 1 | 2:
-            begin = random.randrange(len(content))
-            number = _NUMBER.search(content, begin) or _NUMBER.search(content)
-            if number is not None:
-                return content[: number.start()] + random.choice(_VALUES) + content[number.end() :]
-            return content[:at] + bytes([random.randrange(256)]) + content[at + 1 :]
-        case 3:
-            return content[:at] + bytes([content[at] ^ (1 << random.randrange(8))]) + content[at + 1 :]
-        case 4:
-            return content[:at] + content[at + length :]
-        case 5:
-            return content[:at] + piece + content[at:]
-        case _:
-            return content[:at]

@@ -20,8 +20,9 @@ from sqrp_cli.files.packages import package_roots
 from sqrp_cli.geometry import pose
 from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.sight.solids import load_solid
-from tests.cell.mesh.mesh_bombs import bombs, dae, mutated, obj, sound_meshes, text_stl
+from tests.cell.mesh.mesh_bombs import bombs, dae, obj, sound_meshes, text_stl
 from tests.cells import refusal
+from tests.damage.mutations import damage
 
 BOMBS = bombs()
 SOUND = sound_meshes()
@@ -92,7 +93,7 @@ def test_a_damaged_mesh_neither_crashes_the_reader_nor_takes_it_long(tmp_path: P
     ends = {}
     for number in range(60):
         suffix, content = contents[number % len(contents)]
-        path = write(tmp_path / f"mesh{suffix}", mutated(content, Random(number)))  # noqa: S311
+        path = write(tmp_path / f"mesh{suffix}", damage(content, Random(number)).content)  # noqa: S311
         ends[number] = end_of_child(path)
     assert set(ends.values()) == {"loaded", "refused"}, ends
 
