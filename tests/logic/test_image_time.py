@@ -119,16 +119,6 @@ def test_some_phases_come_as_close_to_the_worst_delay_as_one_likes(windows: list
 
 
 @settings(max_examples=15, deadline=None)
-@given(windows=some_windows((0.1, 0.07)), onset=onsets(), shares=st.tuples(st.floats(0, 0.999), st.floats(0, 0.999)))
-def test_no_phases_of_cameras_with_several_rates_exceed_the_worst_delay(
-    windows: list[Window], onset: Onset, shares: tuple[float, float]
-) -> None:
-    x, found = instants(onset), of(windows, onset)
-    if found.worst is not None:
-        assert (noticed(windows, onset, shares, x) - x).max() <= found.worst + 1e-9
-
-
-@settings(max_examples=15, deadline=None)
 @given(windows=some_windows((0.1, 0.07)), onset=onsets())
 def test_means_of_several_rates_are_those_over_independent_phases(windows: list[Window], onset: Onset) -> None:
     rng, x, found = np.random.default_rng(0), instants(onset)[::4], of(windows, onset)

@@ -214,15 +214,6 @@ def test_disabled_pairs_are_not_checked(ur5: RobotModel) -> None:
     assert CollisionScene(ur5, [], skipped).placed(world([])).check(folded) is None
 
 
-def test_one_check_serves_many_configurations_in_order(scene: CollisionScene) -> None:
-    placed: PlacedScene = scene.placed(world())
-    into_table = READY + np.array([0, 1.0, 0, 0, 0, 0])
-    free, hit, again = placed.check_all(np.stack([READY, into_table, READY]))
-    assert free is None
-    assert again is None
-    assert hit is not None
-
-
 def test_a_contact_says_whether_it_is_one_or_only_too_close() -> None:
     assert str(Contact("forearm_link", "table")) == "forearm_link hits table"
     assert str(Contact("cup", "table", 0.5, 0.051)) == "cup comes closer to table than 0.051 m"
@@ -265,10 +256,6 @@ def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_n
     assert folded.unchecked == {("base", "l2"), ("base", "l3")}
 
 
-def test_the_seed_alone_decides(tmp_path: Path) -> None:
-    assert find_self_contacts(arm(tmp_path, 0.0), 4) == find_self_contacts(arm(tmp_path, 0.0), 4)
-
-
 def test_a_move_onto_a_mesh_ends_at_its_nearest_triangles(ur5: RobotModel, tmp_path: Path) -> None:
     """A stand is a small sheet above a large one, the arm holds a sheet; the surfaces meet after 10 cm of 28."""
 
@@ -295,20 +282,6 @@ def test_a_move_onto_a_mesh_ends_at_its_nearest_triangles(ur5: RobotModel, tmp_p
 
 
 WORLD, RADIUS = "world", 0.1
-
-
-def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:
-    depth = MotionBound(ur5).depth
-    chain = [
-        "base_link",
-        "shoulder_link",
-        "upper_arm_link",
-        "forearm_link",
-        "wrist_1_link",
-        "wrist_2_link",
-        "suction_tip",
-    ]
-    assert [depth[link] for link in chain] == list(range(7))
 
 
 class Balls:

@@ -252,23 +252,6 @@ def test_what_cannot_be_done_says_why_and_where(cell: Cell, tabletop: Workspace,
     assert re.search(said, "\n".join(result.reasons), re.MULTILINE), result.reasons
 
 
-def test_an_object_of_unknown_pose_is_infeasible_and_says_so(cell: Cell) -> None:
-    known = {name: X for name, X in cell.world.X_WO.items() if name != "cube"}
-    assert cell.plan(world=replace(cell.world, X_WO=known)) == Infeasible(("it is not known where `cube` is",))
-
-
-def test_a_wall_in_the_way_of_every_direct_path_is_named_with_where(cell: Cell, tabletop: Workspace) -> None:
-    wall = [
-        thing("wall", (0.02, 1.7, 1.2), pose(position=(0.18, 0, 0.6))),
-        thing("side", (1.2, 0.02, 1.2), pose(position=(-0.45, -0.3, 0.6))),
-    ]
-    start = cell.model.home + np.array([np.pi, 0, 0, 0, 0, 0])
-    walled = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, *wall))
-    result = walled.plan(world=replace(walled.world, joints=dict(zip(cell.model.arm, start.tolist(), strict=True))))
-    assert isinstance(result, Infeasible)
-    assert " hits " in result.reasons[0]
-
-
 def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> None:
     tall = thing("cube", (0.05, 0.05, 0.4), pose(position=(0.5, -0.2, 0.2)), fixed=False)
     waypoints = {

@@ -216,16 +216,6 @@ def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell: Ce
         assert same == direct.primitives[index].trajectory.to_numbers()
 
 
-def test_the_same_vias_give_the_same_motion_whatever_was_planned_before(cell: Cell, walled: Cell) -> None:
-    vias = {"a5": ends(planned(cell), 4).mean(axis=0)[None] + 0.2}
-    first = planned(cell, vias)
-    cell.plan(seed=7)
-    walled.plan()
-    again = planned(cell, vias)
-    for one, other in zip(first.primitives, again.primitives, strict=True):
-        assert one.trajectory.to_numbers() == other.trajectory.to_numbers()
-
-
 def test_vias_that_lead_through_an_obstacle_are_infeasible_and_say_what_touches(cell: Cell) -> None:
     under_the_table = ends(planned(cell), 0)[1] + [0.0, 0.9, 0.0, 0.0, 0.0, 0.0]
     result = cell.plan(vias={"a1": under_the_table[None]})

@@ -53,7 +53,3 @@ def test_an_arm_that_touches_something_to_begin_with_is_infeasible(
     crate_at_tool = {**world.X_WO, "crate": cell.model.tool_pose(cell.model.home)}
     (reason,) = reasons(cell, candidate, dataclasses.replace(world, X_WO=crate_at_tool))
     assert "hits crate before anything moves" in reason
-
-
-def test_what_touches_nothing_and_is_within_reach_can_be_done(cell: Cell, candidate: Candidate, world: World) -> None:
-    assert not isinstance(feasible_motion(cell, candidate, world), Infeasible)
