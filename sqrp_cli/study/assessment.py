@@ -22,7 +22,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.study.fault_sights import all_fault_windows, fault_onsets
 from sqrp_cli.study.quality import figures_of
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.sampling import MAX_SAMPLES, Sampling, sample_count
+from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
 from sqrp_cli.task import pieces
@@ -168,7 +168,12 @@ def all_observed(
 ) -> list[Observed]:
     """As `observed` of each of several motions, without delays. bars: see `observe`."""
     for scene in scenes:
-        if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
+        count = 0.0  # of the adaptive one, which bounds itself
+        if isinstance(sampling, FixedCount):
+            count = float(sampling.samples) * len(scene.motion.primitives)
+        elif isinstance(sampling, FixedStep):
+            count = scene.motion.time / sampling.dt
+        if count > MAX_SAMPLES:
             name = scene.candidate.name
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import groupby, pairwise
 from typing import Annotated, cast
@@ -24,7 +24,6 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel, Reason
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.result import UnseenTime
-from sqrp_cli.study.stage import Samples
 
 
 def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
@@ -177,10 +176,22 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
         first = first_failing(boxes, rows)
-        blind = {
-            camera.name: tuple(_blind_spans(cell, samples.some(rows), first, index))
-            for index, camera in enumerate(cell.observer.cameras)
-        }
+        t, piece, blind = samples.t[rows].tolist(), samples.piece[rows].tolist(), {}
+        for index, camera in enumerate(cell.observer.cameras):
+            failures, spans = list(zip(first.cause[:, index].tolist(), first.by[:, index].tolist(), strict=True)), []
+            for (code, by), group in groupby(range(len(t)), key=failures.__getitem__):
+                own = list(group)
+                # Around the samples at which it fails, up to the neighbours at which it does not.
+                start, end, before, after = t[own[0]], t[own[-1]], own[0] - 1, own[-1] + 1
+                if before >= 0 and failures[before][0] == Cause.NONE and piece[before] == piece[own[0]]:
+                    start = t[before]
+                if after < len(t) and piece[after] == piece[own[-1]]:
+                    end = t[after]
+                cause = Cause(code)
+                if cause is not Cause.NONE and end > start:
+                    stretch = TimeInterval(start, end)
+                    spans.append(BlindSpan(stretch=stretch, cause=cause.label, by=by_name(cell, cause, by)))
+            blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
     return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
 
@@ -224,20 +235,3 @@ def difference(stretches: Sequence[TimeInterval], without: Sequence[TimeInterval
 def intersection(stretches: Sequence[TimeInterval], others: Sequence[TimeInterval]) -> tuple[TimeInterval, ...]:
     """The parts of `stretches` inside the others."""
     return difference(stretches, difference(stretches, others))
-
-
-def _blind_spans(cell: Cell, samples: Samples, failing: FirstFailing, camera: int) -> Iterator[BlindSpan]:
-    """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
-    t, piece = samples.t.tolist(), samples.piece.tolist()
-    failures = list(zip(failing.cause[:, camera].tolist(), failing.by[:, camera].tolist(), strict=True))
-    for (code, by), group in groupby(range(len(t)), key=failures.__getitem__):
-        indices = list(group)
-        first, last = indices[0], indices[-1]
-        start, end = t[first], t[last]
-        if first > 0 and failures[first - 1][0] == Cause.NONE and piece[first - 1] == piece[first]:
-            start = t[first - 1]
-        if last + 1 < len(t) and piece[last + 1] == piece[last]:
-            end = t[last + 1]
-        cause = Cause(code)
-        if cause is not Cause.NONE and end > start:
-            yield BlindSpan(stretch=TimeInterval(start, end), cause=cause.label, by=by_name(cell, cause, by))

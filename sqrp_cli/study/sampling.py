@@ -9,7 +9,6 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.targets import Target
@@ -99,17 +98,6 @@ def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets:
             np.concatenate([[piece.start], inner, [piece.end]] if piece.end > piece.start else [[piece.start]])
         )
     return Samples(np.repeat(np.arange(len(times)), list(map(len, times))), np.concatenate(times))
-
-
-def sample_count(sampling: Sampling, motion: Motion) -> float:
-    """Approximate number of samples of a fixed sampling; 0 for the adaptive one, which bounds itself."""
-    match sampling:
-        case FixedCount(samples):
-            return float(samples) * len(motion.primitives)
-        case FixedStep(dt):
-            return motion.time / dt
-        case Adaptive():
-            return 0.0
 
 
 def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:

@@ -218,18 +218,16 @@ class PageContent:
 
 
 def write_page(content: PageContent, path: Path) -> None:
-    """Write the page, all or nothing. Raises InputError where it cannot be written or a library is missing."""
-    write_atomically(path, page(content))
+    """Write the page: an overview, shown before any motion is decoded, then models and motions.
 
-
-def page(content: PageContent) -> str:
-    """The text of the page: an overview, shown before any motion is decoded, then models and motions."""
+    All or nothing. Raises InputError where it cannot be written or a library is missing.
+    """
     entries, scenes = [row(entry) for entry in content.entries], [scene for scene, _ in content.scenes]
     data = {"overview": packed({**plain(content), "entries": entries, "scenes": scenes})}
     data |= {f"model-{index}": model for index, (_, model) in enumerate(content.scenes)}
     details = enumerate(entry.detail for entry in content.entries)
     data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
-    return assembled(content.title, asset("main.js"), data=data)
+    write_atomically(path, assembled(content.title, asset("main.js"), data=data))
 
 
 def row(entry: PageRow) -> dict[str, Any]:
@@ -277,8 +275,3 @@ def solid_colors(cell: Cell) -> list[Color]:
         else:
             colors.append(_TOOL if parent in cell.model.tool_links else next(shades))
     return colors
-
-
-def css(color: Color) -> str:
-    """A colour in CSS."""
-    return "#{:02x}{:02x}{:02x}".format(*color)

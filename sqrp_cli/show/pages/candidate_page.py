@@ -21,7 +21,6 @@ from sqrp_cli.show.pages.assembly import (
     CellScene,
     PageContent,
     PageRow,
-    css,
     packed,
     simplified,
     solid_colors,
@@ -187,6 +186,10 @@ def scene_model(cell: Cell) -> Mapping[str, object]:
     for index, (solid, color) in enumerate(zip(cell.observer.solids, solid_colors(cell), strict=True)):
         surface = simplified(Triangles(solid.vertices, solid.triangles))
         vertices = np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist()
-        where = {"name": cell.solid_name(index), "parent": solid.part.parent, "color": css(color)}
+        where = {
+            "name": cell.solid_name(index),
+            "parent": solid.part.parent,
+            "color": "#{:02x}{:02x}{:02x}".format(*color),
+        }
         solids.append({**where, "vertices": vertices, "triangles": surface.faces.reshape(-1).tolist()})
     return {"step": STEP, "joints": joints, "links": links, "solids": solids}

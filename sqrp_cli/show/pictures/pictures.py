@@ -43,9 +43,6 @@ class BlindInterval:
     row: int
     t: float
 
-    def __str__(self) -> str:
-        return f"{self.start:.1f} s to {self.end:.1f} s"
-
 
 def check_pictures(folder: Path) -> None:
     """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
@@ -88,7 +85,9 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
             pictures.append(made)
             advance()
         if pictures:
-            sheet.append((f"blind from {interval}; pictures of {interval.t:.1f} s", pictures))
+            sheet.append(
+                (f"blind from {interval.start:.1f} s to {interval.end:.1f} s; pictures of {interval.t:.1f} s", pictures)
+            )
     if sheet:
         write(SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)

@@ -21,7 +21,7 @@ from sqrp_cli.show.terminal.console import (
     seconds,
 )
 from sqrp_cli.study.ranking import compared_quality
-from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking, WayFigures
+from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult, Ranking
 
 MOST_NAMED = 3  # most candidates, or choices of objects, that a line names
 SHORTEST_BLIND = 0.05  # blind ends of moves that cost less are not named [s]
@@ -87,7 +87,18 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
         yield last.verdict
     faster, blind = [], []
     for one in feasible:
-        if (way := _fastest(one)) is not None:
+        first, *others = one.ways.pareto if one.ways is not None and one.ways.pareto else (None,)
+        way = min(others, key=lambda other: other.time, default=None)
+        # The fastest Pareto-optimal way, if it sees less than the best, as qualities are compared.
+        if (
+            first is not None
+            and way is not None
+            and way.time < first.time
+            and any(
+                compared_quality(own) < compared_quality(other)
+                for own, other in ((way.q_eoi, first.q_eoi), (way.q_avg, first.q_avg))
+            )
+        ):
             named = (("Q_eoi", way.q_eoi), ("Q_avg", way.q_avg))
             seen = ", ".join(f"{name} {100 * quality:.1f} %" for name, quality in named if quality is not None)
             faster.append(f"{one.name} in {way.time:.1f} s ({seen})")
@@ -105,17 +116,6 @@ def _sentences(feasible: Sequence[CandidateResult], found: Ranking) -> Iterator[
 def _first(texts: Sequence[str]) -> str:
     more = len(texts) - MOST_NAMED
     return ", ".join(texts[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
-
-
-def _fastest(one: CandidateResult) -> WayFigures | None:
-    """The fastest Pareto-optimal way of a candidate, if it sees less than its best, as qualities are compared."""
-    if one.ways is None or len(one.ways.pareto) < 2:
-        return None
-    first, *others = one.ways.pareto
-    fastest = min(others, key=lambda way: way.time)
-    pairs = ((fastest.q_eoi, first.q_eoi), (fastest.q_avg, first.q_avg))
-    less = any(compared_quality(own) < compared_quality(other) for own, other in pairs)
-    return fastest if fastest.time < first.time and less else None
 
 
 def print_ways(candidates: Iterable[CandidateResult]) -> None:

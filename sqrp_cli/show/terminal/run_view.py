@@ -88,9 +88,6 @@ class LiveView:
                 self._doing = "moves on to look"
         if (happens := event_in_words(event)) is not None:
             self._last = f"{event.t:.2f} s: {happens}"
-        self._show(self._text())
-
-    def _text(self) -> Any:  # noqa: ANN401
         width = max((len(atom) for atom in self._literals), default=0)
         parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}", "bold"), "\n"]
         for atom, found in self._literals.items():
@@ -101,7 +98,7 @@ class LiveView:
                 parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
             blind = found.value is Truth.UNKNOWN and not found.predicted
             parts.append("  blind as predicted\n" if blind else "\n")
-        return joined([*parts, (self._last, "yellow")])
+        self._show(joined([*parts, (self._last, "yellow")]))
 
 
 class FinishedSteps:

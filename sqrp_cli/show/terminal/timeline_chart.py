@@ -74,7 +74,7 @@ def print_study(found: Explanation) -> None:
     for row in _rows(found):
         say(row)
     seldom = [words for cause, words in SELDOM.items() if any(one.cause == cause for one in found.unseen_times)]
-    say(plain(_doings(found), "dim"))
+    say(plain(unbroken(f"{one.name} {one.does}" for one in found.primitives), "dim"))
     say(plain(unbroken([*LEGEND, *seldom], "  "), "dim"))
     _print_faults(found)
     if found.faults and found.assumed:
@@ -97,11 +97,6 @@ def print_study(found: Explanation) -> None:
         )
     say(f"\n{' '.join(filter(None, (found.verdict, what_to_move(found.to_move))))}")
     say(plain(accuracy(found.sampling, [found]), "dim"))
-
-
-def _doings(found: CandidateStudy) -> Styled:
-    """What each primitive action does."""
-    return unbroken(f"{one.name} {one.does}" for one in found.primitives)
 
 
 def _print_faults(found: CandidateResult) -> None:
@@ -132,7 +127,7 @@ def print_comparison(found: ExplainedAll) -> None:
     legend = "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest"
     say(plain(legend, "dim"))
     if feasible:
-        say(plain(_doings(feasible[0]), "dim"))
+        say(plain(unbroken(f"{one.name} {one.does}" for one in feasible[0].primitives), "dim"))
     for one in feasible:
         say(f"\n{one.name}: {one.verdict}")
     if done:
