@@ -183,9 +183,11 @@ def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table:
             np.where(first, new, old) for new, old in ((box.cause, cause), (box.by, by), (index, number))
         )
     by = np.where(cause == Cause.NONE, 0, by)
-    keys, place = np.unique(np.stack([cause, by, number]).reshape(3, -1), axis=1, return_inverse=True)
+    # One number of all three, in their order: columns are sorted some ten times as slowly.
+    keys = ((cause * (by.max(initial=0) + 2) + by + 1) * len(boxes) + number).reshape(-1)
+    _, at, place = np.unique(keys, return_index=True, return_inverse=True)
     indices = []
-    for of_cause, of_by, of_box in keys.T.tolist():
+    for of_cause, of_by, of_box in zip(*(one.reshape(-1)[at].tolist() for one in (cause, by, number)), strict=True):
         why = Cause(of_cause)
         seen = why is Cause.NONE
         box_name = None if seen or len(boxes) == 1 else names[of_box]
