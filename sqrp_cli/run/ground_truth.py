@@ -59,7 +59,7 @@ class GroundTruth:
         found = {}
         for atom, target in targets.items():
             inside = in_boxes(atom, target, X_WL, truth.X_WO, attempt.step.before.X_WO, truth.held)
-            found[atom] = attempt.when_open[atom] == is_open if inside is None else inside
+            found[atom] = attempt.nominal.when_open[atom] == is_open if inside is None else inside
         return found
 
     def advance(self, t: float, reference: ArmMotion) -> float:

@@ -19,7 +19,7 @@ from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.faults import FaultTracker
 from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.monitor.step_monitor import Attempt
-from sqrp_cli.run.perception.detections import BelievedState, Detection, Evidence, FusedTruth, fuse
+from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets, Evidence, FusedTruth, fuse
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
@@ -68,20 +68,12 @@ class EvidenceCollector:
         """How often cameras contradicted each other about an atom."""
         self.forget(0.0)
 
-    @property
-    def caught_up(self) -> bool:
-        """Whether the images of all cameras of some exposure since `forget` are there."""
-        return bool(self._complete)
-
-    @property
-    def places(self) -> dict[str, Array]:
-        """Where objects were located since `forget`, (3,) each [m]: the median over the images."""
-        return {name: np.median(found, axis=0) for name, found in self._places.items()}
-
     def watch(self, attempt: Attempt, number: int, t: float) -> None:
         """Look for the atoms of an attempt at the step with that number, in images from time t [s] on."""
         self._attempt, self._number = attempt, number
-        self.streams.detectors.watch(attempt.sought)
+        step = attempt.step
+        sought = DetectionTargets(dict(step.targets), step.before.X_WO, attempt.nominal.when_open)
+        self.streams.detectors.watch(sought)
         self.forget(t)
 
     def forget(self, t: float) -> None:
@@ -93,9 +85,11 @@ class EvidenceCollector:
         ]
         self.values: dict[str, Truth] = {}
         """What is known of each atom: the newest that any images show, none older than the last complete evidence."""
-        self._complete: dict[str, Truth] = {}
+        self.complete: dict[str, Truth] = {}
+        """The values of the last exposure since `forget` of which the images of all cameras are there."""
         self._published: dict[float, Mapping[str, FusedTruth]] = {}
-        self._places: dict[str, list[Array]] = {}
+        self.places: dict[str, list[Array]] = {}
+        """Where objects were located since `forget`, by the images one after the other, (3,) each [m]."""
 
     def expose(self, t: float, moment_at: Callable[[float], Moment]) -> None:
         """Take the images that are due at time t [s]. moment_at: what the run knows of a time [s].
@@ -133,7 +127,7 @@ class EvidenceCollector:
                 continue
             exposure.detections[camera] = detection
             for name, place in detection.places.items():
-                self._places.setdefault(name, []).append(place)
+                self.places.setdefault(name, []).append(place)
             tau = exposure.tau
             if tau is not None and attempt.undisturbed and 0.0 <= tau <= attempt.step.time:
                 attempt.check.add(detection, tau, attempt.monitor.monitored(tau), exposure.truths)
@@ -158,8 +152,8 @@ class EvidenceCollector:
             if evidence.complete:
                 self._published.pop(evidence.t, None)
                 self.conflicts += sum(fused.conflict for fused in evidence.atoms.values())
-                self._complete = evidence.values
-        self.values = dict(self._complete)
+                self.complete = evidence.values
+        self.values = dict(self.complete)
         for evidence in found:
             if not evidence.complete:
                 self.values.update({atom: value for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
@@ -240,13 +234,6 @@ class Lockstep:
     def command_hold(self, *, holding: bool) -> None:
         """The tool counts as commanded to hold, or not, from now on."""
         self._commands.append((self._truth.now, holding))
-
-    def let_go(self) -> None:
-        """Let go at once, whatever the motion wants of the fingers."""
-        self.cell.release()
-        self.command_hold(holding=False)
-        if self.fingers is not None:
-            self.motion.place(self.fingers.open)
 
     def _tau(self, t: float) -> float | None:
         """The time of the step's motion at time t [s], None before it."""

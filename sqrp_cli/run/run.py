@@ -13,6 +13,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, bad_input
+from sqrp_cli.logic.formula import Predicate, nested
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Replanner, Step
@@ -28,8 +29,8 @@ from sqrp_cli.run.monitor.step_monitor import (
     Attempt,
     PredictionCheck,
     StepMonitor,
-    condition_atoms,
     condition_value,
+    read_formula,
 )
 from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
@@ -280,7 +281,8 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     if when is not None and not is_seen():
         # The next place along the motion from which all atoms of the condition are predicted to be seen, else its end.
         tau, end, nominal = motion.step_time(lockstep.now), attempt.step.time, attempt.nominal
-        atoms, stop_at, cameras = condition_atoms(when), end, list[str]()
+        atoms = {str(part.atom) for part in nested(read_formula(when)) if isinstance(part, Predicate)}
+        stop_at, cameras = end, list[str]()
         for begin in np.arange(min(tau, end), end, SPACING).tolist():
             stands = motion.standing_time(begin)
             margin = min(collector.streams.period, stands, end - stands)
@@ -299,10 +301,13 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
                 lockstep.pass_time(began + stop_at - tau)
             lockstep.faults.note(moved_on=round(lockstep.now - began, 6))
     lockstep.stop(alarm.text)
-    lockstep.let_go()
+    lockstep.cell.release()  # at once, whatever the motion wants of the fingers
+    lockstep.command_hold(holding=False)
+    if lockstep.fingers is not None:
+        motion.place(lockstep.fingers.open)
     collector.forget(lockstep.now)
     until = lockstep.now + LOOK_AGAIN
-    while when is not None and not (collector.caught_up and is_seen()):
+    while when is not None and not (collector.complete and is_seen()):
         if lockstep.now >= until - 1e-9:
             raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
         lockstep.pass_time(until)
@@ -310,7 +315,7 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     X_WO = dict(before.X_WO)
     for name, place in collector.places.items():
         X_WO[name] = X_WO[name].copy()
-        X_WO[name][:3, 3] = place
+        X_WO[name][:3, 3] = np.median(place, axis=0)
     known = {Atom.of(atom): value for atom, value in collector.values.items()}
     seen, refuted = ({atom for atom, value in known.items() if value == one} for one in (Truth.TRUE, Truth.FALSE))
     measured = lockstep.cell.measured_joints()

@@ -16,7 +16,7 @@ class FixedNominalStep:
     """An expectation with stated values: atoms that hold from a time on, and stretches in which they are covered."""
 
     def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:
-        self.step, self._changes = step, changes
+        self.step, self._changes, self.when_open = step, changes, {}
         self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
 
     def holds(self, atom: str, t: float) -> bool:

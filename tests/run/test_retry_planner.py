@@ -70,7 +70,7 @@ class Trial:
         return self.seen(self.motion.step_time(self.now), self.is_open) if fresh else {}
 
     @property
-    def caught_up(self) -> bool:
+    def complete(self) -> bool:
         return self.now > self.since + self.slowest
 
     @property
@@ -80,8 +80,11 @@ class Trial:
     def forget(self, t: float) -> None:
         self.since = t
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         self.is_open = True
+
+    def command_hold(self, *, holding: bool) -> None:
+        assert self.is_open is not holding
 
     def note(self, moved_on: float) -> None:
         self.done.append(("moved on", round(moved_on, 3)))

@@ -52,11 +52,9 @@ def values_when_open(step: Step) -> dict[str, bool]:
 
 def planned_joints(step: Step, t: Array) -> Array:
     """Positions of the program's n joints at times t (m,) of a step [s], shape (m, n) [rad or m]."""
-    of = _primitive_at(step, t)
-    q = [p.trajectory.positions(t[of == index] - p.start) for index, p in enumerate(step.primitives)]
-    found = np.empty((len(t), q[0].shape[1]))
-    for index, positions in enumerate(q):
-        found[of == index] = positions
+    of, found = _primitive_at(step, t), np.empty((len(t), step.primitives[0].trajectory.positions([0.0]).shape[1]))
+    for index, primitive in enumerate(step.primitives):
+        found[of == index] = primitive.trajectory.positions(t[of == index] - primitive.start)
     return found
 
 
@@ -80,14 +78,15 @@ class NominalStep:
         self._X_WO: dict[str, Array] = {name: X[None] for name, X in before.X_WO.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
             self._X_WO[name] = carried_poses(X_WT, _stays(name, step, held, X_WT))
-        when_open = values_when_open(step)
+        self.when_open = values_when_open(step)
+        """The value of each atom while the fingers of a gripper are open."""
         self._holds = {atom: np.zeros(len(t), dtype=bool) for atom in step.targets}
         for i in range(len(t)):
             now_X_WL = {link: X[i] for link, X in X_WL.items()}
             now_X_WO = {name: X[i if len(X) > 1 else 0] for name, X in self._X_WO.items()}
             for atom, target in step.targets.items():
                 inside = in_boxes(atom, target, now_X_WL, now_X_WO, before.X_WO, held[i])
-                self._holds[atom][i] = when_open[atom] == (held[i] is None) if inside is None else inside
+                self._holds[atom][i] = self.when_open[atom] == (held[i] is None) if inside is None else inside
 
     def _index(self, t: float) -> int:
         return min(round(max(t, 0.0) / SPACING), len(self.times) - 1)
@@ -108,14 +107,8 @@ class NominalStep:
 
     def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
         """The cameras that were predicted to see an atom from t - margin to t + margin [s]."""
-        target = self.step.targets[atom]
-        return [name for name, spans in target.seen.items() if _within(spans, t - margin, t + margin)]
-
-    def usually_shows(self, atom: str, camera: str, t: float, *, value: bool) -> bool:
-        """Whether a camera's image of time t [s] usually shows an atom with this value, be it promised or not."""
-        target = self.step.targets[atom]
-        usual = target.usual if value or not target.refuted else target.refuted
-        return _within(usual.get(camera, ()), t, t)
+        seen = self.step.targets[atom].seen
+        return [name for name, spans in seen.items() if any(a <= t - margin and t + margin <= b for a, b in spans)]
 
     def is_covered(self, atom: str, t: float, margin: float = 0.0) -> bool:
         """Whether enough cameras were predicted to see an atom from t - margin to t + margin [s]."""
@@ -135,7 +128,3 @@ def _stays(name: str, step: Step, held: Sequence[str | None], X_WT: Array) -> It
         else:
             X_TO = None
             yield Stay(slice(start, end), None, X_WO)
-
-
-def _within(spans: tuple[tuple[float, float], ...], start: float, end: float) -> bool:
-    return any(first <= start and end <= last for first, last in spans)

@@ -8,21 +8,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.logic.formula import Formula, Predicate, nested
+from sqrp_cli.logic.formula import Formula, Predicate
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.run.perception.detections import Detection, DetectionTargets, Evidence, MissReason
+from sqrp_cli.run.monitor.nominal_step import NominalStep
+from sqrp_cli.run.perception.detections import Detection, Evidence, MissReason
 from sqrp_cli.run.record.report import Confusion, Disagreement
 from sqrp_cli.run.robot_body import RobotBody
 
@@ -42,19 +41,11 @@ def read_formula(text: str) -> Formula:
     return grounded(parse_formula(text, Place(Path("program"))))
 
 
-def _known(values: Mapping[str, Truth]) -> dict[Atom, Truth]:
-    return {Atom.of(name): value for name, value in values.items()}
-
-
 def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
     """The value of a formula without temporal operators, such as the condition of a retry."""
-    return evaluate(read_formula(text), Trace(((0.0, _known(values)),), 0.0, 0.0)).at(0)
-
-
-def condition_atoms(text: str) -> tuple[str, ...]:
-    """The atoms of a formula without temporal operators."""
-    atoms = (str(part.atom) for part in nested(read_formula(text)) if isinstance(part, Predicate))
-    return tuple(dict.fromkeys(atoms))
+    return evaluate(
+        read_formula(text), Trace(((0.0, {Atom.of(name): value for name, value in values.items()}),), 0.0, 0.0)
+    ).at(0)
 
 
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
@@ -205,7 +196,10 @@ class StepMonitor:
         for watch in self._watches:
             if watch.over or t > self._total + _SAME:
                 continue
-            entry, known = watch.entry, _known(values) if any(watch.active(t)) else {}
+            entry, known = (
+                watch.entry,
+                {Atom.of(name): value for name, value in values.items()} if any(watch.active(t)) else {},
+            )
             if entry.fault is not None:
                 if watch.monitor.observe(t, known) == Truth.TRUE or self._seen_late(watch, t, values):
                     found.append(watch.fault_alarm())
@@ -278,7 +272,9 @@ class PredictionCheck:
         """Count an image taken at time t [s] of the step, for the atoms that count then, with their true values."""
         for atom in atoms:
             predicted = detection.camera in self._nominal.covering(atom, t)
-            usual = not predicted and self._nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
+            target = self._nominal.step.targets[atom]
+            spans = (target.usual if truths[atom] or not target.refuted else target.refuted).get(detection.camera, ())
+            usual = not predicted and any(start <= t <= end for start, end in spans)
             seen, boxes = detection.truth(atom), detection.boxes.get(atom, ())
             detected = seen == (Truth.TRUE if truths[atom] else Truth.FALSE)
             self.counts[atom][detection.camera].add(predicted, detected)
@@ -343,16 +339,6 @@ class Attempt:
     def end(self) -> float:
         """When its motion is over on the cell's clock [s]; infinite before it."""
         return float("inf") if self.start is None else self.start + self.step.time
-
-    @cached_property
-    def when_open(self) -> Mapping[str, bool]:
-        """The value of each atom while the fingers of a gripper are open."""
-        return values_when_open(self.step)
-
-    @property
-    def sought(self) -> DetectionTargets:
-        """What to look for."""
-        return DetectionTargets(dict(self.step.targets), self.step.before.X_WO, self.when_open)
 
     def beliefs(self, tau: float | None) -> Mapping[str, Array]:
         """Where objects are believed to be at a time of the step [s], (4, 4) each."""
