@@ -1,5 +1,13 @@
+"""Images in files and messages: whole ones are read as they were, damage is found, none is larger than bearable.
+
+PNG files are looked at before they are decoded: damage is found in whatever byte it is, without unpacking bombs.
+"""
+
 from __future__ import annotations
 
+import struct
+import tracemalloc
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,18 +16,147 @@ import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.camera.camera import Camera
+from sqrp_cli.camera.camera import Camera, PixelSize
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.ros.messages import message_types
-from sqrp_cli.run.record.packed_image import DamagedImageError, image_of, jpeg_of, png_of
+from sqrp_cli.run.image import check_recorded, check_simulated
+from sqrp_cli.run.record.packed_image import DamagedImageError, bare_png, decoded, image_of, jpeg_of, png_of, read_png
+from tests.damage.record_bombs import chunk
 
+WATCH = Path(__file__).parents[2] / "cases" / "watch"
 CAMERA = Camera(
     width=64, height=48, matrix=np.eye(3), distortion_model="none", distortion=np.zeros(0), rate=10.0, name="cam",
     frame="world", X_FC=np.eye(4),
 )  # fmt: skip
 y, x = np.mgrid[0:48, 0:64]
 IMAGE = np.stack([4 * x, 5 * y, 128 + 0 * x], axis=-1).astype(np.uint8)
+SIZE = PixelSize(64, 48)
 PLACE = Place(Path("run.mcap"))
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+SMALL = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))
+
+
+def png(width: int, height: int, rows: bytes, *, color: int = 2, extra: bytes = b"") -> bytes:
+    """A PNG of packed rows whose bytes say nothing more than its size."""
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, color, 0, 0, 0))
+    return SIGNATURE + header + extra + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def black(width: int, height: int, extra: bytes = b"") -> bytes:
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(width + 1)) for _ in range(height)) + packer.flush()
+    return png(width, height, rows, color=0, extra=extra)
+
+
+def encoded(ending: str, image: np.ndarray) -> bytes:
+    return cv2.imencode(ending, image)[1].tobytes()
+
+
+def damage(content: bytes) -> str:
+    return bare_png(content)[0]
+
+
+def test_what_was_written_is_whole_and_reads_as_it_was() -> None:
+    assert not damage(SMALL)
+    assert (decoded(SMALL).ravel() == np.arange(5 * 7 * 3)).all()  # type: ignore[union-attr]
+
+
+def test_text_and_profiles_do_not_reach_the_decoder(capfd: pytest.CaptureFixture[str]) -> None:
+    head = len(SIGNATURE) + 25
+    content = SMALL[:head] + chunk(b"iCCP", b"a\0\0") + chunk(b"zTXt", b"a") + SMALL[head:]
+    assert bare_png(content) == ("", SMALL)
+    decoded(content)
+    assert "libpng" in capfd.readouterr().err
+    decoded(bare_png(content)[1])
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("change", [0x01, 0x41, 0xFF])
+def test_damage_is_found_in_whichever_byte_it_is_and_wherever_a_file_is_cut_off(change: int) -> None:
+    assert all(damage(SMALL[:at] + bytes([SMALL[at] ^ change]) + SMALL[at + 1 :]) for at in range(len(SMALL)))
+    assert all(damage(SMALL[:length]) for length in range(len(SMALL)))
+
+
+@pytest.mark.parametrize(
+    ("rows", "color", "says"),
+    [
+        (b"", 2, "it has 0 rows, its header promises 3"),
+        (bytes(2 * 7), 2, "it has 2 rows, its header promises 3"),
+        (bytes(4 * 7), 2, "it has more rows than the 3 that its header promises"),
+        (bytes(7) + b"\x05" + bytes(13), 2, "row 2 is packed in a way that PNG does not have"),
+        (bytes(3 * 3), 3, "its colours are numbers of a palette (`PLTE`), which it does not have"),
+    ],
+)
+def test_rows_that_are_missing_or_wrong_are_named(rows: bytes, color: int, says: str) -> None:
+    assert damage(png(2, 3, zlib.compress(rows), color=color)) == says
+
+
+def test_only_as_much_is_unpacked_as_the_image_needs() -> None:
+    content = png(2, 3, zlib.compress(bytes(50_000_000)))
+    tracemalloc.start()
+    assert damage(content) == "it has more rows than the 3 that its header promises"
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3 * len(content)
+
+
+def test_a_png_of_a_hundred_megapixels_is_refused_from_its_header(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(black(10_000, 10_000))
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"a\.png: this image is 10000x10000, eye has 64x48"):
+        read_png(path, SIZE, "eye")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "no PNG file"),
+        (encoded(".jpg", IMAGE), "no PNG file"),
+        (encoded(".png", IMAGE)[:20], "damaged in its header"),
+        (encoded(".png", IMAGE).replace(b"\0\0\0\x40", b"\0\0\0\x41", 1), "damaged in its header"),
+        (black(64, 48, chunk(b"acTL", bytes(8))), "animated"),
+        (black(65, 48), "is 65x48, eye has 64x48"),
+        (encoded(".png", IMAGE) + bytes(11_000_000), "bytes, the limit is 10,024,576"),
+    ],
+    ids=["empty", "jpeg", "cut", "header", "animated", "size", "bytes"],
+)
+def test_what_is_no_image_of_the_camera_is_refused(content: bytes, says: str, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        read_png(tmp_path / "a.png", SIZE, "eye")
+
+
+def test_every_kind_of_png_gives_eight_bits_in_three_colours(tmp_path: Path) -> None:
+    grey = IMAGE[:, :, 0]
+    clear, expected = np.dstack([IMAGE, np.full(grey.shape, 128, np.uint8)]), np.repeat(grey[:, :, None], 3, axis=2)
+    fine = grey.astype(np.uint16) * 257
+    for image, shown in ((grey, expected), (fine, expected), (IMAGE, IMAGE[:, :, ::-1]), (clear, IMAGE[:, :, ::-1])):
+        (tmp_path / "a.png").write_bytes(encoded(".png", image))
+        assert np.array_equal(read_png(tmp_path / "a.png", SIZE, "eye"), shown)
+    rows = zlib.compress(b"".join(b"\0" + bytes([row]) * 64 for row in range(48)))
+    (tmp_path / "a.png").write_bytes(png(64, 48, rows, color=3, extra=chunk(b"PLTE", bytes(range(144)))))
+    assert read_png(tmp_path / "a.png", SIZE, "eye")[7, 0].tolist() == [21, 22, 23]
+
+
+def test_images_that_are_too_large_to_simulate_or_look_at_are_refused_before_the_work() -> None:
+    workspace = load_workspace(WATCH)
+
+    def of_size(width: int, height: int, count: int = 1) -> Any:
+        eye = replace(workspace.cameras["eye"], width=width, height=height)
+        return replace(workspace, cameras={"eye": eye, **{str(number): eye for number in range(1, count)}})
+
+    check_simulated(of_size(4000, 4000))
+    with pytest.raises(InputError, match="`eye` have 4,001 x 4,000 pixels; images of at most 16,000,000 pixels"):
+        check_simulated(of_size(4001, 4000))
+    check_recorded(of_size(8000, 8000), ["eye"])
+    with pytest.raises(InputError, match="at most 64,000,000 pixels are looked at"):
+        check_recorded(of_size(8001, 8000), ["eye"])
+    with pytest.raises(InputError, match="all cameras have 80,000,000 pixels"):
+        check_simulated(of_size(4000, 4000, 5))
 
 
 def packed(data: bytes, kind: str = "jpeg") -> Any:
@@ -33,10 +170,16 @@ def bare(encoding: str, pixels: Any, step: int, **fields: int) -> Any:
     return message_types(2).make("sensor_msgs/msg/Image", encoding=encoding, data=data, step=step, **size)
 
 
-def test_packed_images_are_what_was_packed() -> None:
-    np.testing.assert_array_equal(image_of(packed(png_of(IMAGE), "png"), CAMERA, PLACE, "here"), IMAGE)
-    error = image_of(packed(jpeg_of(IMAGE)), CAMERA, PLACE, "here").astype(int) - IMAGE
-    assert np.abs(error).max() < 12
+def shown(message: Any, camera: Camera = CAMERA) -> np.ndarray:
+    """The image of a message, as numbers that can be subtracted."""
+    return image_of(message, camera, PLACE, "here").astype(int)
+
+
+def test_packed_images_are_what_was_packed_also_where_a_camera_fills_up_to_a_marker() -> None:
+    np.testing.assert_array_equal(shown(packed(png_of(IMAGE), "png")), IMAGE)
+    whole = jpeg_of(IMAGE)
+    assert np.abs(shown(packed(whole)) - IMAGE).max() < 12
+    np.testing.assert_array_equal(shown(packed(whole[:-2] + b"\0" + whole[-2:])), shown(packed(whole)))
 
 
 @pytest.mark.parametrize(
@@ -50,17 +193,16 @@ def test_packed_images_are_what_was_packed() -> None:
 )
 def test_bare_images_are_read_in_every_order_of_colours(encoding: str, pixels: Any) -> None:
     width = 64 * pixels.shape[2]
-    np.testing.assert_array_equal(image_of(bare(encoding, pixels, width), CAMERA, PLACE, "here"), IMAGE)
+    np.testing.assert_array_equal(shown(bare(encoding, pixels, width)), IMAGE)
     rows = np.pad(pixels.reshape(48, width), ((0, 0), (0, 8)))  # rows that are longer than their pixels
-    np.testing.assert_array_equal(image_of(bare(encoding, rows, width + 8), CAMERA, PLACE, "here"), IMAGE)
+    np.testing.assert_array_equal(shown(bare(encoding, rows, width + 8)), IMAGE)
 
 
 def test_a_mosaic_of_colours_becomes_an_image() -> None:
     mosaic = np.empty((48, 64), np.uint8)  # red, green / green, blue
     mosaic[::2, ::2], mosaic[1::2, 1::2] = IMAGE[::2, ::2, 0], IMAGE[1::2, 1::2, 2]
     mosaic[::2, 1::2], mosaic[1::2, ::2] = IMAGE[::2, 1::2, 1], IMAGE[1::2, ::2, 1]
-    found = image_of(bare("bayer_rggb8", mosaic, 64), CAMERA, PLACE, "here").astype(int)
-    assert np.abs(found - IMAGE)[2:-2, 2:-2].max() <= 6
+    assert np.abs(shown(bare("bayer_rggb8", mosaic, 64)) - IMAGE)[2:-2, 2:-2].max() <= 6
 
 
 @pytest.mark.parametrize(("encoding", "luma"), [("yuv422_yuy2", 0), ("yuyv", 0), ("yuv422", 1), ("uyvy", 1)])
@@ -70,14 +212,13 @@ def test_images_of_brightness_and_colour_are_read(encoding: str, luma: int) -> N
     u, v = 128 - 0.148 * r - 0.291 * g + 0.439 * b, 128 + 0.439 * r - 0.368 * g - 0.071 * b
     pixels = np.empty((48, 64, 2))
     pixels[..., luma], pixels[:, ::2, 1 - luma], pixels[:, 1::2, 1 - luma] = y, u[:, ::2], v[:, ::2]
-    found = image_of(bare(encoding, pixels.round().astype(np.uint8), 128), CAMERA, PLACE, "here")
-    assert np.abs(found.astype(int) - IMAGE).max() <= 8
+    assert np.abs(shown(bare(encoding, pixels.round().astype(np.uint8), 128)) - IMAGE).max() <= 8
 
 
 def test_a_jpeg_that_is_damaged_inside_is_told_in_the_words_of_its_decoder(capfd: pytest.CaptureFixture[str]) -> None:
     whole = jpeg_of(IMAGE)
     with pytest.raises(DamagedImageError, match=r"here is damaged: .*JPEG"):
-        image_of(packed(whole[: 3 * len(whole) // 4] + b"\xff\xd9"), CAMERA, PLACE, "here")
+        shown(packed(whole[: 3 * len(whole) // 4] + b"\xff\xd9"))
     assert capfd.readouterr().err == ""
 
 
@@ -93,21 +234,10 @@ def test_a_jpeg_that_is_damaged_inside_is_told_in_the_words_of_its_decoder(capfd
         (bare("rgb8", IMAGE[:20], 192), "has fewer bytes than its 64x48 pixels need"),
         (bare("rgb8", IMAGE, 10), "has fewer bytes than its 64x48 pixels need"),
         (bare("mono16", IMAGE, 192), "has the encoding `mono16`; read are rgb8"),
+        (bare("yuyv", IMAGE[:, :63, :2], 126, width=63), "has the encoding `yuyv`, but an odd width"),
     ],
 )
 def test_an_image_that_cannot_be_read_is_told_with_its_message(message: Any, says: str) -> None:
-    with pytest.raises(InputError, match="here") as caught:
-        image_of(message, CAMERA, PLACE, "/cam/image_raw at 1.000 s, here")
+    with pytest.raises(InputError, match="the image of here") as caught:
+        shown(message, replace(CAMERA, width=63) if "odd" in says else CAMERA)
     assert says in caught.value.problems[0].message
-
-
-def test_a_camera_that_fills_up_to_a_marker_sends_whole_images() -> None:
-    whole = jpeg_of(IMAGE)
-    padded = image_of(packed(whole[:-2] + b"\0" + whole[-2:]), CAMERA, PLACE, "here")
-    np.testing.assert_array_equal(padded, image_of(packed(whole), CAMERA, PLACE, "here"))
-
-
-def test_colours_that_two_pixels_share_need_an_even_width() -> None:
-    odd = replace(CAMERA, width=63)
-    with pytest.raises(InputError, match="has the encoding `yuyv`, but an odd width"):
-        image_of(bare("yuyv", IMAGE[:, :63, :2], 126, width=63), odd, PLACE, "here")
