@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Python makes the bytecode of what is used; pip would make that of all, on one core.
 INSTALL := $(BIN)/pip install --no-compile --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: all rank run test check lint docs wheels bench load damage planners trials pictures calibrate reproduce format clean
+.PHONY: all rank run test check lint docs wheels bench load damage planners trials pictures reproduce format clean
 
 all: .venv/installed
 
@@ -78,9 +78,6 @@ planners: all
 # The pictures of the documentation; needs Chromium.
 pictures: all
 	$(BIN)/python -m tests.pictures
-
-calibrate: all
-	$(BIN)/python -m tests.run.perception.detector_limits
 
 # Long seeded trials; without a name, `python -m tests.trials` lists them.
 trials: all

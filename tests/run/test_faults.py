@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -34,8 +35,19 @@ PLACE = program_step(
 CAMERAS = ("cam1", "cam2")
 
 
-def parse(text: str, seed: int = 0):
-    return parse_fault(text, [STEP], CAMERAS, np.random.default_rng(seed))
+TAKE = "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+
+
+def parse(text: str, *steps: SimpleNamespace, seed: int = 0) -> InjectedFault:
+    return parse_fault(text, steps or [STEP], CAMERAS, np.random.default_rng(seed))
+
+
+def refused(ask: Callable[[], object]) -> tuple[str, str]:
+    """The message and the mend of an error."""
+    with pytest.raises(InputError) as caught:
+        ask()
+    (problem,) = caught.value.problems
+    return problem.message, problem.mend or ""
 
 
 @pytest.mark.parametrize(
@@ -44,6 +56,7 @@ def parse(text: str, seed: int = 0):
         ("slip@a4+0.4", "slip", None, 2.4, 0.0),
         ("slip@a4", "slip", None, 2.0, 0.0),
         ("slip@3.5", "slip", None, 3.5, 0.0),
+        ("slip@1.0", "slip", None, 1.0, 0.0),  # where one primitive ends, the next one begins
         ("slip@3500 ms", "slip", None, 3.5, 0.0),
         ("slip@3.5s", "slip", None, 3.5, 0.0),
         ("slip@a4+400ms", "slip", None, 2.4, 0.0),
@@ -63,38 +76,26 @@ def test_a_fault_says_what_happens_when_with_units_if_wanted(
 
 
 def test_a_random_slip_lies_within_its_primitive_and_repeats_with_its_seed() -> None:
-    times = [parse("slip@a4:random", seed).t for seed in range(20)]
+    times = [parse("slip@a4:random", seed=seed).t for seed in range(20)]
     assert all(2.0 <= t <= 5.0 for t in times)
-    assert times == [parse("slip@a4:random", seed).t for seed in range(20)]
+    assert times == [parse("slip@a4:random", seed=seed).t for seed in range(20)]
     assert len(set(times)) == 20
 
 
 @pytest.mark.parametrize("text", ["slip@a1", "slip@a1+0.2", "slip@a1:random", "slip@0.3"])
 def test_nothing_slips_where_nothing_is_held(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse(text)
-    (problem,) = caught.value.problems
-    assert problem.message == f"--fault {text}: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`"
-    assert problem.mend == "write slip@a3"
-    assert parse("slip@1.0").t == 1.0, "where one primitive ends, the next one begins"
+    message = f"--fault {text}: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`"
+    assert refused(lambda: parse(text)) == (message, "write slip@a3")
 
 
-def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
-    with pytest.raises(InputError, match="nothing in `a1`, nor in any other") as caught:
-        parse_fault(
-            "slip@0.1",
-            [SimpleNamespace(primitives=STEP.primitives[:2], short_task="move")],
-            CAMERAS,
-            np.random.default_rng(0),
-        )
-    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+EMPTY = SimpleNamespace(primitives=STEP.primitives[:2], short_task="move")
 
 
 @pytest.mark.parametrize("text", ["slip@a1", "moved@a1", "camera-loss:cam1@1"])
-def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_sweep(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse_sweep(text, [SimpleNamespace(primitives=STEP.primitives[:2], short_task="move")])
-    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+def test_what_holds_nothing_at_all_can_only_lose_a_camera(text: str) -> None:
+    message, mend = refused(lambda: parse("slip@0.1", EMPTY))
+    assert "nothing in `a1`, nor in any other" in message
+    assert mend == TAKE == refused(lambda: parse_sweep(text, [EMPTY]))[1]  # a sweep leads to no other sweep
 
 
 @pytest.mark.parametrize(
@@ -126,49 +127,43 @@ def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_swee
     ],
 )
 def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> None:
-    with pytest.raises(InputError, match="--fault") as caught:
-        parse(text)
-    (problem,) = caught.value.problems
+    message, mend = refused(lambda: parse(text))
     kind = text.split("@")[0].split(":")[0]
-    assert said in f"{problem.message}; {problem.mend}"
-    assert problem.mend is not None
-    assert kind in problem.mend or "give one of: slip@a4+0.4" in problem.mend
+    assert message.startswith(f"--fault {text}: ")
+    assert said in f"{message}; {mend}"
+    assert (kind and kind in mend) or "give one of: slip@a4+0.4" in mend
 
 
-def parse_in(text: str, *steps: SimpleNamespace) -> tuple[int, float | None]:
-    """The number of the step in which a fault happens, and when in it [s]."""
-    fault = parse_fault(text, steps, CAMERAS, np.random.default_rng(0))
-    assert fault.text == text
-    return fault.step, fault.t
+BRIEF = program_step("pickup g", [], ("a4", "", "g", 0.0, 1.0))
 
 
 @pytest.mark.parametrize(
-    ("text", "step", "t"),
+    ("text", "steps", "step", "t"),
     [
-        ("2:slip@a4+0.5", 2, 2.5),
-        ("2:slip@3.1", 2, 3.1),
-        ("2:miss-pick", 2, None),
-        ("2:camera-loss:cam1@7", 2, 7.0),
-        ("2:latency:cam1=0.5", 2, 0.0),
-        ("1:slip@a1", 1, 0.0),
-        ("slip@1.5", 1, 1.5),
-        ("camera-loss:cam1@7", 1, 7.0),
-        ("slip@a3", 2, 1.0),  # only there
-        ("slip@a4", 2, 2.0),  # the first step has it, too, and holds nothing in it
-        ("slip@a1+1", 1, 1.0),
-        ("slip@a2:random", 1, pytest.approx(2.25, abs=0.25)),
-        ("miss-pick", 2, None),
+        ("2:slip@a4+0.5", (PLACE, STEP), 2, 2.5),
+        ("2:slip@3.1", (PLACE, STEP), 2, 3.1),
+        ("2:miss-pick", (PLACE, STEP), 2, None),
+        ("2:camera-loss:cam1@7", (PLACE, STEP), 2, 7.0),
+        ("2:latency:cam1=0.5", (PLACE, STEP), 2, 0.0),
+        ("1:slip@a1", (PLACE, STEP), 1, 0.0),
+        ("slip@1.5", (PLACE, STEP), 1, 1.5),
+        ("camera-loss:cam1@7", (PLACE, STEP), 1, 7.0),
+        ("slip@a3", (PLACE, STEP), 2, 1.0),  # only there
+        ("slip@a4", (PLACE, STEP), 2, 2.0),  # the first step has it, too, and holds nothing in it
+        ("slip@a1+1", (PLACE, STEP), 1, 1.0),
+        ("slip@a2:random", (PLACE, STEP), 1, pytest.approx(2.25, abs=0.25)),
+        ("miss-pick", (PLACE, STEP), 2, None),
+        ("slip@a4", (STEP, STEP), 1, 2.0),  # of steps that are alike the first
+        ("miss-pick", (STEP, STEP), 1, None),
+        ("slip@a4+2", (BRIEF, STEP), 2, 4.0),  # unless it is too short
     ],
 )
-def test_a_fault_happens_in_the_step_that_is_told_or_the_first_in_which_it_can(text: str, step: int, t: float) -> None:
-    assert parse_in(text, PLACE, STEP) == (step, t)
-
-
-def test_of_steps_that_are_alike_the_first_is_meant_unless_it_is_too_short() -> None:
-    assert parse_in("slip@a4", STEP, STEP) == (1, 2.0)
-    assert parse_in("miss-pick", STEP, STEP) == (1, None)
-    brief = program_step("pickup g", [], ("a4", "", "g", 0.0, 1.0))
-    assert parse_in("slip@a4+2", brief, STEP) == (2, 4.0)
+def test_a_fault_happens_in_the_step_that_is_told_or_the_first_in_which_it_can(text, steps, step: int, t) -> None:
+    fault = parse(text, *steps)
+    assert (fault.text, fault.step, fault.t) == (text, step, t)
+    if (name := text.partition("@")[2]) in ("a1", "a3", "a4"):  # a sweep finds its step as a fault does
+        number, primitive = parse_sweep(text, steps)
+        assert (number, primitive.name) == (step, name)
 
 
 @pytest.mark.parametrize(
@@ -192,24 +187,15 @@ def test_of_steps_that_are_alike_the_first_is_meant_unless_it_is_too_short() -> 
     ],
 )
 def test_messages_name_the_step_that_they_are_about(text: str, said: str, mend: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse_in(text, PLACE, STEP)
-    (problem,) = caught.value.problems
-    assert problem.message.startswith(f"--fault {text}: ")
-    assert said in problem.message
-    assert (problem.mend or "").startswith(mend)
+    message, found = refused(lambda: parse(text, PLACE, STEP))
+    assert message.startswith(f"--fault {text}: ")
+    assert said in message
+    assert found.startswith(mend)
 
 
 def test_where_nothing_grasps_something_else_can_happen() -> None:
-    with pytest.raises(InputError, match="no primitive of this program grasps") as caught:
-        parse_in("miss-pick", PLACE)
-    assert caught.value.problems[0].mend == "write slip@a1"
-
-
-@pytest.mark.parametrize(("text", "step", "name"), [("slip@a1", 1, "a1"), ("slip@a4", 2, "a4"), ("2:slip@a3", 2, "a3")])
-def test_a_sweep_finds_its_step_as_a_fault_does(text: str, step: int, name: str) -> None:
-    number, primitive = parse_sweep(text, [PLACE, STEP])
-    assert (number, primitive.name) == (step, name)
+    message = "--fault miss-pick: no primitive of this program grasps"
+    assert refused(lambda: parse("miss-pick", PLACE)) == (message, "write slip@a1")
 
 
 @pytest.mark.parametrize(
@@ -223,12 +209,9 @@ def test_a_sweep_finds_its_step_as_a_fault_does(text: str, step: int, name: str)
     ],
 )
 def test_a_bad_sweep_is_refused_with_what_was_expected(text: str, said: str, mend: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse_sweep(text, [PLACE, STEP])
-    (problem,) = caught.value.problems
-    assert problem.message.startswith(f"--sweep {text}: ")
-    assert said in problem.message
-    assert problem.mend == mend
+    message, found = refused(lambda: parse_sweep(text, [PLACE, STEP]))
+    assert message.startswith(f"--sweep {text}: ")
+    assert (said in message, found) == (True, mend)
 
 
 ATTEMPT = SimpleNamespace(step=SimpleNamespace(formulas=()), undisturbed=True)
@@ -245,26 +228,25 @@ def detected(why: Stopped, *faults: tuple[FaultKind, str]) -> list[tuple[str, fl
     return [(record.label, record.detected) for record in ledger.records]
 
 
-def test_a_fault_of_a_camera_is_noticed_by_what_is_said_of_this_camera() -> None:
-    failure = Stopped("cam2 is lost", "camera-loss", ["cam2"])
-    found = detected(failure, ("camera-loss", "cam3"), ("camera-loss", "cam2"))
-    assert found == [("camera-loss cam3", None), ("camera-loss cam2", 2.0)]
-
-
-def test_a_fault_of_a_camera_is_not_noticed_by_another_one_of_the_same_camera() -> None:
-    failure = Stopped("cam2 is frozen", "frozen", ["cam2"])
-    assert detected(failure, ("latency", "cam2"), ("frozen", "cam2")) == [("latency cam2", None), ("frozen cam2", 2.0)]
-
-
-def test_a_process_that_ends_is_noticed_for_all_its_cameras() -> None:
-    failure = Stopped("the process has ended", "perception-crash", ("cam1", "cam3"))
-    found = detected(failure, *(("perception-crash", camera) for camera in ("cam1", "cam2", "cam3")))
-    assert [t for _, t in found] == [2.0, None, 2.0]
-
-
-@pytest.mark.parametrize("kind", ["camera-loss", "frozen", "latency", "perception-crash"])
-def test_no_fault_of_a_camera_is_noticed_where_the_robot_stops_for_another_reason(kind: FaultKind) -> None:
-    assert detected(Stopped("a fault was seen"), (kind, "cam1")) == [(f"{kind} cam1", None)]
+@pytest.mark.parametrize(
+    ("why", "faults", "noticed"),
+    [
+        (Stopped("cam2 is lost", "camera-loss", ["cam2"]), ["camera-loss cam3", "camera-loss cam2"], [None, 2.0]),
+        (Stopped("cam2 is frozen", "frozen", ["cam2"]), ["latency cam2", "frozen cam2"], [None, 2.0]),
+        (
+            Stopped("the process has ended", "perception-crash", ("cam1", "cam3")),
+            ["perception-crash cam1", "perception-crash cam2", "perception-crash cam3"],
+            [2.0, None, 2.0],
+        ),
+        *(
+            (Stopped("a fault was seen"), [f"{kind} cam1"], [None])
+            for kind in ("camera-loss", "frozen", "latency", "perception-crash")
+        ),
+    ],
+)
+def test_a_fault_of_a_camera_is_noticed_by_what_is_said_of_it_and_of_this_camera(why, faults, noticed) -> None:
+    asked = [tuple(fault.split()) for fault in faults]
+    assert detected(why, *asked) == list(zip(faults, noticed, strict=True))
 
 
 def test_a_fault_keeps_what_was_injected_beside_the_name_that_the_skill_has_for_it() -> None:

@@ -65,6 +65,7 @@ TRIALS = {
     "arms": Trial("a cell of a URDF alone is ranked and run", "arms", 80, longest=900.0),
     "curves": Trial("curves of detectors say how likely they see", "detectors", 2),
     "ranges": Trial("how far away markers are read", "detectors", 12),
+    "limits": Trial("at which size, angle and visible share detectors begin to fail", "detectors", 15),
     "recordings": Trial("the camera that has moved is named, and wrong clocks", "recordings", 40),
     "refusals": Trial("a served cell that is not as the program says is refused", "wire", 5, at_a_time=1),
     "losses": Trial("the arm of a served cell stands soon where messages stay out", "wire", 20, at_a_time=1),

@@ -28,7 +28,7 @@ from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception.vision import find_markers
 from tests.cells import write_cell
 from tests.run.cell.scenes import ROOT, camera, thing
-from tests.run.perception.detector_limits import Stage, staged, tilted
+from tests.run.perception.detector_limits import Stage, color_rates, marker_rate, staged, tilted
 
 EXPOSURE = 0.02
 """Of every camera [s]."""
@@ -335,3 +335,23 @@ def curves_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
 
 
 ranges_asked = curves_asked
+
+
+INCIDENCES, SHARES = (0, 30, 50, 60, 65, 70, 75, 80), (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2)
+
+
+def limits(number: int, _folder: Path) -> dict[str, Any]:
+    """How often markers at an angle are found, or cubes with a visible share judged right, by their size [pixels]."""
+    if number < len(INCIDENCES):
+        rates = {size: marker_rate(size, np.radians(INCIDENCES[number]), 40) for size in (8, 10, 12, 16, 20, 30)}
+        found, what = {size: f"{rate:.0%}" for size, rate in rates.items()}, f"markers at {INCIDENCES[number]} deg"
+    else:
+        share = SHARES[number - len(INCIDENCES)]
+        pairs = {size: color_rates(size, share, 40) for size in (4, 6, 8, 12, 16, 24)}
+        found = {size: f"{there:.0%}/{gone:.0%}" for size, (there, gone) in pairs.items()}
+        what = f"cubes of which {share:.0%} is visible, there/gone"
+    return {"said": f"{what}: " + ", ".join(f"{size} px {rate}" for size, rate in found.items())}
+
+
+def limits_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
+    yield f"{len(found)} rows of the tables", True

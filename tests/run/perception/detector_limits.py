@@ -1,7 +1,4 @@
-"""How small, oblique or hidden a thing may be until perception no longer sees it, measured from simulated images.
-
-`python -m tests.run.perception.detector_limits` prints the whole tables.
-"""
+"""How small, oblique or hidden a thing may be until perception no longer sees it, measured from simulated images."""
 
 from __future__ import annotations
 
@@ -214,23 +211,3 @@ def _perpendicular(axis: Array, random: np.random.Generator) -> Array:
     vector -= vector @ axis * axis
     result: Array = vector / np.linalg.norm(vector)
     return result
-
-
-def main() -> None:
-    """Print both tables."""
-    sizes = (8, 10, 12, 14, 16, 18, 20, 24, 30, 40)
-    print("markers found [%], by incidence [deg] and square root of the area [pixels]")
-    print("     " + "".join(f"{size:>6}" for size in sizes))
-    for degrees in (0, 30, 50, 60, 65, 70, 75, 80):
-        rates = [marker_rate(size, np.radians(degrees), 40) for size in sizes]
-        print(f"{degrees:>5}" + "".join(f"{100 * rate:>6.0f}" for rate in rates))
-    sizes = (4, 5, 6, 8, 10, 12, 16, 24, 40)
-    print("\ncoloured cubes seen / seen to be gone [%], by visible share and square root of the area [pixels]")
-    print("     " + "".join(f"{size:>10}" for size in sizes))
-    for visible in (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2):
-        pairs = [color_rates(size, visible, 40) for size in sizes]
-        print(f"{visible:>5}" + "".join(f"{100 * a:>6.0f}/{100 * b:<3.0f}" for a, b in pairs))
-
-
-if __name__ == "__main__":
-    main()
