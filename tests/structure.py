@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_439),
     "search": ("search", 4_491),
     "checks": ("checks", 1_242),
-    "run": ("run", 7_686),
+    "run": ("run", 7_653),
     "field": ("field ros", 3_102),
     "score": ("score", 2_387),
     "show": ("show", 4_932),
