@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cell.workspace_file import read_again, read_workspace_document, replace_workspace
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.literal import Atom
@@ -226,3 +227,17 @@ def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) ->
     (tmp_path / "nothing").mkdir()
     with pytest.raises(InputError, match="the folder is empty"):
         load_workspace(tmp_path / "nothing")
+
+
+def test_a_workspace_that_has_changed_since_it_was_read_is_not_written_over(cell: Path) -> None:
+    file = cell / "workspace.yaml"
+    workspace, document = load_workspace(file), read_workspace_document(file)
+    changed = file.read_bytes() + b"# another one's\n"
+    file.write_bytes(changed)
+    with pytest.raises(InputError, match="changed meanwhile"):
+        replace_workspace(document, document.content)
+    with pytest.raises(InputError, match="changed meanwhile"):
+        read_again(file, workspace.files["workspace"].digest)
+    assert file.read_bytes() == changed
+    replace_workspace(read_workspace_document(file), document.content)
+    assert file.read_bytes() == document.content

@@ -22,22 +22,7 @@ ARM = read_urdf(SHIPPED / OWN_ARM)
 JOINTS = [joint.name for joint in ARM.movable_joints]
 TIP = "flange"
 
-LIMITS = {
-    "default_velocity_scaling_factor": 0.5,
-    "default_acceleration_scaling_factor": 0.8,
-    "joint_limits": {
-        name: {
-            "has_velocity_limits": True,
-            "max_velocity": 1.7 + 0.1 * index,
-            "has_acceleration_limits": index != 5,
-            "max_acceleration": 3.3 + 0.01 * index if index != 5 else 0,
-            "has_jerk_limits": True,
-            "max_jerk": 70.0 + index,
-        }
-        for index, name in enumerate(JOINTS)
-    },
-}
-
+LIMITS = (FILES / "my_limits.yaml").read_text()
 SRDF = (FILES / "my_arm.srdf.xacro").read_text()
 
 
@@ -54,7 +39,7 @@ def config(src: Path, home: dict[str, float]) -> Path:
         "srdf": {"relative_path": "config/my_arm.srdf.xacro"},
     }
     (folder / ".setup_assistant").write_text(yaml.safe_dump({"moveit_setup_assistant_config": noted}))
-    (folder / "config" / "joint_limits.yaml").write_text(yaml.safe_dump(LIMITS))
+    (folder / "config" / "joint_limits.yaml").write_text(LIMITS)
     solver = {"kinematics_solver": "kdl_kinematics_plugin/KDLKinematicsPlugin", "kinematics_solver_timeout": 0.005}
     (folder / "config" / "kinematics.yaml").write_text(yaml.safe_dump({"manipulator": solver}))
     positions = "".join(f'<joint name="{name}" value="{value!r}"/>' for name, value in home.items())
@@ -108,7 +93,7 @@ def test_with_objects_of_ones_own_and_nothing_else_the_task_can_be_done(starter:
 
 
 def test_limits_are_taken_over_exactly(workspace: Workspace) -> None:
-    for name, stated in LIMITS["joint_limits"].items():  # type: ignore[attr-defined]
+    for name, stated in yaml.safe_load(LIMITS)["joint_limits"].items():
         limits = workspace.robot.limits[name]
         assert limits.velocity == 0.5 * stated["max_velocity"]
         assert limits.acceleration == (0.8 * stated["max_acceleration"] if name != JOINTS[5] else 2)
