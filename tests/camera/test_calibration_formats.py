@@ -31,79 +31,64 @@ FISHEYE = (-0.0076, 0.0441, -0.0417, 0.0081)
 Writer = Callable[[Path], CalibrationFile]
 
 
-def file_storage(ending: str, *, size: bool = True, D: tuple[float, ...] = PLUMB_BOB, **other: str) -> Writer:
+def storage(ending: str, wanted: Mapping[str, Any] = {}, **entries: Any) -> Writer:
     """OpenCV's own writer."""
 
     def write(folder: Path) -> CalibrationFile:
         path = folder / f"camera.{ending}"
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        storage.write("calibration_time", "Mon Nov 23 20:00:00 2026")
-        if size:
-            storage.write("image_width", SIZE[0])
-            storage.write("image_height", SIZE[1])
-        storage.write("camera_matrix", K)
-        storage.write("distortion_coefficients", np.array([D]))
-        for name, value in other.items():
-            storage.write(name, value)
+        for name, value in entries.items():
+            if isinstance(value, dict):
+                storage.startWriteStruct(name, cv2.FILE_NODE_MAP)
+                for key, number in value.items():
+                    storage.write(key, number)
+                storage.endWriteStruct()
+            else:
+                storage.write(name, value)
         storage.release()
-        return CalibrationFile(file=str(path)) if size else CalibrationFile(file=str(path), width=1280, height=720)
+        return CalibrationFile(file=str(path), **wanted)
 
     return write
 
 
-def sample_of_opencv(folder: Path) -> CalibrationFile:
-    """With the names of the calibration program that comes with OpenCV."""
-    path = folder / "out_camera_data.yml"
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for name, value in (("image_Width", SIZE[0]), ("image_Height", SIZE[1]), ("Camera_Matrix", K)):
-        storage.write(name, value)
-    storage.write("Distortion_Coefficients", np.array([PLUMB_BOB]).T)
-    storage.release()
-    return CalibrationFile(file=str(path))
+SIZED = {"image_width": SIZE[0], "image_height": SIZE[1]}
+
+
+def file_storage(ending: str, *, size: bool = True, D: tuple[float, ...] = PLUMB_BOB, **other: str) -> Writer:
+    """Matrices, as programs write them."""
+    matrices = {"camera_matrix": K, "distortion_coefficients": np.array([D])}
+    if not size:
+        return storage(ending, {"width": 1280, "height": 720}, **matrices, **other)
+    return storage(ending, calibration_time="Mon Nov 23 20:00:00 2026", **SIZED, **matrices, **other)
+
+
+SAMPLE_OF_OPENCV = storage(
+    "yml", image_Width=SIZE[0], image_Height=SIZE[1], Camera_Matrix=K, Distortion_Coefficients=np.array([PLUMB_BOB]).T
+)
+"""With the names of the calibration program that comes with OpenCV."""
 
 
 def vins(model: str, projection: Mapping[str, float], distortion: Mapping[str, float]) -> Writer:
     """As camodocal writes it, with OpenCV's writer."""
-
-    def write(folder: Path) -> CalibrationFile:
-        path = folder / "cam0.yaml"
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        storage.write("model_type", model)
-        storage.write("camera_name", "camera")
-        storage.write("image_width", SIZE[0])
-        storage.write("image_height", SIZE[1])
-        for name, values in (("distortion_parameters", distortion), ("projection_parameters", projection)):
-            if values:
-                storage.startWriteStruct(name, cv2.FILE_NODE_MAP)
-                for key, value in values.items():
-                    storage.write(key, value)
-                storage.endWriteStruct()
-        storage.release()
-        return CalibrationFile(file=str(path))
-
-    return write
+    parameters = {"distortion_parameters": distortion, "projection_parameters": projection}
+    given = {name: dict(values) for name, values in parameters.items() if values}
+    return storage("yaml", model_type=model, camera_name="camera", **SIZED, **given)
 
 
-def dumped(data: Any, ending: str = "yaml", **wanted: Any) -> Writer:
-    """As Python programs write YAML."""
-
-    def write(folder: Path) -> CalibrationFile:
-        path = folder / f"camera.{ending}"
-        path.write_text(yaml.safe_dump(data), encoding="utf-8")
-        return CalibrationFile(file=str(path), **wanted)
-
-    return write
-
-
-def typed(text: str, **wanted: Any) -> Writer:
+def typed(text: str, ending: str = "txt", **wanted: Any) -> Writer:
     """A text as it is."""
 
     def write(folder: Path) -> CalibrationFile:
-        path = folder / "camera.txt"
+        path = folder / f"camera.{ending}"
         path.write_text(text, encoding="utf-8")
         return CalibrationFile(file=str(path), **wanted)
 
     return write
+
+
+def dumped(data: Any, **wanted: Any) -> Writer:
+    """As Python programs write YAML."""
+    return typed(yaml.safe_dump(data), "yaml", **wanted)
 
 
 def kalibr(model: str, coefficients: tuple[float, ...]) -> dict[str, Any]:
@@ -141,7 +126,7 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
     "OpenCV YAML": (file_storage("yaml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV XML": (file_storage("xml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (XML)"),
     "OpenCV JSON": (file_storage("json"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (JSON)"),
-    "OpenCV's sample": (sample_of_opencv, "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
+    "OpenCV's sample": (SAMPLE_OF_OPENCV, "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV without size": (file_storage("yaml", size=False), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
     "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), "rational_polynomial", RATIONAL, "OpenCV FileStorage (XML)"),
     "OpenCV, 14 with zeros": (
