@@ -60,23 +60,6 @@ class Box:
     size: tuple[float, float, float]
     """Full extents [m]."""
 
-    def half_extents(self, R: Array) -> Array:
-        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        return np.abs(R) @ (0.5 * np.asarray(self.size))
-
-    def contains(self, point: Array) -> bool:
-        """Whether a point in its own frame (3,) is inside it."""
-        return bool((np.abs(point) < 0.5 * np.asarray(self.size)).all())
-
-    def shrunk(self, by: float) -> Box:
-        """A copy with `by` [m] taken off on every side."""
-        x, y, z = (max(extent - 2 * by, LEAST_SIZE) for extent in self.size)
-        return Box((x, y, z))
-
-    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:  # noqa: ARG002 - a box has no rounding
-        """Its surface."""
-        return Triangles(box_corners(self.size), BOX_TRIANGLES)
-
 
 @dataclass(frozen=True)
 class Sphere:
@@ -84,27 +67,6 @@ class Sphere:
 
     radius: float
     """[m]"""
-
-    def half_extents(self, R: Array) -> Array:  # noqa: ARG002 - it is the same from every side
-        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        return np.full(3, self.radius)
-
-    def contains(self, point: Array) -> bool:
-        """Whether a point in its own frame (3,) is inside it."""
-        return hypot(*point.tolist()) < self.radius
-
-    def shrunk(self, by: float) -> Sphere:
-        """A copy with `by` [m] taken off on every side."""
-        return Sphere(max(self.radius - by, LEAST_SIZE))
-
-    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A surface of rings of `sides` corners, which lie on the sphere or, if `enclosing`, outside of it.
-
-        Enclosing, the rings' sides touch the sphere, and only the middles of faces dip into it (by 0.2 % for 48 sides).
-        """
-        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
-        angles = np.linspace(0, np.pi, sides // 2 + 1)
-        return _rings(radius, angles, np.zeros_like(angles), sides)
 
 
 @dataclass(frozen=True)
@@ -116,32 +78,6 @@ class Cylinder:
     length: float
     """[m]"""
 
-    def half_extents(self, R: Array) -> Array:
-        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        along = np.abs(R[:, 2])
-        half: Array = self.radius * np.sqrt(np.clip(1 - along**2, 0, 1)) + 0.5 * self.length * along
-        return half
-
-    def contains(self, point: Array) -> bool:
-        """Whether a point in its own frame (3,) is inside it."""
-        x, y, z = point.tolist()
-        return hypot(x, y) < self.radius and abs(z) < self.length / 2
-
-    def shrunk(self, by: float) -> Cylinder:
-        """A copy with `by` [m] taken off on every side."""
-        return Cylinder(max(self.radius - by, LEAST_SIZE), max(self.length - 2 * by, LEAST_SIZE))
-
-    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A prism of `sides` sides, around the cylinder or, if not `enclosing`, with its corners on it."""
-        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
-        rim, up = _rim(radius, sides), np.array([0.0, 0.0, self.length / 2])
-        low = np.arange(sides)
-        following = (low + 1) % sides
-        high, bottom, top = low + sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
-        walls = [np.column_stack([low, following, high]), np.column_stack([following, following + sides, high])]
-        caps = [np.column_stack([bottom, following, low]), np.column_stack([top, high, following + sides])]
-        return Triangles(np.concatenate([rim - up, rim + up, [-up, up]]), np.concatenate(walls + caps))
-
 
 @dataclass(frozen=True)
 class Capsule:
@@ -151,26 +87,6 @@ class Capsule:
     """[m]"""
     length: float
     """Of the straight part [m]."""
-
-    def half_extents(self, R: Array) -> Array:
-        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
-        return self.radius + 0.5 * self.length * np.abs(R[:, 2])
-
-    def contains(self, point: Array) -> bool:
-        """Whether a point in its own frame (3,) is inside it."""
-        x, y, z = point.tolist()
-        return hypot(x, y, max(0.0, abs(z) - self.length / 2)) < self.radius
-
-    def shrunk(self, by: float) -> Capsule:
-        """A copy with `by` [m] taken off on every side."""
-        return Capsule(max(self.radius - by, LEAST_SIZE), self.length)
-
-    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A surface of rings of `sides` corners, as that of a sphere; both ends of the straight part have a ring."""
-        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
-        quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
-        lifts = np.repeat([self.length / 2, -self.length / 2], len(quarter))
-        return _rings(radius, np.concatenate([quarter, np.pi - quarter[::-1]]), lifts, sides)
 
 
 @dataclass(frozen=True)
@@ -182,7 +98,97 @@ class Mesh:
     """Along x, y and z, from the file's numbers to metres."""
 
 
-Shape = Box | Sphere | Cylinder | Capsule | Mesh
+Convex = Box | Sphere | Cylinder | Capsule
+"""The shapes that need no file."""
+Shape = Convex | Mesh
+
+
+def half_extents(shape: Convex, R: Array) -> Array:
+    """Half extents of a shape along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
+    match shape:
+        case Box(size):
+            half: Array = np.abs(R) @ (0.5 * np.asarray(size))
+        case Sphere(radius):
+            half = np.full(3, radius)
+        case Cylinder(radius, length):
+            along = np.abs(R[:, 2])
+            half = radius * np.sqrt(np.clip(1 - along**2, 0, 1)) + 0.5 * length * along
+        case Capsule(radius, length):
+            half = radius + 0.5 * length * np.abs(R[:, 2])
+    return half
+
+
+def contains(shape: Convex, point: Array) -> bool:
+    """Whether a point in the shape's own frame (3,) is inside it."""
+    x, y, z = point.tolist()
+    match shape:
+        case Box(size):
+            return bool((np.abs(point) < 0.5 * np.asarray(size)).all())
+        case Sphere(radius):
+            return hypot(x, y, z) < radius
+        case Cylinder(radius, length):
+            return hypot(x, y) < radius and abs(z) < length / 2
+        case Capsule(radius, length):
+            return hypot(x, y, max(0.0, abs(z) - length / 2)) < radius
+
+
+def shrunk(shape: Convex, by: float) -> Convex:
+    """A copy with `by` [m] taken off on every side."""
+    match shape:
+        case Box((x, y, z)):
+            return Box((max(x - 2 * by, LEAST_SIZE), max(y - 2 * by, LEAST_SIZE), max(z - 2 * by, LEAST_SIZE)))
+        case Sphere(radius):
+            return Sphere(max(radius - by, LEAST_SIZE))
+        case Cylinder(radius, length):
+            return Cylinder(max(radius - by, LEAST_SIZE), max(length - 2 * by, LEAST_SIZE))
+        case Capsule(radius, length):
+            return Capsule(max(radius - by, LEAST_SIZE), length)
+
+
+def surface(shape: Convex, sides: int, *, enclosing: bool) -> Triangles:
+    """The surface of a shape; round ones are of rings of `sides` corners.
+
+    Corners lie on the shape or, if `enclosing`, outside of it: the sides of rings touch it then, and of spheres and the
+    ends of capsules only the middles of faces dip into it (by 0.2 % for 48 sides).
+    """
+    if isinstance(shape, Box):
+        return Triangles(box_corners(shape.size), BOX_TRIANGLES)
+    radius = float(shape.radius / np.cos(np.pi / sides)) if enclosing else shape.radius
+    if isinstance(shape, Sphere):
+        angles = np.linspace(0, np.pi, sides // 2 + 1)
+        return _rings(radius, angles, np.zeros_like(angles), sides)
+    if isinstance(shape, Capsule):  # both ends of the straight part have a ring
+        quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
+        lifts = np.repeat([shape.length / 2, -shape.length / 2], len(quarter))
+        return _rings(radius, np.concatenate([quarter, np.pi - quarter[::-1]]), lifts, sides)
+    rim, up = _rim(radius, sides), np.array([0.0, 0.0, shape.length / 2])
+    low = np.arange(sides)
+    following = (low + 1) % sides
+    high, bottom, top = low + sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    walls = [np.column_stack([low, following, high]), np.column_stack([following, following + sides, high])]
+    caps = [np.column_stack([bottom, following, low]), np.column_stack([top, high, following + sides])]
+    return Triangles(np.concatenate([rim - up, rim + up, [-up, up]]), np.concatenate(walls + caps))
+
+
+def _rings(radius: float, angles: Array, lifts: Array, sides: int) -> Triangles:
+    """A sphere about z as rings at polar angles from the top, each lifted [m]; both of shape (rings,)."""
+    heights = radius * np.cos(angles) + lifts
+    rings = [_rim(radius * np.sin(angle), sides, height) for angle, height in zip(angles, heights, strict=True)]
+    first = np.arange(sides)
+    following = (first + 1) % sides
+    faces = []
+    for ring in range(len(rings) - 1):
+        upper, lower = ring * sides, (ring + 1) * sides
+        faces.append(np.column_stack([upper + first, lower + first, lower + following]))
+        faces.append(np.column_stack([upper + first, lower + following, upper + following]))
+    return Triangles(np.concatenate(rings), np.concatenate(faces))
+
+
+def _rim(radius: float, sides: int, height: float = 0.0) -> Array:
+    """The corners of a regular polygon about z, shape (sides, 3)."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])
+
 
 FIGURES = {
     "box": {"size": 3},
@@ -217,28 +223,3 @@ class Part:
     def __post_init__(self) -> None:
         """Raises ValueError if `X_PG` is not a pose."""
         check_poses(f"part `{self.name}`", self.X_PG)
-
-
-def _corner_radius(radius: float, sides: int, *, enclosing: bool) -> float:
-    """Radius of the corners of a regular polygon around a circle, or of one in it."""
-    return float(radius / np.cos(np.pi / sides)) if enclosing else radius
-
-
-def _rings(radius: float, angles: Array, lifts: Array, sides: int) -> Triangles:
-    """A sphere about z as rings at polar angles from the top, each lifted [m]; both of shape (rings,)."""
-    heights = radius * np.cos(angles) + lifts
-    rings = [_rim(radius * np.sin(angle), sides, height) for angle, height in zip(angles, heights, strict=True)]
-    first = np.arange(sides)
-    following = (first + 1) % sides
-    faces = []
-    for ring in range(len(rings) - 1):
-        upper, lower = ring * sides, (ring + 1) * sides
-        faces.append(np.column_stack([upper + first, lower + first, lower + following]))
-        faces.append(np.column_stack([upper + first, lower + following, upper + following]))
-    return Triangles(np.concatenate(rings), np.concatenate(faces))
-
-
-def _rim(radius: float, sides: int, height: float = 0.0) -> Array:
-    """The corners of a regular polygon about z, shape (sides, 3)."""
-    angles = 2 * np.pi * np.arange(sides) / sides
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])

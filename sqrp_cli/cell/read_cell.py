@@ -32,7 +32,7 @@ from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.read_urdf import read_urdf
-from sqrp_cli.shapes import Box, Mesh, Part, Shape
+from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.hand_eye import HandEye
@@ -195,7 +195,7 @@ class CellReader(RobotReader):
                 corners = transform(part.X_PG, read_mesh(part.shape.path, part.shape.scale).vertices)
                 ends.append((corners.min(axis=0), corners.max(axis=0)))
             else:
-                half = part.shape.half_extents(part.X_PG[:3, :3])
+                half = half_extents(part.shape, part.X_PG[:3, :3])
                 ends.append((part.X_PG[:3, 3] - half, part.X_PG[:3, 3] + half))
         low, high = np.array(ends)[:, 0].min(axis=0), np.array(ends)[:, 1].max(axis=0)
         thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)

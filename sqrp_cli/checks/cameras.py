@@ -17,7 +17,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.shapes import Mesh
+from sqrp_cli.shapes import Mesh, contains
 
 MOST_BENT = 3.0
 """By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out."""
@@ -94,7 +94,7 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
                 for item in objects
                 for part in item.parts
                 if item.X_WO is not None and not isinstance(part.shape, Mesh)
-                if part.shape.contains(transform(inverse(item.X_WO @ part.X_PG), camera.X_FC[None, :3, 3])[0])
+                if contains(part.shape, transform(inverse(item.X_WO @ part.X_PG), camera.X_FC[None, :3, 3])[0])
             ),
             None,
         )

@@ -22,7 +22,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
-from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh
+from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, half_extents, shrunk
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
 from sqrp_cli.skill.settings import Reference
@@ -107,7 +107,7 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
                 [
                     np.abs(load_solid(part).vertices).max(axis=0)
                     if isinstance(part.shape, Mesh)
-                    else np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
+                    else np.abs(part.X_PG[:3, 3]) + half_extents(part.shape, part.X_PG[:3, :3])
                     for part in item.parts
                 ]
             )
@@ -287,7 +287,7 @@ class _Placed:
         """The part with `MIN_OVERLAP` taken off on every side."""
         part = self.solid.part
         if not isinstance(part.shape, Mesh):
-            return replace(self, solid=load_solid(replace(part, shape=part.shape.shrunk(MIN_OVERLAP))))
+            return replace(self, solid=load_solid(replace(part, shape=shrunk(part.shape, MIN_OVERLAP))))
         vertices = transform(inverse(part.X_PG), self.solid.vertices)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)

@@ -13,7 +13,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem
 from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, box_corners, cross, pose, transform
-from sqrp_cli.shapes import Box, Mesh
+from sqrp_cli.shapes import Box, Mesh, half_extents
 
 MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""
@@ -123,7 +123,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         around[item.name] = [
             PlacedBox(X_WO, np.asarray(item.size))
             if isinstance(part.shape, Mesh)
-            else PlacedBox(X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3)))
+            else PlacedBox(X_WO @ part.X_PG, 2 * half_extents(part.shape, np.eye(3)))
             for part in item.parts
         ]
     for item in workspace.objects.values():

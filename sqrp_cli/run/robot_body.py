@@ -14,7 +14,7 @@ from sqrp_cli.geometry import Array, transform
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import JointTree
 from sqrp_cli.robot.robot import Fingers, Robot
-from sqrp_cli.shapes import Mesh, Part
+from sqrp_cli.shapes import Mesh, Part, surface
 
 OPEN_SHARE = 0.25
 """Fingers count as open while they are closed by no more than this share of their way."""
@@ -45,7 +45,7 @@ class Surface:
         if isinstance(part.shape, Mesh):
             mesh = read_mesh(part.shape.path, part.shape.scale)
             return cls(part.parent, transform(part.X_PG, mesh.vertices), mesh.faces)
-        corners = part.shape.triangles(_SIDES, enclosing=False).vertices
+        corners = surface(part.shape, _SIDES, enclosing=False).vertices
         return cls(part.parent, transform(part.X_PG, corners), None)
 
     def coarsened(self) -> Surface:

@@ -17,7 +17,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, read_only, transform
 from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles, contains, surface
 
 SIDES = 48
 """Sides of the prisms that replace round shapes where sight needs triangles.
@@ -89,7 +89,7 @@ class Solid:
         if np.linalg.norm(point - self.center) > self.radius:
             return False
         if not isinstance(self.part.shape, Mesh):
-            return self.part.shape.contains(transform(inverse(self.part.X_PG), point[None])[0])
+            return contains(self.part.shape, transform(inverse(self.part.X_PG), point[None])[0])
         turns = Triangles(self.vertices, self.triangles).turns_around(point)
         return abs(turns) > 0.5 and abs(turns - round(turns)) < _CLOSED
 
@@ -168,4 +168,4 @@ def _load_shape(shape: Shape) -> Triangles:
     """The triangles of a shape, in its own frame."""
     if isinstance(shape, Mesh):
         return read_mesh(shape.path, shape.scale)
-    return shape.triangles(SIDES, enclosing=True)
+    return surface(shape, SIDES, enclosing=True)

@@ -10,7 +10,7 @@ from sqrp_cli.geometry import Array, Mask, inverse, pose, rpy_to_matrix, transfo
 from sqrp_cli.run.perception.projected import LEAST_DEPTH, TOUCH, PosedCamera, ProjectedBox, pieces_mask
 from sqrp_cli.run.perception.vision import Crop, dilated
 from sqrp_cli.run.robot_body import Surface
-from sqrp_cli.shapes import Box, Part
+from sqrp_cli.shapes import Box, Part, surface
 from tests.run.cell.scenes import camera
 
 SIZE = np.array([0.04, 0.05, 0.06])
@@ -102,11 +102,11 @@ def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(see
         if around or not corners[:, 2].min() < 0 < corners[:, 2].max() or not (shown := met(X_CP, size)).any():
             continue
         shape = Box(tuple(size.tolist()))
-        drawn = shape.triangles(4, enclosing=False)
-        surface = (
+        drawn = surface(shape, 4, enclosing=False)
+        solid = (
             Surface("link", drawn.vertices, drawn.faces) if mesh else Surface.of(Part("link/0", "link", shape, pose()))
         )
-        mask = pieces_mask(WIDE_VIEW.whole, WIDE_VIEW.silhouette([surface], {"link": WIDE.X_FC @ X_CP}))
+        mask = pieces_mask(WIDE_VIEW.whole, WIDE_VIEW.silhouette([solid], {"link": WIDE.X_FC @ X_CP}))
         assert not (mask & ~dilated(shown, 1)).any()
         assert not (shown & ~dilated(mask, 1)).any()
         found += 1
