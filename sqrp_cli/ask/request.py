@@ -8,7 +8,7 @@ it from words and from values of Python alike.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from typing import Any, ClassVar, Concatenate, NamedTuple, ParamSpec, Self, TypeVar, dataclass_transform
 
@@ -87,7 +87,7 @@ def option(
     help: str,  # noqa: A002 - as Typer calls it
     kind: FieldKind,
     *,
-    default: Any,
+    default: Any = None,
     complete: str | None = None,
     absent: Callable[[], Any] | None = None,
     kw_only: bool = True,
@@ -114,7 +114,7 @@ def flag(flags: str, help: str, *, default: bool = False) -> Any:  # noqa: A002 
     return option(flags, help, FieldKind(bool, lambda value, _name: value), default=default)
 
 
-def options(*words: OptionWord, kind: FieldKind, default: Any, uses: tuple[str, ...] = ()) -> Any:
+def options(*words: OptionWord, kind: FieldKind, default: Any = None, uses: tuple[str, ...] = ()) -> Any:
     """A field that several options say, read together by their names. uses: names of other words that it needs."""
     return Field(words, kind, default, uses=uses)
 
@@ -134,6 +134,7 @@ class Request:
     """
 
     fields: ClassVar[Mapping[str, Field]] = {}  # by name, those of the last base first
+    own_first: ClassVar[Sequence[str]] = ()  # the names of the fields, the record's own first
     asked_by: ClassVar[str] = ""
     """The function or method of Python that takes the fields: that of the record's name unless it says another."""
 
@@ -142,11 +143,15 @@ class Request:
         for base in reversed(cls.__mro__):
             found.update({name: one for name, one in vars(base).items() if isinstance(one, Field)})
         cls.fields = found
+        cls.own_first = list(dict.fromkeys(name for base in cls.__mro__ for name in vars(base) if name in found))
         if "asked_by" not in vars(cls):
             cls.asked_by = cls.__name__.removesuffix("Request").lower()
         cls.__doc__ = cls.__doc__ or next(filter(None, (base.__doc__ for base in cls.__mro__)))
 
-    def __init__(self, *given: Any, **named: Any) -> None:
+    by_words: ClassVar[bool] = False
+    """Whether a command line asks it: messages then call its fields by their options, else by their names."""
+
+    def __init__(self, *given: Any, by_words: bool = False, **named: Any) -> None:
         by_place = [name for name, one in self.fields.items() if not one.kw_only]
         unknown = [name for name in named if name not in self.fields]
         twice = [name for name in by_place[: len(given)] if name in named]
@@ -156,7 +161,7 @@ class Request:
         if unknown:
             wrong = f"has no argument `{unknown[0]}`; {expected_names(unknown[0], self.fields)}"
         elif len(given) > len(by_place):
-            example = next(name for name in self._own_first() if name not in by_place)
+            example = next(name for name in self.own_first if name not in by_place)
             places = " and ".join(by_place) or "nothing"
             wrong = f"takes {places} by place; give the rest by name, such as {example}=..."
         elif twice:
@@ -165,6 +170,7 @@ class Request:
             wrong = f"lacks {' and '.join(f'`{name}`' for name in missing)}"
         if wrong is not None:
             raise TypeError(f"{self.asked_by}() {wrong}")
+        vars(self)["by_words"] = by_words
         for name, one in self.fields.items():
             found = named.get(name, one.default)
             vars(self)[name] = found if found is one.default else one.kind.read(found, self.called(name))
@@ -188,23 +194,17 @@ class Request:
     def said(cls) -> Iterator[tuple[OptionWord, Field]]:
         """The words that it is read from, each with its field: arguments, and options, the record's own first."""
         arguments = [one for one in cls.fields.values() if any(word.is_argument for word in one.words)]
-        options = [cls.fields[name] for name in cls._own_first() if cls.fields[name] not in arguments]
+        options = [cls.fields[name] for name in cls.own_first if cls.fields[name] not in arguments]
         return ((word, one) for one in (*arguments, *options) for word in one.words)
 
-    @classmethod
-    def _own_first(cls) -> dict[str, None]:
-        """The names of its fields, the record's own first."""
-        return dict.fromkeys(name for base in cls.__mro__ for name in vars(base) if name in cls.fields)
+    def called(self, name: str) -> str:
+        """What messages call a field."""
+        words = self.fields[name].words
+        return words[0].flags.split("/")[0] if self.by_words and words else name
 
-    @classmethod
-    def called(cls, name: str) -> str:
-        """What messages call a field: by its option in a command, by its own name in Python."""
-        return name
-
-    @classmethod
-    def given(cls, name: str, value: object) -> str:
+    def given(self, name: str, value: object) -> str:
         """How messages say that a field be given a value."""
-        return f"{cls.called(name)}={value}"
+        return f"{self.called(name)} {value}" if self.by_words else f"{name}={value}"
 
     @classmethod
     def of_words(cls, words: Mapping[str, Any]) -> Self:
@@ -218,22 +218,7 @@ class Request:
                 found[name] = next(iter(said.values()))
             elif one.absent is not None:
                 found[name] = one.absent()
-        return cls(**found)
-
-
-class Command(Request):
-    """A question with what only a command line says; messages call its fields by their options."""
-
-    @classmethod
-    def called(cls, name: str) -> str:
-        """As `Request` says."""
-        words = cls.fields[name].words
-        return words[0].flags.split("/")[0] if words else name
-
-    @classmethod
-    def given(cls, name: str, value: object) -> str:
-        """As `Request` says."""
-        return f"{cls.called(name)} {value}"
+        return cls(by_words=True, **found)
 
 
 def question(

@@ -1,7 +1,6 @@
-"""What may be asked: a request for each question of Python, and parts that commands of the command line share.
+"""What may be asked: a request for each question of Python, and fields that they and commands share.
 
-A command is its question, the workspace or program that it is about, and what becomes of the answer.
-Each command has its own in `cli.commands`.
+A command is its question, with what only a command line says: see `cli.command`.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqrp_cli.ask import values
-from sqrp_cli.ask.request import Command, FieldKind, OptionWord, Request, argument, flag, option, options, value
+from sqrp_cli.ask.request import FieldKind, OptionWord, Request, argument, flag, option, options, value
 from sqrp_cli.errors import bad_option
 
 if TYPE_CHECKING:
@@ -31,124 +30,64 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 Ways = Literal["best", "all", "fastest"]
+Certificates = tuple[Path, Path, Path]
+"""Files of a certificate of an authority, of one's own, and of its key."""
 AnyPath = Any  # a path, which Python may also give as text
 
 TASK = values.text("a skill and what to do it with, such as `pickup green`")
-CHOOSE = "--choose best|N|NAME"
-CHOOSE_HELP = "Which candidate: best, its place in the ranking, or its name; best by default."
 
 
-# Parts that several commands share.
+# Fields that several requests and commands share.
 
-
-class CellCommand(Command):
-    """What is about a workspace."""
-
-    workspace: Path = argument("WORKSPACE", "Folder of a workspace, or its YAML file.", values.path)
-
-
-class StartCommand(Command):
-    """What is about a workspace, or goes on after a program."""
-
-    workspace: Path = argument(
-        "WORKSPACE", "Folder of a workspace, its YAML file, or a PROGRAM: to go on after it.", values.path
-    )
-
-
-class OnProgram(Command):
-    """What is about a program."""
-
-    program: Path = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", values.path)
-
-
-class Seeded(Request):
-    """What draws at random."""
-
-    seed: int = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0)
-
-
-class Printed(Request):
-    """What prints an answer."""
-
-    json: bool = flag("--json", "Print one JSON document and nothing else.")
-
-
-class Watchable(Request):
-    """What may be asked again and again."""
-
-    watch: bool = flag("--watch", "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.")
-
-
-class Paged(Request):
-    """What may be written as a page."""
-
-    report: Path | None = option(
-        "--report FILE", "Write a page with charts and 3D playback, for any browser.", values.path, default=None
-    )
-
-
-class Chosen(Request):
-    """What is about one of several candidates."""
-
-    choose: str = option(
-        CHOOSE, CHOOSE_HELP, values.text("the name of a candidate, or `best`"), default="best", complete="candidates"
-    )
-
-
-class Worked(Request):
-    """What takes a while."""
-
-    jobs: int = option(
-        "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, absent=values.cores
-    )
-    progress: Progress = value(values.progress, default=values.silent)
-    """Called with a title and a total; gives what is called with how many are done."""
-
-
-class Sampled(Request):
-    """What samples motions."""
-
-    sampling: Sampling | None = options(
-        OptionWord("--samples N", "N samples per primitive action, instead of as many as needed.", int),
-        OptionWord("--dt S", "A sample every S seconds, instead of as many as needed."),
-        OptionWord("--tolerance POINTS", "Error of Q that sampling may leave, in points; 0.1 by default.", float),
-        kind=values.sampling,
-        default=None,
-    )
-    """Adaptive by default."""
-
-
-class Resumable(Request):
-    """What keeps its results."""
-
-    out: AnyPath = option(
-        "--out DIR", "Keep results here as they finish; those there are used.", values.path, default=None
-    )
-
-
-class Computed(Sampled, Worked, Resumable):
-    """What many processes compute, and a cluster may."""
-
-    def means(self, seed: int, workers: Cluster | None = None) -> Means:
-        """What computes it. seed: of everything that planning draws at random."""
-        from sqrp_cli.score.compute import Means
-        from sqrp_cli.study.sampling import Adaptive
-
-        return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)
-
-
-class Following(Request):
-    """What may start after a program."""
-
-    after: AnyPath = option(
-        "--after PROGRAM", "Start from the world that this program leaves behind.", values.path, default=None
-    )
+WORKSPACE: Any = argument("WORKSPACE", "Folder of a workspace, or its YAML file.", values.path)
+START: Any = argument(
+    "WORKSPACE", "Folder of a workspace, its YAML file, or a PROGRAM: to go on after it.", values.path
+)
+PROGRAM: Any = argument("PROGRAM", "A program file, as `sqrp rank --program` writes.", values.path)
+SEED: Any = option("--seed", "Seed of everything that is drawn at random.", values.count(0), default=0)
+JSON: Any = flag("--json", "Print one JSON document and nothing else.")
+WATCH: Any = flag("--watch", "Again whenever a file of the cell is saved, old and new side by side, until Ctrl-C.")
+REPORT: Any = option("--report FILE", "Write a page with charts and 3D playback, for any browser.", values.path)
+CLUSTER: Any = option(
+    "--cluster ADDRESS",
+    "Compute on this Dask cluster: tcp://HOST:PORT or scheduler file.",
+    values.text("an address or a file"),
+)
+TLS: Any = option(
+    "--tls CA CERT KEY",
+    "With --cluster: encrypt, by the certificate of its authority, your own, and its key (PEM files).",
+    FieldKind(Certificates, lambda value, _: value),
+)
+CHOOSE: Any = option(
+    "--choose best|N|NAME",
+    "Which candidate: best, its place in the ranking, or its name; best by default.",
+    values.text("the name of a candidate, or `best`"),
+    default="best",
+    complete="candidates",
+)
+JOBS: Any = option(
+    "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, absent=values.cores
+)
+PROGRESS: Any = value(values.progress, default=values.silent)
+"""Called with a title and a total; gives what is called with how many are done."""
+SAMPLING: Any = options(
+    OptionWord("--samples N", "N samples per primitive action, instead of as many as needed.", int),
+    OptionWord("--dt S", "A sample every S seconds, instead of as many as needed."),
+    OptionWord("--tolerance POINTS", "Error of Q that sampling may leave, in points; 0.1 by default.", float),
+    kind=values.sampling,
+)
+"""Adaptive by default."""
+OUT: Any = option("--out DIR", "Keep results here as they finish; those there are used.", values.path)
+AFTER: Any = option("--after PROGRAM", "Start from the world that this program leaves behind.", values.path)
+MAX_TIME: Any = option(
+    "--max-time T", "How long a way may take: 20 s, or 1.25x the time of the fastest of all.", values.time_limit
+)
 
 
 # Questions about a task.
 
 
-class TaskRequest(Following, Sampled, Worked):
+class TaskRequest(Request):
     """A task in a cell."""
 
     task: str = argument(
@@ -161,6 +100,10 @@ class TaskRequest(Following, Sampled, Worked):
         values.one_of("best", "fastest"),
         default="best",
     )
+    after: AnyPath = AFTER
+    sampling: Sampling | None = SAMPLING
+    jobs: int = JOBS
+    progress: Progress = PROGRESS
 
     @property
     def inquiry(self) -> RankSettings:
@@ -175,18 +118,7 @@ class TaskRequest(Following, Sampled, Worked):
         return RankSettings(sampling=self.sampling or Adaptive(), calibration=calibration, wanted=wanted)
 
 
-class Limited(Request):
-    """What may limit the time of ways."""
-
-    max_time: TimeLimit | str | float | None = option(
-        "--max-time T",
-        "How long a way may take: 20 s, or 1.25x the time of the fastest of all.",
-        values.time_limit,
-        default=None,
-    )
-
-
-class RankRequest(Limited, TaskRequest):
+class RankRequest(TaskRequest):
     """Rank the candidates of a task, each in its best way.
 
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
@@ -212,26 +144,26 @@ class RankRequest(Limited, TaskRequest):
         uses=("seed",),
     )
     """Draws of camera poses tell its effect."""
+    max_time: TimeLimit | str | float | None = MAX_TIME
 
 
-class ExplainRequest(Limited, TaskRequest):
+class ExplainRequest(TaskRequest):
     """Explain how well the cameras see a way of doing a task.
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
 
-    choose: str | None = option(
-        CHOOSE, CHOOSE_HELP, values.choice, default="best", complete="candidates", kw_only=False
-    )
+    choose: str | None = CHOOSE._replace(kind=values.choice, kw_only=False)
     step: int | None = option(
         "--step",
         "Of a task of several steps, or of a program: which; by default the one seen worst.",
         values.count(1),
         default=None,
     )
+    max_time: TimeLimit | str | float | None = MAX_TIME
 
 
-class AdviseRequest(Chosen, Resumable, TaskRequest):
+class AdviseRequest(TaskRequest):
     """Find the least change that lets the cameras see enough.
 
     The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
@@ -255,9 +187,11 @@ class AdviseRequest(Chosen, Resumable, TaskRequest):
         values.one_of("best", "fastest"),
         default="best",
     )
+    choose: str = CHOOSE
+    out: AnyPath = OUT
 
 
-class CheckRequest(Following, Worked):
+class CheckRequest(Request):
     """Validate a workspace, and a task in it.
 
     With a task, show which candidates can be done, why the others cannot, and what would have to be done first. Times
@@ -272,33 +206,34 @@ class CheckRequest(Following, Worked):
     planner: Planner | None = option(
         "--planner NAME", "Plan with this engine of unified-planning.", values.planner, default=None
     )
+    after: AnyPath = AFTER
+    jobs: int = JOBS
+    progress: Progress = PROGRESS
 
 
 # Questions about many tasks.
 
 
-class Clustered(Request):
-    """What a cluster may compute."""
+class ScoreRequest(Request):
+    """Score all tasks of workspaces.
 
-    cluster: str | None = option(
-        "--cluster ADDRESS",
-        "Compute on this Dask cluster: tcp://HOST:PORT or scheduler file.",
-        values.text("an address or a file"),
-        default=None,
-    )
-    tls: tuple[Path, Path, Path] | None = option(
-        "--tls CA CERT KEY",
-        "With --cluster: encrypt, by the certificate of its authority, your own, and its key (PEM files).",
-        FieldKind(tuple[Path, Path, Path], lambda value, _: value),
-        default=None,
-    )
+    Each task's best candidate is compared with the thresholds in its workspace.
+    """
 
+    sampling: Sampling | None = SAMPLING
+    jobs: int = JOBS
+    progress: Progress = PROGRESS
+    out: AnyPath = OUT
 
-class ScoreRequest(Computed):
-    """Score all tasks of the workspace."""
+    def means(self, seed: int, workers: Cluster | None = None) -> Means:
+        """What computes it. seed: of everything that planning draws at random."""
+        from sqrp_cli.score.compute import Means
+        from sqrp_cli.study.sampling import Adaptive
+
+        return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)
 
 
-class PlaceRequest(Computed):
+class PlaceRequest(ScoreRequest):
     """Find where cameras should go, and prove that no others do better.
 
     The mounts and lenses to choose from are in the file place.yaml beside the workspace.
@@ -381,9 +316,9 @@ class RunRequest(Request):
     """Whether the events have the true poses, for a page; a log always has them."""
 
     def written(self, page: Path | None = None) -> dict[str, Path | None]:
-        """The files and folders to write, each by what messages call it. page: of a run that Python writes later."""
+        """The files and folders to write, each by what messages call it. page: of the run, too."""
         files = {self.called(name): getattr(self, name) for name in ("film", "log", "frames")}
-        return {**files, "--report": self.report} if isinstance(self, Paged) else {**files, "path": page}
+        return {**files, "--report" if self.by_words else "path": page}
 
     @property
     def is_recording(self) -> bool:
@@ -441,7 +376,7 @@ class AuditRequest(Request):
         values.topics,
         default=None,
     )
-    progress: Progress = value(values.progress, default=values.silent)
+    progress: Progress = PROGRESS
 
 
 class CalibrateRequest(Request):
@@ -462,7 +397,7 @@ class CalibrateRequest(Request):
     program: AnyPath = option(
         "--program FILE", "The program that was run, if it is not in FRAMES.", values.path, default=None
     )
-    progress: Progress = value(values.progress, default=values.silent)
+    progress: Progress = PROGRESS
 
 
 # A new workspace, and questions about one as it stands.
@@ -496,5 +431,11 @@ class InitRequest(Request):
         values.text("the name of a link"),
         default=None,
     )
-    run: bool = flag("--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.")
-    progress: Progress = value(values.progress, default=values.silent)
+    run: bool = option(
+        "--run/--no-run",
+        "Run its task once in the simulated cell, if there is one; may take minutes; by default it does.",
+        values.flag,
+        default=False,
+        absent=lambda: True,
+    )
+    progress: Progress = PROGRESS

@@ -47,10 +47,30 @@ def reads(words: Any) -> Callable[[Callable[[Any, str], Any]], FieldKind]:  # no
     return lambda read: FieldKind(words, read)
 
 
-def text(expected: str) -> FieldKind:
+def kept(
+    words: Any,  # noqa: ANN401 - see `FieldKind`
+    expected: str,
+    holds: Callable[[Any], bool],
+    *,
+    make: Callable[[Any], Any] = lambda value: value,
+    metavar: str | None = None,
+) -> FieldKind:
+    """What `holds` of a value, made into the field; any other value is refused with what was expected."""
+
+    def read(value: object, name: str) -> object:
+        if not holds(value):
+            raise refused(name, value, expected)
+        return make(value)
+
+    return FieldKind(words, read, metavar)
+
+
+def text(expected: str, *, or_none: bool = False) -> FieldKind:
     """Text that is not empty."""
 
-    def read(value: object, name: str) -> str:
+    def read(value: object, name: str) -> str | None:
+        if value is None and or_none:
+            return None
         if not isinstance(value, str):
             raise refused(name, value, expected)
         if not value.strip():
@@ -62,13 +82,11 @@ def text(expected: str) -> FieldKind:
 
 def texts(expected: str) -> FieldKind:
     """Several texts; a single text is none."""
+    return kept(list[str], expected, lambda value: _several(value, str), make=tuple)
 
-    def read(value: object, name: str) -> tuple[str, ...]:
-        if isinstance(value, str) or not isinstance(value, Sequence) or any(not isinstance(one, str) for one in value):
-            raise refused(name, value, expected)
-        return tuple(value)
 
-    return FieldKind(list[str], read)
+def _several(value: object, kind: Any) -> bool:  # noqa: ANN401 - as `isinstance` takes it
+    return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(one, kind) for one in value)
 
 
 def one_of(*known: str) -> FieldKind:
@@ -84,89 +102,61 @@ def one_of(*known: str) -> FieldKind:
     return FieldKind(str, read, "|".join(known))
 
 
-def count(least: int, most: int | None = None) -> FieldKind:
-    """A whole number."""
-    upto = "on" if most is None else f"to {most:,}"
-
-    def read(value: object, name: str) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or value < least or (most and value > most):
-            raise refused(name, value, f"a whole number from {least} {upto}")
-        return value
-
-    return FieldKind(int, read, "N")
-
-
-def number(least: float, most: float = math.inf) -> FieldKind:
+def number(least: float, most: float = math.inf, *, whole: bool = False) -> FieldKind:
     """A number."""
-    upto = " on" if most == math.inf else f" to {most:g}"
+    upto = "on" if most == math.inf else f"to {most:,}" if whole else f"to {most:g}"
+    kind = int if whole else int | float
+    return kept(
+        int if whole else float,
+        f"a {'whole ' * whole}number from {least:g} {upto}",
+        lambda value: isinstance(value, kind) and not isinstance(value, bool) and least <= value <= most,
+        metavar="N" if whole else None,
+    )
 
-    def read(value: object, name: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-            raise refused(name, value, f"a number from {least:g}{upto}")
-        return value
 
-    return FieldKind(float, read)
+def count(least: int, most: float = math.inf) -> FieldKind:
+    """A whole number."""
+    return number(least, most, whole=True)
 
 
 def share(least: float) -> FieldKind:
     """A share, such as `97%` or 0.97."""
 
-    def read(value: object, name: str) -> float:
+    def read(value: object, name: str) -> object:
         from sqrp_cli.files.units import SHARE, read_quantity
 
-        if isinstance(value, str):
-            found = read_quantity(value)
-            if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
-                raise bad_option(f"{name} is `{value}`, expected {100 * least:g}% to 100%")
-            return found.value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= 1.0:
-            raise refused(name, value, f"a number from {least:g} to 1")
-        return value
+        if not isinstance(value, str):
+            return number(least, 1).read(value, name)
+        found = read_quantity(value)
+        if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
+            raise bad_option(f"{name} is `{value}`, expected {100 * least:g}% to 100%")
+        return found.value
 
     return FieldKind(str, read, "PERCENT")
 
 
-def function(expected: str) -> FieldKind:
-    """Something that can be called."""
-
-    def read(value: object, name: str) -> object:
-        if not callable(value):
-            raise refused(name, value, expected)
-        return value
-
-    return FieldKind(None, read)
-
-
 flag = FieldKind(bool, lambda value, _name: value)
-progress = function("a function of a title and a total")
+progress = kept(None, "a function of a title and a total", callable)
+listeners = kept(
+    None, "functions of an event, in a list", lambda value: isinstance(value, Sequence) and all(map(callable, value))
+)
+where_needed = kept(None, "True, False, or None for where it is needed", lambda value: isinstance(value, bool))
+_A_PATH = "a path, as text or as a pathlib.Path"
 
 
-@reads(Path)
-def path(value: object, name: str) -> Path:
-    """A path."""
-    if not isinstance(value, str | Path) or not str(value):
-        raise refused(name, value, "a path, as text or as a pathlib.Path")
-    return Path(value)
+def _is_path(value: object) -> bool:
+    return isinstance(value, str | Path) and bool(str(value))
 
 
-@reads(list[Path])
-def paths(value: object, name: str) -> tuple[Path, ...]:
-    """Several paths; a single one is none."""
-    if isinstance(value, str | Path) or not isinstance(value, Sequence):
-        raise refused(name, value, "several paths, in a list")
-    return tuple(path.read(one, name) for one in value)
-
-
-@reads(str)
-def urdf(value: object, name: str) -> object:
-    """A path, or an address of a package as text."""
-    return value if isinstance(value, str) and value else path.read(value, name)
-
-
-@reads(str)
-def choice(value: object, name: str) -> object:
-    """A candidate, or None for all."""
-    return None if value is None else text("the name of a candidate, `best`, or None for all").read(value, name)
+path = kept(Path, _A_PATH, _is_path, make=Path)
+paths = kept(
+    list[Path],
+    "several paths, in a list",
+    lambda value: _several(value, str | Path),
+    make=lambda all_: tuple(map(Path, all_)),
+)
+urdf = kept(str, _A_PATH, _is_path)  # or the address of a package, as text
+choice = text("the name of a candidate, `best`, or None for all", or_none=True)
 
 
 @reads(str)
@@ -181,20 +171,28 @@ def time_limit(value: object, name: str) -> TimeLimit:
     return TimeLimit.read(str(value), name)
 
 
-def _quantity(said: str, name: str, dimension: Dimension, more: str = "", least: float = -math.inf) -> float:
-    """A value in SI units, with or without its unit; above `least`, of which `more` tells."""
-    from sqrp_cli.files.units import expected_quantity, read_quantity
+def quantity(dimension: str, least: float, most: float, bounds: str) -> FieldKind:
+    """A value in SI units, or with its unit. dimension: its name in `files.units`; bounds: for messages."""
 
-    found = read_quantity(said)
-    if found is None or found.dimension not in (None, dimension) or not least < found.value < math.inf:
-        raise bad_option(f"{name} is `{said}`, expected {expected_quantity(dimension)}{more}")
-    return found.value
+    def read(value: object, name: str) -> float:
+        from sqrp_cli.files import units
+
+        own = getattr(units, dimension)
+        found = units.read_quantity(str(value))
+        if found is None or found.dimension not in (None, own) or not least <= found.value <= most:
+            raise bad_option(f"{name} is `{value}`, expected {units.expected_quantity(own)}, {bounds}")
+        return found.value
+
+    return FieldKind(str, read)
+
+
+rate = quantity("FREQUENCY", 1.0, 2000.0, "1 to 2000 Hz")
+seconds = quantity("TIME", 1e-9, math.inf, "more than 0")
 
 
 @reads(None)
 def sampling(value: Sampling | Words, name: str) -> Sampling:
     """A sampling, as a value or by its words: `samples`, `dt` or `tolerance`."""
-    from sqrp_cli.files.units import TIME
     from sqrp_cli.study.sampling import Adaptive, FixedCount, FixedStep
 
     said = value if isinstance(value, Words) else {}
@@ -207,10 +205,7 @@ def sampling(value: Sampling | Words, name: str) -> Sampling:
                 raise bad_option(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
             return FixedCount(samples)
         case {"dt": str() as dt}:
-            step = _quantity(dt, "--dt", TIME)
-            if step < LEAST_STEP:
-                raise bad_option(f"--dt is {step:g} s, expected at least {LEAST_STEP:g} s")
-            return FixedStep(step)
+            return FixedStep(quantity("TIME", LEAST_STEP, math.inf, f"at least {LEAST_STEP:g} s").read(dt, "--dt"))
         case {"tolerance": float() as points}:
             if not (math.isfinite(points) and 100 * LEAST_TOLERANCE <= points <= 100):
                 raise bad_option(f"--tolerance is {points:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
@@ -270,22 +265,6 @@ def calibration(value: Calibration | Words, name: str) -> Calibration:
     return Calibration(found.get(LENGTH, 0.0), found.get(ANGLE, 0.0), seed)
 
 
-@reads(None)
-def listeners(value: object, name: str) -> Sequence[Any]:
-    """Functions of an event."""
-    if not isinstance(value, Sequence) or not all(map(callable, value)):
-        raise refused(name, value, "functions of an event, in a list")
-    return value
-
-
-@reads(None)
-def where_needed(value: object, name: str) -> bool:
-    """Whether to do something; None, which is the default: where it is needed."""
-    if not isinstance(value, bool):
-        raise refused(name, value, "True, False, or None for where it is needed")
-    return value
-
-
 @reads(str)
 def planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
     """A function that plans, or the name of an engine of unified-planning."""
@@ -293,7 +272,7 @@ def planner(value: object, name: str) -> Any:  # noqa: ANN401 - a planner
         from sqrp_cli.logic.unified_planner import engine_planner
 
         return engine_planner(value)
-    return function("a function such as sqrp_cli.logic.planner.find_plan").read(value, name)
+    return kept(None, "a function such as sqrp_cli.logic.planner.find_plan", callable).read(value, name)
 
 
 @reads(str)
@@ -322,25 +301,6 @@ def topics(value: object, name: str) -> dict[str, str]:
             raise bad_option(f"{name} names both {pairs[camera]} and {topic} for {camera}")
         pairs[camera] = topic
     return pairs
-
-
-@reads(str)
-def rate(value: object, name: str) -> float:
-    """A rate of 1 to 2000 Hz, such as `100` or `50 Hz`."""
-    from sqrp_cli.files.units import FREQUENCY
-
-    found = _quantity(str(value), name, FREQUENCY)
-    if not 1.0 <= found <= 2000.0:
-        raise bad_option(f"{name} is {found:g} Hz, expected 1 to 2000 Hz")
-    return found
-
-
-@reads(str)
-def seconds(value: object, name: str) -> float:
-    """A time above 0, such as `60` or `90 s`, in seconds."""
-    from sqrp_cli.files.units import TIME
-
-    return _quantity(str(value), name, TIME, ", more than 0", 0.0)
 
 
 @reads(list[str])

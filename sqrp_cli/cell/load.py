@@ -30,7 +30,7 @@ from sqrp_cli.files.validation import validate
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, literal_count
 from sqrp_cli.logic.domain import Compound, merge_domains, nested
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.skill.read_skill import read_skill, skill_folder, skill_name
+from sqrp_cli.skill.read_skill import missing_skills, read_skill, skill_folder, skill_name
 from sqrp_cli.skill.settings import Reference, number_of, side_of
 from sqrp_cli.skill.skill import FORMER_ENDING, Grasp, GraspWaypoint, Names, OffsetWaypoint, Release, Skill, marked
 
@@ -157,6 +157,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     reader = CellReader(document=document, digest=digest, entry=file.robot, file=file)
     robot, problems = reader.read_robot(), reader.problems
     skills: dict[str, Skill] = {}
+    missing: list[tuple[Path, Place]] = []
     for index, stated in enumerate(file.skills):
         place = document.value_place(("skills", index))
         folder = skill_folder(from_folder(document.path.parent, stated), fingers=file.robot.fingers is not None)
@@ -164,10 +165,14 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         if called in skills:
             problems.append(Problem("duplicate-name", f"skill `{called}` is listed twice", place))
             continue
+        if not folder.is_dir():
+            missing.append((folder, place))
+            continue
         try:
             skills[called] = read_skill(folder, place, digest)
         except InputError as error:
             problems.extend(error.problems)
+    problems += missing_skills(missing)
     cameras, objects = reader.cameras(), reader.objects()
     if problems:
         raise InputError(*problems)

@@ -68,7 +68,13 @@ def execute(arguments: list[str]) -> int:
     except typer.Exit as leaving:
         return leaving.exit_code
     except UsageError as error:
-        _print_usage_error(error)
+        message = error.format_message() if hasattr(error, "format_message") else str(error)
+        if message.startswith("Usage:"):  # no command at all
+            typer.echo(message, err=True)
+            return ExitCode.BAD_INPUT
+        _print_error(f"error: {_in_own_words(error, message)}")
+        if (context := getattr(error, "ctx", None)) is not None:
+            _print_error(f"  to see what is expected: {context.command_path} --help")
         return ExitCode.BAD_INPUT
     except InputError as error:
         from sqrp_cli.show.terminal.console import print_problems
@@ -105,57 +111,38 @@ def _group() -> Any:  # noqa: ANN401 # has no public name
     return typer.main.get_command(app)
 
 
-def _print_usage_error(error: Exception) -> None:
+def _in_own_words(error: Exception, message: str) -> str:
     """What is wrong with a command line, in the words of other errors."""
-    message = error.format_message() if hasattr(error, "format_message") else str(error)
-    if message.startswith("Usage:"):  # no command at all
-        typer.echo(message, err=True)
-        return
     context: Any = getattr(error, "ctx", None)
-    told = message
-    if (number := _number_expected(error)) or (number := _value_expected(error, message, context)):
-        told = number
-    elif found := re.match(r"No such command '(.*?)'\.", message):
-        told = f"there is no command `{found[1]}`; {expected_names(found[1], _group().commands)}"
-    elif context is not None and (found := re.match(r"No such option: (\S+)", message)):
-        names = (name.lstrip("-") for one in context.command.params for name in (*one.opts, *one.secondary_opts))
-        close = nearest(found[1].lstrip("-"), names)
-        meant = f"; did you mean `--{close}`?" if close else ""
-        told = f"`{context.command_path}` has no option `{found[1]}`{meant}"
-    elif found := re.match(r"Got unexpected extra argument.* \((.*)\)", message):  # mostly of a task without quotes
-        task = context.params.get("task")
-        command = f"{context.command_path} {quote(str(context.params.get('workspace')))}"
-        hint = f'; put the task in quotes: `{command} "{task} {found[1]}"`' if isinstance(task, str) else ""
-        told = f"found `{found[1]}`, which is more than `{context.command_path}` takes{hint}"
-    _print_error(f"error: {told}")
-    if context is not None:
-        _print_error(f"  to see what is expected: {context.command_path} --help")
-
-
-def _value_expected(error: Exception, message: str, context: Any) -> str:  # noqa: ANN401 # has no public name
-    """What an argument that is missing, or an option without its value, should be; empty for any other error."""
     asked: Any = getattr(error, "param", None)
+    cause: Any = error.__cause__
+    if asked is not None and hasattr(cause, "errors"):
+        found = cause.errors()[0]
+        kind = {"int": "a whole number", "float": "a number"}.get(found["type"].partition("_")[0])
+        if kind is not None:
+            return f"{asked.opts[0]} is `{found['input']}`, expected {kind}"
     if message.startswith("Missing ") and asked is not None:
-        found = f"{asked.metavar} is missing"
-        if asked.metavar == "TASK" and (example := example_task(context.params.get("workspace"))):
-            return f'{found}, such as "{example}"'
-    elif message.endswith("requires an argument."):
+        missing, example = f"{asked.metavar} is missing", ""
+        if asked.metavar == "TASK":
+            example = example_task(context.params.get("workspace"))
+        return f'{missing}, such as "{example}"' if example else f"{missing}: {asked.help}"
+    if message.endswith("requires an argument."):
         name = getattr(error, "option_name", "")
         asked = next(one for one in context.command.params if name in one.opts)
-        found = f"{asked.metavar} is missing after {name}"
-    else:
-        return ""
-    return f"{found}: {asked.help}"
-
-
-def _number_expected(error: Exception) -> str:
-    """What is wrong with the number of an option; empty for any other error."""
-    option, cause = getattr(error, "param", None), error.__cause__
-    if option is None or cause is None or not hasattr(cause, "errors"):
-        return ""
-    found = cause.errors()[0]
-    kind = {"int": "a whole number", "float": "a number"}.get(found["type"].partition("_")[0])
-    return "" if kind is None else f"{option.opts[0]} is `{found['input']}`, expected {kind}"
+        return f"{asked.metavar} is missing after {name}: {asked.help}"
+    if match := re.match(r"No such command '(.*?)'\.", message):
+        return f"there is no command `{match[1]}`; {expected_names(match[1], _group().commands)}"
+    if context is not None and (match := re.match(r"No such option: (\S+)", message)):
+        names = (name.lstrip("-") for one in context.command.params for name in (*one.opts, *one.secondary_opts))
+        close = nearest(match[1].lstrip("-"), names)
+        meant = f"; did you mean `--{close}`?" if close else ""
+        return f"`{context.command_path}` has no option `{match[1]}`{meant}"
+    if match := re.match(r"Got unexpected extra argument.* \((.*)\)", message):  # mostly of a task without quotes
+        task = context.params.get("task")
+        command = f"{context.command_path} {quote(str(context.params.get('workspace')))}"
+        hint = f'; put the task in quotes: `{command} "{task} {match[1]}"`' if isinstance(task, str) else ""
+        return f"found `{match[1]}`, which is more than `{context.command_path}` takes{hint}"
+    return message
 
 
 def _print_error(line: str) -> None:

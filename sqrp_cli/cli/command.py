@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
@@ -14,8 +14,6 @@ from typer.core import TyperCommand
 from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request
 from sqrp_cli.cli import completion
 from sqrp_cli.errors import ExitCode, bad_option
-
-Asked = TypeVar("Asked", bound=Request)
 
 UsageError: Any = typer.BadParameter.__base__
 """What Typer raises for a command line that it cannot read; it names it nowhere else."""
@@ -63,6 +61,10 @@ class ParsedCommand(TyperCommand):
                 raise bad_option(f"{what} is empty; expected{kind}: {one.help}")
         return rest
 
+    def get_short_help_str(self, limit: int = 0) -> str:  # noqa: ARG002 - cut by nothing
+        """What `sqrp --help` says of it: its first sentence, whole."""
+        return (self.help or "").partition("\n\n")[0].replace("\n", " ")
+
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""
         shown, params = [self.options_metavar or ""], list[Any](self.get_params(ctx))
@@ -90,9 +92,13 @@ def _each(value: Any) -> list[Any]:  # noqa: ANN401 # as above
 
 
 def command(
-    name: str, record: type[Asked], parser: type[ParsedCommand] = ParsedCommand
-) -> Callable[[Callable[[Asked], ExitCode]], Callable[[Asked], ExitCode]]:
-    """Makes a function that answers a request a command: an option for each of its words, its docstring as help."""
+    name: str, record: type[Request] | None = None, parser: type[ParsedCommand] = ParsedCommand
+) -> Callable[[Callable[..., ExitCode]], Callable[..., ExitCode]]:
+    """Makes a function a command: an option for each word of its request, and of what only a command line says.
+
+    The function takes the request, if there is one, and by their names the values of the fields that are the defaults
+    of its other parameters. Help is its docstring, or that of the request.
+    """
 
     def parameter(word: OptionWord, one: Field) -> inspect.Parameter:
         shown: dict[str, Any] = {"metavar": word.flags if word.is_argument else word.value, "help": word.help}
@@ -108,14 +114,21 @@ def command(
             word.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, made]
         )
 
-    def made(run: Callable[[Asked], ExitCode]) -> Callable[[Asked], ExitCode]:
-        def called(**words: Any) -> ExitCode:  # noqa: ANN401 - by the words
-            return run(record.of_words(words))
+    def made(run: Callable[..., ExitCode]) -> Callable[..., ExitCode]:
+        stated = {one.name: one.default for one in inspect.signature(run).parameters.values()}
+        own = {name: one for name, one in stated.items() if isinstance(one, Field)}
+        assert record is None or not own.keys() & record.fields, run  # noqa: S101 - a field has one name
+        of_line: Any = type("OfLine", (Request,), dict(own))
+        asked: type[Request] = of_line if record is None else type(record.__name__, (record, of_line), {})
 
-        said = [parameter(*one) for one in record.said()]
+        def called(**words: Any) -> ExitCode:  # noqa: ANN401 - by the words
+            ask = asked.of_words(words)
+            return run(*([] if record is None else [ask]), **{name: getattr(ask, name) for name in own})
+
+        said = [parameter(*one) for one in asked.said()]
         called.__signature__ = inspect.Signature(said)  # type: ignore[attr-defined]
         called.__annotations__ = {one.name: one.annotation for one in said}
-        called.__doc__ = record.__doc__
+        called.__doc__ = run.__doc__ or record.__doc__
         app.command(name, cls=parser)(called)
         return run
 

@@ -89,7 +89,7 @@ def tasks(ctx: typer.Context, incomplete: str) -> list[str]:
     """Tasks that go on as typed: the workspace's own, or one more word of a task."""
     from sqrp_cli.task.task import longer_tasks
 
-    workspace = _workspace(ctx)
+    workspace = _workspace(ctx.params.get("workspace"))
     if workspace is None:
         return []
     return _proposed((*(one.task for one in workspace.tasks), *longer_tasks(incomplete, workspace)), incomplete)
@@ -99,7 +99,7 @@ def example_task(path: Path | None) -> str:
     """A task of the workspace at a path; empty without one that can be read."""
     from sqrp_cli.task.task import example_task
 
-    workspace = _readable(path)
+    workspace = _workspace(path)
     return example_task(workspace) if workspace else ""
 
 
@@ -107,7 +107,7 @@ def candidates(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the candidates of the command's task."""
     from sqrp_cli.task.task import read_task
 
-    workspace = _workspace(ctx)
+    workspace = _workspace(ctx.params.get("workspace"))
     with suppress(InputError):
         if workspace:
             found = read_task(str(ctx.params.get("task")), workspace).candidates
@@ -117,7 +117,7 @@ def candidates(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def cameras(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the workspace's cameras."""
-    workspace = _workspace(ctx)
+    workspace = _workspace(ctx.params.get("workspace"))
     return _proposed(workspace.cameras, incomplete) if workspace else []
 
 
@@ -135,16 +135,12 @@ def schemas(incomplete: str) -> list[str]:
     return _proposed(NAMES, incomplete)
 
 
-def _workspace(ctx: typer.Context) -> Workspace | None:
-    return _readable(ctx.params.get("workspace"))
-
-
-def _readable(path: Path | None) -> Workspace | None:
-    from sqrp_cli.ask.api.program import Start
+def _workspace(path: Path | None) -> Workspace | None:
+    from sqrp_cli.ask.api.program import start_of
     from sqrp_cli.cell.load import load_workspace
 
     with suppress(InputError, OSError):
-        return load_workspace(Start.of(path, None).workspace) if path is not None else None
+        return load_workspace(start_of(path, None)[0]) if path is not None else None
     return None
 
 

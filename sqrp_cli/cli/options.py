@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,7 +10,7 @@ from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.cli.command import line
 from sqrp_cli.document import Document
-from sqrp_cli.errors import InputError, Place, Problem, bad_option
+from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
@@ -20,15 +21,8 @@ class Patches(NamedTuple):
     """The patches that a command writes."""
 
     mark: str
-    """How they begin; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+    """How they begin; `patch` and `git apply` skip it."""
     whose: str  # as messages call them
-
-    def check(self, path: Path) -> None:
-        """Raises InputError for a file that cannot be written, or that exists and is no such patch."""
-        from sqrp_cli.platform.files import check_writable
-
-        check_writable(path)
-        check_own(path, self.mark, f"patch {self.whose}", "choose another name: --patch FILE")
 
     def write(self, path: Path, patch: str) -> None:
         """Write one."""
@@ -37,14 +31,44 @@ class Patches(NamedTuple):
         write_atomically(path, f"{self.mark}\n{patch}")
 
 
-def check_own(path: Path, mark: str, what: str, mend: str = "choose another name") -> None:
-    """Raises InputError for a file that exists and does not begin with a mark, so that it is no `what` of ours."""
-    if path.is_file():
-        with path.open("rb") as file:
-            own = file.read(len(mark)) == mark.encode()
-        if not own:
-            message = f"this file is there already and is no {what}; it was left as it is"
-            raise InputError(Problem("would-overwrite", message, Place(path), mend=mend))
+_OWN = {
+    "--report": ("page", rb"<!doctype html>"),
+    "--save-baseline": ("baseline", rb'\{\s*"format": "sqrp baseline'),
+    "--junit": ("JUnit file of `sqrp score`", rb'<\?xml [^>]*>\s*<testsuites name="sqrp score"'),
+    "--summary": ("summary of scores", rb"## SQRP: "),
+    "--log": ("log of a run", rb'\{"t": [^,]*, "event": "run"'),
+    "--record": ("film or recording", rb"....ftyp|\x89MCAP|#ROSBAG"),
+    "--export": ("exported trajectory", rb"time,|# trajectory_msgs/|\x89MCAP|#ROSBAG"),
+}
+"""By the options that write files: what those are, and how they begin."""
+
+
+def check_outputs(outputs: Mapping[str, Path | None], patches: Patches | None = None) -> None:
+    """Raises InputError, before anything is computed, for files, by their options, that cannot be written.
+
+    Nor is one that is there already and that something else wrote, or is none of these: it is left as it is. patches:
+    of which that of --patch is to be one.
+    """
+    from sqrp_cli.platform.files import check_distinct, check_writable
+
+    check_distinct(outputs)
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        check_writable(path)
+        what, begin = _OWN.get(option, ("", b""))
+        if option == "--patch" and patches is not None:
+            what, begin = f"patch {patches.whose}", re.escape(patches.mark.encode())
+        if begin and path.is_file():
+            with path.open("rb") as file:
+                first = file.read(1000)
+            if (first or option == "--patch") and re.match(begin, first, re.DOTALL) is None:
+                message = f"this file is there already and is no {what}, so it is not overwritten"
+                raise bad_input("would-overwrite", message, Place(path), mend=f"choose another name: {option} FILE")
+        if option == "--report":
+            from sqrp_cli.show.pages.assembly import check_libraries
+
+            check_libraries()
 
 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
@@ -59,24 +83,18 @@ def open_to_write(
     workspace: Path,
     seed: int,
     read: Iterable[Path | None],
-    *,
-    report: Path | None,
-    patch: Path | None = None,
+    outputs: Mapping[str, Path | None],
     patches: Patches | None = None,
 ) -> OpenCell:
-    """As `open_with_warnings`; raises InputError, before anything is computed, for files that cannot be written, too.
+    """As `open_with_warnings`, once the files that are written are checked; read: other files that the command reads.
 
-    read: other files that the command reads. report, patch: the files that it writes. patches: what the patch is.
+    outputs, patches: see `check_outputs`. Raises InputError where a file that is read would be written, too.
     """
-    from sqrp_cli.platform.files import check_distinct, check_not_read
+    from sqrp_cli.platform.files import check_not_read
 
-    check_distinct({"--patch": patch, "--report": report})
-    if patch is not None and patches is not None:
-        patches.check(patch)
-    if report is not None:
-        check_report(report)
+    check_outputs(outputs, patches)
     cell = open_with_warnings(workspace, seed)
-    check_not_read([patch, report], [*read, *cell.files])
+    check_not_read(outputs.values(), [*read, *cell.files])
     return cell
 
 
@@ -106,29 +124,20 @@ def _print_warnings(cell: OpenCell) -> None:
 
 def check_needed(what: str, there: object, about: Mapping[str, object]) -> None:
     """Raises InputError for options, by name, that are about something which is not there, such as `--vary`."""
-    for name, value in about.items():
-        if _is_given(value) and not _is_given(there):
+    if not there:
+        for name in given(about):
             raise bad_option(f"{name} is about {what}, which is missing")
 
 
 def check_excluded(option: str, others: Mapping[str, object]) -> None:
     """Raises InputError for options, by name, that exclude one which is given."""
-    for name, value in others.items():
-        if _is_given(value):
-            raise bad_option(f"{option} and {name} exclude each other; give one of them")
+    for name in given(others):
+        raise bad_option(f"{option} and {name} exclude each other; give one of them")
 
 
-def _is_given(value: object) -> bool:
-    return value is not None and value is not False and value not in ("", (), [], {})
-
-
-def check_report(path: Path) -> None:
-    """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
-    from sqrp_cli.platform.files import check_writable
-    from sqrp_cli.show.pages.assembly import check_libraries
-
-    check_writable(path)
-    check_libraries()
+def given(options: Mapping[str, object]) -> list[str]:
+    """The names of the options that a command line gives, of some with their values; a 0 is given, too."""
+    return [name for name, value in options.items() if value or (value == 0 and value is not False)]
 
 
 def answer(result: Document, *, as_json: bool, **how: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sqrp_cli.document import Document
     from sqrp_cli.figures import Figures
     from sqrp_cli.show.documents.explanation import CandidateStudy
-    from sqrp_cli.study.result import CandidateResult
 
 execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")  # the function that runs a command line
 
@@ -127,6 +126,9 @@ _ARROW = " → "
 _TEXTS = ("finding", "verdict")  # titles of columns that may be folded
 
 
+_TITLES = ("Q_eoi [%]", "Q_avg [%]", "time [s]", "seen [s]", "at worst")
+
+
 def view_of(answer: Document) -> AnswerView:
     """What of an answer is compared."""
     from sqrp_cli.score.result import Scorecard
@@ -134,60 +136,46 @@ def view_of(answer: Document) -> AnswerView:
     from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
     from sqrp_cli.study.result import Ranking
 
+    columns: tuple[str, ...] = ("candidate", "#", *_TITLES)
+    rows: dict[str, tuple[str, ...]] = {}
+    first = None
     match answer:
-        case Ranking():
-            why = _why(answer.candidates[0]) if answer.candidates else ""
-            return AnswerView(("candidate", "#", *_TITLES), _ranked(answer.candidates), why)
-        case ExplainedAll():
-            return AnswerView(("candidate", "#", *_TITLES), _ranked(answer.candidates))
+        case Ranking() | ExplainedAll():
+            for one in answer.candidates:
+                rows[one.name] = ("infeasible" if one.rank is None else f"{one.rank}", *_figures(one))
+            first = next(iter(answer.candidates), None) if isinstance(answer, Ranking) else None
         case Explanation():
-            return AnswerView(("", answer.name), _study(answer), _why(answer))
+            columns, first = ("", answer.name), answer
+            rows |= {title: (text,) for title, text in zip(_TITLES, _figures(answer), strict=True)}
+            rows |= _shares(answer)
         case Check():
-            verdicts = {one.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.candidates}
-            said = {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.findings}
-            return AnswerView(("candidate" if answer.task else "finding", "verdict"), {**verdicts, **said})
+            columns = ("candidate" if answer.task else "finding", "verdict")
+            rows |= {one.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.candidates}
+            rows |= {f"{one.place or answer.workspace} {one.message}": (one.severity,) for one in answer.findings}
         case Scorecard():
-            rows = {
-                f"{one.workspace}: {one.task}": (one.status, *(_SHOWN_NONE if one.best is None else _figures(one.best)))
-                for one in answer.results
-            }
-            return AnswerView(("task", "status", *_TITLES), rows)
+            columns = ("task", "status", *_TITLES)
+            for task in answer.results:
+                figures = ("–",) * len(_TITLES) if task.best is None else _figures(task.best)
+                rows[f"{task.workspace}: {task.task}"] = (task.status, *figures)
         case _:
             raise TypeError(type(answer).__name__)
-
-
-_TITLES = ("Q_eoi [%]", "Q_avg [%]", "time [s]", "seen [s]", "at worst")
-_SHOWN_NONE = ("–",) * len(_TITLES)
-
-
-def _ranked(found: Sequence[CandidateResult]) -> dict[str, tuple[str, ...]]:
-    """Place and figures of each."""
-    return {one.name: ("infeasible" if one.rank is None else f"{one.rank}", *_figures(one)) for one in found}
+    why = "" if first is None else first.verdict if first.feasible else first.reasons[0]
+    return AnswerView(columns, rows, why)
 
 
 def _figures(found: Figures) -> tuple[str, ...]:
     """The figures of a candidate, of its faults the worst."""
     means = [fault.delay_mean for fault in found.faults.values()]
-    late = _seconds(max((mean for mean in means if mean is not None), default=None))
-    mean, worst = ("never" if None in means else late), ("never" if found.unseen else _seconds(found.delay_worst))
-    return (_percent(found.q_eoi), _percent(found.q_avg), _seconds(found.time), mean, worst)
+    late = max((mean for mean in means if mean is not None), default=None)
+    figures = [None if q is None else f"{100 * q:.1f}" for q in (found.q_eoi, found.q_avg)]
+    figures += [None if t is None else f"{t:.2f}" for t in (found.time, late, found.delay_worst)]
+    figures[3:] = ["never" if None in means else figures[3], "never" if found.unseen else figures[4]]
+    return tuple(text or "–" for text in figures)
 
 
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.1f}"
-
-
-def _seconds(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
-
-
-def _why(found: CandidateResult) -> str:
-    return found.verdict if found.feasible else found.reasons[0]
-
-
-def _study(study: CandidateStudy) -> dict[str, tuple[str, ...]]:
-    """The figures of a candidate, and for which share of the time each camera sees each literal."""
-    rows: dict[str, tuple[str, ...]] = {title: (text,) for title, text in zip(_TITLES, _figures(study), strict=True)}
+def _shares(study: CandidateStudy) -> dict[str, tuple[str, ...]]:
+    """For which share of the time each camera sees each literal."""
+    rows: dict[str, tuple[str, ...]] = {}
     for atom in dict.fromkeys(name.removeprefix("not ") for name in study.targets):
         literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in study.samples]
         for camera in study.cameras:
@@ -196,5 +184,5 @@ def _study(study: CandidateStudy) -> dict[str, tuple[str, ...]]:
             for before, after, first, then in zip(study.samples, study.samples[1:], seen, seen[1:], strict=False):
                 asked += after.t - before.t if None not in (first, then) else 0.0
                 covered += after.t - before.t if first and then else 0.0
-            rows[f"{atom}, {camera} [%]"] = (_percent(covered / asked if asked else None),)
+            rows[f"{atom}, {camera} [%]"] = (f"{100 * covered / asked:.1f}" if asked else "–",)
     return rows

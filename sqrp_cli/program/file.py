@@ -44,14 +44,6 @@ _MOST_PLACES = 50  # most folders in which a renamed workspace is looked for
 _SIGNS = string.ascii_letters + string.digits + "+-"
 
 
-def is_program(path: Path) -> bool:
-    """Whether a file says that it is a program, sound or not."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return re.search(rb"^sqrp_program\s*:", file.read(200_000), re.MULTILINE) is not None
-
-
 def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of each error, see `program.check`."""
     if path.is_dir():

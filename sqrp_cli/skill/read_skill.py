@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest, no_such
+from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, first_names, nearest, no_such
 from sqrp_cli.files.entries import Entry
 from sqrp_cli.files.frames import TOOL
 from sqrp_cli.files.input_file import SourceFile, decoded, read_input, source_file
@@ -49,6 +49,22 @@ def skill_name(folder: Path) -> str:
     return folder.parent.name if folder.name == FINGERS else folder.name
 
 
+def missing_skills(missing: Sequence[tuple[Path, Place]]) -> Iterator[Problem]:
+    """What is wrong where folders of skills, each with the place that names it, do not exist: of a folder at once."""
+    for parent in dict.fromkeys(folder.parent for folder, _ in missing):
+        here = [(folder, place) for folder, place in missing if folder.parent == parent]
+        names, place = [folder.name for folder, _ in here], here[0][1]
+        if not parent.is_dir():
+            message = f"there is no folder {parent}, in which the skills {first_names(names)} should be"
+            mend = "copy the skills there too, or mend the paths under `skills`"
+            yield Problem("unknown-skill", message, place, mend=mend)
+            continue
+        known = [entry.name for entry in parent.iterdir() if entry.is_dir()]
+        for folder, place in here:
+            message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
+            yield Problem("unknown-skill", message, place)
+
+
 def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> skill.Skill:
     """The skill in `folder`, named after it; after the folder around it, if it is the one for tools with fingers.
 
@@ -56,10 +72,6 @@ def read_skill(folder: Path, place: Place, digest: dict[str, SourceFile]) -> ski
     checks the names of links, objects and detectors.
     """
     name = skill_name(folder)
-    if not folder.is_dir():
-        known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
-        message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
-        raise bad_input("unknown-skill", message, place)
     for required in (SKILL_FILE, f"{name}.pddl"):
         if not (folder / required).is_file():
             close = nearest(required, (entry.name for entry in folder.iterdir()))

@@ -10,13 +10,13 @@ import select
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.platform.processes import Worker, forked
-from sqrp_cli.records import dataclass
 from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Connections
 
@@ -32,110 +32,18 @@ IMAGE_QUALITY = 70  # of JPEG, in percent
 TOO_LATE = "the run was over before the click"  # why nothing is dropped
 
 
-@dataclass(frozen=True)
-class _OnTask:
-    """What is done about a task of a workspace."""
-
-    path: Path  # of the workspace, as it was given
-    task: str
-    seed: int
-    jobs: int
+Offer = tuple[str, tuple[str, ...], bytes]
+"""A change that was found: in words, the words of the command that makes it, without the workspace, and the file."""
 
 
-@dataclass(frozen=True)
-class Search(_OnTask):
-    """For changes of a text."""
-
-    content: bytes
-    chosen: str  # the candidate that is to get better
-    placing: bool  # whether cameras are placed anew, instead of the least change
-
-
-@dataclass(frozen=True)
-class Write(_OnTask):
-    """A candidate into a program file."""
-
-    by: Criterion
-    chosen: str
-    file: Path
-
-
-@dataclass(frozen=True, kw_only=True)
-class Play:
-    """A program in the simulated cell."""
-
-    file: Path
-    faults: tuple[str, ...]
-    seed: int
-
-
-Job = Search | Write | Play
-
-
-@dataclass(frozen=True, kw_only=True)
-class Offer:
-    """A change that was found."""
-
-    words: str
-    line: tuple[str, ...]  # the words of the command that makes it, without the workspace
-    content: bytes  # the workspace file with it
-
-
-class Running:
-    """A job under way, in its process."""
-
-    def __init__(self, job: Job) -> None:
-        import multiprocessing
-
-        self.job = job
-        self.pipe, theirs = multiprocessing.Pipe()
-        self._process: Worker[None, None] = Worker(forked(), _work, theirs, self.pipe, job, starts_others=True)
-        theirs.close()
-
-    def drop(self) -> bool:
-        """Drop what the tool holds, in a run; whether that was heard."""
-        if isinstance(self.job, Play) and select.select([], [self.pipe], [], 0.0)[1]:
-            with suppress(OSError):  # it has just ended
-                self.pipe.send("slip")
-                return True
-        return False
-
-    def end(self) -> None:
-        """End it at once, if it has not ended."""
-        self._process.kill()
-        self.pipe.close()
-
-
-def _work(pipe: Connection, theirs: Connection, job: Job) -> Callable[[None], None]:
-    theirs.close()
-    if isinstance(job, Play):  # where a run is ended while its processes start, these complain
-        with Path(os.devnull).open("wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-    say = _Teller(pipe)
-    try:
-        match job:
-            case Search():
-                _search(job, say)
-            case Write():
-                _write(job, say)
-            case Play():
-                _play(job, say)
-    except InputError as error:
-        say("refused", problems=findings(error.problems))
-    except Exception as error:
-        problem = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-        say("refused", problems=findings([problem]))
-    pipe.close()
-    return lambda _: None
-
-
-class _Teller:
+class Teller:
     """Sends reports: a text in JSON for browsers, and what can be applied."""
 
     def __init__(self, pipe: Connection) -> None:
         self.pipe = pipe
 
     def __call__(self, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
+        """Send one."""
         self.pipe.send((message(do, **fields), tuple(offers)))
 
     @contextmanager
@@ -152,22 +60,41 @@ class _Teller:
         yield advance
 
 
-def _search(job: Search, say: _Teller) -> None:
-    """The least changes that help a candidate, or other places of all cameras."""
+Job = Callable[[Teller], None]
+
+
+def _work(pipe: Connection, theirs: Connection, job: Job, *, playing: bool) -> Callable[[None], None]:
+    theirs.close()
+    if playing:  # where a run is ended while its processes start, these complain
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+    say = Teller(pipe)
+    try:
+        job(say)
+    except InputError as error:
+        say("refused", problems=findings(error.problems))
+    except Exception as error:
+        problem = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+        say("refused", problems=findings([problem]))
+    pipe.close()
+    return lambda _: None
+
+
+def search(path: Path, seed: int, content: bytes, task: str, jobs: int, chosen: str, say: Teller) -> None:
+    """The least changes that help a candidate in the cell of a text; without one, other places of all cameras."""
     from sqrp_cli.ask.api.cell import OpenCell
 
-    opened = OpenCell.read(job.path, job.seed, job.content)
+    opened = OpenCell.read(path, seed, content)
     offers, changes, unwritten = list[Offer](), list[dict[str, object]](), list[str]()
-    if job.placing:
-        placed = opened.place(job.task, jobs=job.jobs, progress=say.progress)
+    if not chosen:
+        placed = opened.place(task, jobs=jobs, progress=say.progress)
         names = ", ".join(f"{one.name} on {one.mount}" for one in placed.cameras)
         title = f"{len(placed.cameras)} cameras: {names}" if names else "no cameras on these mounts meet the goal"
-        line: tuple[str, ...] = ("place", job.task, "--patch", "cameras.patch")
         if names:
-            offers.append(Offer(words=f"cameras: {names}", line=line, content=placed.content))
-            changes.append({"words": offers[0].words, "q_eoi": None, "q_avg": None, "worse": []})
+            offers.append((f"cameras: {names}", ("place", task, "--patch", "cameras.patch"), placed.content))
+            changes.append({"words": offers[0][0], "q_eoi": None, "q_avg": None, "worse": []})
     else:
-        found = opened.advise(job.task, choose=job.chosen, jobs=job.jobs, progress=say.progress)
+        found = opened.advise(task, choose=chosen, jobs=jobs, progress=say.progress)
         title = f"{found.candidate} is to have {found.want}"
         if found.met:
             title += ": it has that already"
@@ -177,30 +104,30 @@ def _search(job: Search, say: _Teller) -> None:
             if not one.patch:
                 unwritten.append(f"{one.words} ({one.unwritten})")
                 continue
-            line = ("advise", job.task, "--choose", job.chosen, "--apply", str(number))
-            offers.append(Offer(words=one.words, line=line, content=found.patched(number)))
+            line = ("advise", task, "--choose", chosen, "--apply", str(number))
+            offers.append((one.words, line, found.patched(number)))
             changes.append({"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)})
     say("offers", offers, title=title, unwritten=unwritten, changes=changes)
 
 
-def _write(job: Write, say: _Teller) -> None:
-    """Append the chosen candidate as `rank --program` does."""
+def write(path: Path, seed: int, task: str, jobs: int, by: Criterion, chosen: str, file: Path, say: Teller) -> None:
+    """Append the chosen candidate to a program file as `rank --program` does."""
     from sqrp_cli.ask.api.cell import open_cell
     from sqrp_cli.ask.api.session import world_before
     from sqrp_cli.platform.files import check_not_read
 
-    opened = open_cell(job.path, seed=job.seed)
-    check_not_read([job.file], opened.files)
-    before = world_before(None, job.file)
-    ranking = opened.rank(job.task, by=job.by, after=before, jobs=job.jobs, progress=say.progress)
-    ranking.write(job.file, job.chosen)
-    say("written", file=str(job.file))
+    opened = open_cell(path, seed=seed)
+    check_not_read([file], opened.files)
+    before = world_before(None, file)
+    ranking = opened.rank(task, by=by, after=before, jobs=jobs, progress=say.progress)
+    ranking.write(file, chosen)
+    say("written", file=str(file))
 
 
 class _Watching:
     """Somebody who looks on from a browser: gets images, poses and events, and may drop what the tool holds."""
 
-    def __init__(self, say: _Teller, file: Path, faults: Sequence[str]) -> None:
+    def __init__(self, say: Teller, file: Path, faults: Sequence[str]) -> None:
         self._say, self._file, self._faults = say, file, list(faults)
         self._began: float | None = None
         self._shown: dict[str, float] = {}
@@ -286,16 +213,15 @@ class _Watching:
                     self._say("run-event", t=event.t, text=text, kind=event.event)
 
 
-def _play(job: Play, say: _Teller) -> None:
+def play(file: Path, faults: Sequence[str], seed: int, say: Teller) -> None:
+    """Run a program in the simulated cell."""
     from sqrp_cli.ask.api.program import open_program
     from sqrp_cli.ask.requests import RunRequest
 
-    opened = open_program(job.file, seed=job.seed)
-    watching = _Watching(say, job.file, job.faults)
-    cameras = list(opened.workspace.cameras)
-    say("run-began", file=str(job.file), cameras=cameras, faults=list(job.faults))
-    ask = RunRequest(job.faults, listeners=[watching])
-    run = opened.run_into(ask, screen=watching, spectator=watching)
+    opened = open_program(file, seed=seed)
+    watching = _Watching(say, file, faults)
+    say("run-began", file=str(file), cameras=list(opened.workspace.cameras), faults=list(faults))
+    run = opened.run_into(RunRequest(faults, listeners=[watching]), screen=watching, spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
     told = [
@@ -309,39 +235,50 @@ PASSING = ("run-image", "run-state", "run-evidence", "searching")  # reports tha
 
 
 class Jobs:
-    """The job under way, and what was found."""
+    """The job under way, in a process of its own, and what was found."""
 
     def __init__(self, connections: Connections, dropped: Callable[[dict[str, Any]], None]) -> None:
         """dropped: called with the report that a part was dropped."""
         self._connections, self._dropped = connections, dropped
-        self._running: Running | None = None
+        self._process: Worker[None, None] | None = None
+        self._pipe: Connection | None = None
+        self._playing = False
         self.offers: Sequence[Offer] = ()  # the changes that can be applied
 
-    def begin(self, job: Job) -> None:
-        """Start a job instead of the one that is under way."""
+    def begin(self, job: Job, *, playing: bool = False) -> None:
+        """Start a job instead of the one that is under way. playing: whether it is a run."""
+        import multiprocessing
+
         self.stop()
         self._connections.forget("run-began", "run-ended", "written", "refused")
         self.forget_offers()
-        self._running = Running(job)
-        asyncio.get_running_loop().add_reader(self._running.pipe.fileno(), self._reported)
+        self._pipe, theirs = multiprocessing.Pipe()
+        self._playing, work = playing, partial(_work, playing=playing)
+        self._process = Worker(forked(), work, theirs, self._pipe, job, starts_others=True)
+        theirs.close()
+        asyncio.get_running_loop().add_reader(self._pipe.fileno(), self._reported)
 
     def stop(self) -> None:
         """End the job under way, in the loop that serves browsers."""
-        if self._running is not None:
-            asyncio.get_running_loop().remove_reader(self._running.pipe.fileno())
+        if self._pipe is not None:
+            asyncio.get_running_loop().remove_reader(self._pipe.fileno())
             self.end()
             self._connections.tell(message("job-ended"))
 
     def end(self) -> None:
-        """End the job under way, once nobody is told any more."""
-        if self._running is not None:
-            self._running.end()
-            self._running = None
+        """End the job under way at once, once nobody is told any more."""
+        if self._process is not None and self._pipe is not None:
+            self._process.kill()
+            self._pipe.close()
+            self._process = self._pipe = None
 
     def drop(self) -> None:
         """Drop what the tool holds in the run under way. Raises InputError where that is over."""
-        if self._running is None or not self._running.drop():
-            raise bad_input("bad-fault", f"nothing was dropped: {TOO_LATE}")
+        if self._playing and self._pipe is not None and select.select([], [self._pipe], [], 0.0)[1]:
+            with suppress(OSError):  # it has just ended
+                self._pipe.send("slip")
+                return
+        raise bad_input("bad-fault", f"nothing was dropped: {TOO_LATE}")
 
     def forget_offers(self) -> None:
         """Offer nothing any more."""
@@ -349,9 +286,9 @@ class Jobs:
         self._connections.forget("offers")
 
     def _reported(self) -> None:
-        assert self._running is not None  # noqa: S101 - its pipe is read
+        assert self._pipe is not None  # noqa: S101 - it is read
         try:
-            text, offers = self._running.pipe.recv()
+            text, offers = self._pipe.recv()
         except (EOFError, OSError):
             self.stop()
             return

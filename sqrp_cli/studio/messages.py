@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, cast
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Problem, bad_option
@@ -96,95 +97,37 @@ def studio_page(title: str, socket: str) -> str:
 
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte
 
+PLAIN = ("rest", "undo", "redo", "difference", "save", "advise", "place", "stop", "reread")  # what needs no more words
 
-class _Request(BaseModel):
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
-
-
-class Hold(_Request):
-    """A hand holds something, and moves it."""
-
-    do: Literal["hold"] = "hold"
-    move: Move
-    number: int
-    """Of the sketch that is asked for; its answer carries it."""
-
-
-class PutDown(_Request):
-    """A hand has put something down: the text changes."""
-
-    do: Literal["put"]
-    move: Move
+_FIELDS: Mapping[str, Mapping[str, Any]] = {
+    "hold": {"move": Move, "number": int},  # a hand moves something; the answer, a sketch, carries the number
+    "put": {"move": Move},  # a hand has put something down: the text changes
+    "set": {"path": Words, "value": Words},  # a value of the workspace by its path, as YAML text
+    "task": {"text": Words, "by": Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]},
+    "choose": {"name": Words},  # another candidate is shown over time
+    "apply": {"number": Annotated[int, Field(ge=1, le=1000)]},  # one of the changes that were found is made
+    "program": {"file": Words},  # the chosen candidate is appended to a program file
+    "run": {"file": Words, "faults": Annotated[list[Words], Field(max_length=20)]},  # in the simulated cell
+    "fault": {"name": Words},  # it is to happen now
+    **{do: {} for do in PLAIN},
+}
+"""What browsers may ask for: by its `do`, the other fields of such a message."""
 
 
-class SetValue(_Request):
-    """A value of the workspace is set by its path."""
-
-    do: Literal["set"]
-    path: Words
-    value: Words
-    """As YAML text."""
-
-
-class Plain(_Request):
-    """Something that needs no more words."""
-
-    do: Literal["rest", "undo", "redo", "difference", "save", "advise", "place", "stop", "reread"]
+@cache
+def _requests() -> TypeAdapter[Any]:
+    config, make = ConfigDict(strict=True, frozen=True, extra="forbid"), cast("Any", create_model)
+    made: Any = tuple(
+        make(do, __config__=config, do=(Literal[do], ...), **{name: (kind, ...) for name, kind in own.items()})
+        for do, own in _FIELDS.items()
+    )
+    return TypeAdapter(Annotated[Union[made], Field(discriminator="do")])  # noqa: UP007 - made of a list
 
 
-class AskTask(_Request):
-    """Another task, or another order of its candidates."""
-
-    do: Literal["task"]
-    text: Words
-    by: Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
-
-
-class Choose(_Request):
-    """Another candidate is shown over time."""
-
-    do: Literal["choose"] = "choose"
-    name: Words
-
-
-class Apply(_Request):
-    """One of the changes that were found is made."""
-
-    do: Literal["apply"]
-    number: Annotated[int, Field(ge=1, le=1000)]
-
-
-class WriteProgram(_Request):
-    """The chosen candidate is appended to a program file."""
-
-    do: Literal["program"]
-    file: Words
-
-
-class RunProgram(_Request):
-    """A program file is run in the simulated cell."""
-
-    do: Literal["run"]
-    file: Words
-    faults: Annotated[list[Words], Field(max_length=20)]
-
-
-class DropFault(_Request):
-    """A fault is to happen now."""
-
-    do: Literal["fault"]
-    name: Words
-
-
-Request = Hold | PutDown | SetValue | Plain | AskTask | Choose | Apply | WriteProgram | RunProgram | DropFault
-
-_REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
-
-
-def read_request(text: str) -> Request:
+def read_request(text: str) -> Any:  # noqa: ANN401 - a record with the fields that its `do` has
     """A message of a browser. Raises InputError for anything else."""
     try:
-        return _REQUEST.validate_json(text)
+        return _requests().validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
@@ -208,4 +151,13 @@ class Rank(Asked):
     of_saved: bool = False  # whether only figures are wanted, to compare others with
 
 
-Question = Rank | Choose | Hold  # what the process that computes is asked
+@dataclass(frozen=True)
+class Hold:
+    """To sketch what would be with something elsewhere."""
+
+    move: Move
+    number: int  # of the sketch; its answer carries it
+
+
+Question = Rank | Hold | str
+"""What the process that computes is asked; a text is the name of the candidate to show over time."""

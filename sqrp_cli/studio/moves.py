@@ -78,7 +78,9 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
     if move.name not in workspace.objects:
         message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
         raise bad_input("unknown-object", message)
-    place = replace(workspace.objects[move.name], pose=_turned(_place(workspace, move.name), move))
+    if (X_WO := workspace.objects[move.name].X_WO) is None:
+        raise bad_option(f"it is not known where `{move.name}` is")
+    place = replace(workspace.objects[move.name], pose=_turned(X_WO, move))
     return replace(workspace, objects={**workspace.objects, move.name: place})
 
 
@@ -130,14 +132,9 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
     if ("objects", move.name, "pose") not in document.values:
         message = f"the workspace states no pose of `{move.name}` itself"
         raise bad_option(message, mend="change the file that does")
-    return with_object(document, move.name, _place(after, move.name) @ inverse(after.objects[move.name].X_FO))
-
-
-def _place(workspace: Workspace, name: str) -> Array:
-    X_WO = workspace.objects[name].X_WO
-    if X_WO is None:
-        raise bad_option(f"it is not known where `{name}` is")
-    return X_WO
+    placed = after.objects[move.name]
+    assert placed.X_WO is not None  # noqa: S101 - it was moved
+    return with_object(document, move.name, placed.X_WO @ inverse(placed.X_FO))
 
 
 def _turned(X: Array, move: Move) -> Array:
@@ -184,13 +181,11 @@ class Draft:
             first, past = past[0].content, past[1:]
         return replace(self, first=first, past=past, future=())
 
-    def undone(self) -> Draft:
-        """Without the last change, if there is one."""
-        return replace(self, past=self.past[:-1], future=(*self.past[-1:], *self.future))
-
-    def redone(self) -> Draft:
-        """With the change that was undone last, if there is one."""
-        return replace(self, past=(*self.past, *self.future[:1]), future=self.future[1:])
+    def stepped(self, *, back: bool) -> Draft:
+        """Without the last change, or with the one that was undone last, if there is one."""
+        changes, here = (*self.past, *self.future), len(self.past) + (-1 if back else 1)
+        here = min(max(here, 0), len(changes))
+        return replace(self, past=changes[:here], future=changes[here:])
 
     def on(self, saved: bytes) -> tuple[Draft, tuple[DraftChange, ...]]:
         """The draft on a file that was changed elsewhere, and the changes that do not fit it any more."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.platform.processes import Worker, forked
-from sqrp_cli.studio.messages import Asked, Choose, Hold, Question, Rank, kind_of
+from sqrp_cli.studio.messages import Asked, Hold, Question, Rank, kind_of
 from sqrp_cli.studio.server import Connections
 
 
@@ -78,7 +78,7 @@ class Rankings:
         self.number = 0  # of the last question
         self._asked: Asked | None = None
         self._ranked: Asked | None = None  # what the ranking that is shown is of; None while another one is under way
-        self._held = False
+        self.held = False
         """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
         self._of_saved: Asked | None = None  # what the figures of the saved file are for
         self._comparing: Asked | None = None  # what of the saved file is being ranked
@@ -94,24 +94,19 @@ class Rankings:
     def rank(self, asked: Asked) -> None:
         """Rank a task in the cell of a text."""
         self.number += 1
-        self._held, self._comparing = False, None
+        self.held, self._comparing = False, None
         self._asked, self._ranked = asked, None
         self._worker.ask(Rank(**vars(asked), number=self.number))
 
-    def choose(self, asked: Choose) -> None:
+    def choose(self, name: str) -> None:
         """Show a candidate over time."""
         self._connections.forget("detail")
-        self._worker.ask(asked)
+        self._worker.ask(name)
 
     def hold(self, asked: Hold) -> None:
         """Sketch what a hand moves."""
-        self._held, self._comparing = True, None
+        self.held, self._comparing = True, None
         self._worker.ask(asked)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the ranking that was asked for was given up, as a hand has moved something."""
-        return self._held
 
     def take_as_saved(self) -> None:
         """Take the ranking that is shown as that of the saved file too, if it is."""
@@ -150,7 +145,7 @@ class Rankings:
             self.take_as_saved()
         elif do == "saved-ranking":
             self._of_saved = self._comparing
-        elif do == "detail" and self._ranked is not None and not self._held:
+        elif do == "detail" and self._ranked is not None and not self.held:
             # There is nothing else to do: rank the saved file as well, if that is not known. Otherwise what is shown
             # over time is of before, and this would end what was asked for since.
             give_back_memory()

@@ -9,37 +9,19 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
-from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
 from sqrp_cli.errors import InputError, Place, bad_input, bad_option
 from sqrp_cli.files.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.files.yaml_file import MAX_BYTES
-from sqrp_cli.studio.jobs import Jobs, Play, Search, Write
-from sqrp_cli.studio.messages import (
-    Apply,
-    Asked,
-    AskTask,
-    Choose,
-    DropFault,
-    Hold,
-    Plain,
-    PutDown,
-    RunProgram,
-    SetValue,
-    WriteProgram,
-    findings,
-    handles,
-    message,
-    parameters,
-    read_request,
-    studio_page,
-)
+from sqrp_cli.studio.jobs import Jobs, play, search, write
+from sqrp_cli.studio.messages import Asked, Hold, findings, handles, message, parameters, read_request, studio_page
 from sqrp_cli.studio.moves import Draft, DraftChange, written
 from sqrp_cli.studio.rankings import Rankings, WorkerProcess
 from sqrp_cli.studio.server import Connections, Tell
@@ -48,8 +30,6 @@ if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
 
 LOOK_EVERY = 0.4  # how often files are looked at for changes of others [s]
-
-
 LINES_SHOWN = 50  # how many of the last commands are shown
 
 
@@ -72,24 +52,20 @@ class Studio:
         self._lines = deque[tuple[str, str]](maxlen=LINES_SHOWN)
         self._stamps: Mapping[Path, object] = {}
         self.connections = Connections(self._heard)
-        self._rankings = Rankings(worker, self.connections, self._saved, self._named)
-        self._under_way = Jobs(
+        self._rankings = Rankings(worker, self.connections, self._asked, self._named)
+        self.under_way = Jobs(
             self.connections, lambda told: self._note("dropped", _run_line(told["file"], told["faults"]))
         )
 
     # What browsers are told
 
-    def say(self, do: str, **fields: object) -> None:
-        """Tell all browsers, and keep it for those that come."""
-        self.connections.post(do, message(do, **fields))
-
     def _tell_state(self) -> None:
         draft, workspace = self._draft, self._workspace
-        self.say(
+        told = message(
             "state",
             workspace=workspace.name,
             path=str(self._given),
-            file=str(self._draft.path),
+            file=str(draft.path),
             task=self._task,
             by=self._by,
             tasks=[one.task for one in workspace.tasks],
@@ -104,6 +80,7 @@ class Studio:
             lines=[{"what": what, "line": line} for what, line in self._lines],
             handles=handles(workspace),
         )
+        self.connections.post("state", told)
 
     def _note(self, what: str, line: str) -> None:
         """Tell what was done, and the command that does it."""
@@ -113,14 +90,18 @@ class Studio:
     def _command(self, *words: str) -> str:
         return shlex.join(["sqrp", words[0], str(self._given), *words[1:]])
 
-    def _setting(self, values: Mapping[str, str] | None) -> str:
-        """The command that sets values; empty where that takes more, or nothing."""
+    def _setting(self, before: SourceDocument, content: bytes) -> str:
+        """The command that makes a text of another; empty where that takes more than setting values, or nothing."""
+        values = changed_values(before, content)
         return self._command("set", *(f"{path}={text}" for path, text in values.items())) if values else ""
 
     # From beginning to end
 
     async def run(self, port: int, ready: Callable[[str], None]) -> None:
-        """Serve until it is cancelled or alone; ready: called with the address. Raises InputError for a taken port."""
+        """Serve until it is cancelled or alone; ready: called with the address. Raises InputError for a taken port.
+
+        It is alone once the process that started it is gone: nobody could close it then.
+        """
         await self.connections.open(port)
         over = self._rankings.listen()
         self._rank()  # meanwhile the page is put together
@@ -129,23 +110,22 @@ class Studio:
         self._stamps = self._stamped()
         self._tell_state()
         try:
-            watching = asyncio.ensure_future(self._watch())
-            await asyncio.wait([watching, over], return_when=asyncio.FIRST_COMPLETED)
-            (watching if watching.done() else over).result()
+            while os.getppid() == self._parent:
+                await asyncio.wait([over], timeout=LOOK_EVERY)
+                if over.done():
+                    over.result()
+                if (stamps := self._stamped()) != self._stamps:
+                    self._stamps = stamps
+                    self._reread()
         finally:
-            watching.cancel()
             await self.connections.close()
 
-    def close(self) -> None:
-        """End what takes longer."""
-        self._under_way.end()
+    def _asked(self, *, saved: bool = True) -> Asked:
+        """What the text is ranked for; saved: that of the file, to compare."""
+        return Asked(self._draft.saved if saved else self._draft.content, self._task, self._by)
 
     def _rank(self) -> None:
-        self._rankings.rank(Asked(self._draft.content, self._task, self._by))
-
-    def _saved(self) -> Asked:
-        """What the saved file is ranked for, to compare."""
-        return Asked(self._draft.saved, self._task, self._by)
+        self._rankings.rank(self._asked(saved=False))
 
     def _named(self, names: Sequence[str]) -> None:
         """The candidates of a new ranking."""
@@ -163,138 +143,136 @@ class Studio:
 
     def obey(self, text: str) -> None:
         """Do what a browser asks for. Raises InputError where that cannot be."""
-        match read_request(text):
-            case Hold() as asked:
+        asked = read_request(text)
+        order = ["--by", self._by] if self._by != "q_eoi" else []
+        match asked.do:
+            case "hold":
                 self.connections.tell(message("move", move=asked.move))
-                self._rankings.hold(asked)
-            case PutDown(move=move):
+                self._rankings.hold(Hold(asked.move, asked.number))
+            case "put":
                 try:
-                    label = move.in_words(handles(self._workspace)[move.kind].get(move.name))
-                    self._edit(label, lambda: written(self._document(), self._workspace, move))
+                    label = asked.move.in_words(handles(self._workspace)[asked.move.kind].get(asked.move.name))
+                    self._edit(label, lambda document: written(document, self._workspace, asked.move))
                 finally:
-                    self.rest()
-            case SetValue(path=path, value=value):
-                self._edit(f"{path} = {value}", lambda: with_values(self._document(), {path: value}))
-            case AskTask(text=task, by=by):
+                    self._rest()
+            case "rest":
+                self._rest()
+            case "set":
+                label = f"{asked.path} = {asked.value}"
+                self._edit(label, lambda document: with_values(document, {asked.path: asked.value}))
+            case "undo" | "redo":
+                self._step(back=asked.do == "undo")
+            case "task":
                 from sqrp_cli.task.task import read_task
 
-                read_task(task, self._workspace)
-                self._task, self._by = task, by
+                read_task(asked.text, self._workspace)
+                self._task, self._by = asked.text, asked.by
                 self._rank()
-                self._note("task", self._command("rank", task, *(["--by", by] if by != "q_eoi" else [])))
-            case Choose() as asked:
+                order = ["--by", self._by] if self._by != "q_eoi" else []
+                self._note("task", self._command("rank", self._task, *order))
+            case "choose":
                 self._chosen = asked.name
-                self._rankings.choose(asked)
+                self._rankings.choose(asked.name)
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
-            case Apply(number=number):
-                offers = self._under_way.offers
-                if not 1 <= number <= len(offers):
-                    raise bad_option(f"there is no change {number}")
-                if self._searched != self._draft.content:
-                    changed = "the cell has changed since this was found"
-                    raise bad_input("changed-meanwhile", changed, mend="ask for advice or places again")
-                offer = offers[number - 1]
-                self._edit(offer.words, lambda: offer.content, self._command(*offer.line))
-                self._under_way.forget_offers()
-            case WriteProgram(file=name):
+            case "advise" | "place":
+                self._searched, chosen = self._draft.content, self._chosen or "best"
+                about = (self._given, self._seed, self._searched, self._task, self._jobs)
+                self.under_way.begin(partial(search, *about, "" if asked.do == "place" else chosen))
+                line = ("--choose", self._chosen) if asked.do == "advise" else ()
+                self._note("asked", self._command(asked.do, self._task, *line))
+            case "apply":
+                self._apply(asked.number)
+            case "program":
                 if self._draft.dirty:
                     raise bad_input("unsaved", "a program is for the cell as it is saved", mend="save first, or undo")
-                file, task, by, chosen = _program_file(name), self._task, self._by, self._chosen
-                about = (self._given, task, self._seed, self._jobs)
-                self._under_way.begin(Write(*about, by=by, chosen=chosen, file=file))
-                order = ["--by", by] if by != "q_eoi" else []
-                line = self._command("rank", task, *order, "--program", str(file), "--choose", chosen)
-                self._note("program", line)
-            case RunProgram(file=name, faults=faults):
-                file = _program_file(name)
-                self._under_way.begin(Play(file=file, faults=tuple(faults), seed=self._seed))
-                self._note("run", _run_line(str(file), faults))
-            case DropFault():
-                self._under_way.drop()
-            case Plain(do=do):
-                _PLAIN[do](self)
+                file, chosen = program_file(asked.file), self._chosen
+                job = partial(write, self._given, self._seed, self._task, self._jobs, self._by, chosen, file)
+                self.under_way.begin(job)
+                words = (*order, "--program", str(file), "--choose", chosen)
+                self._note("program", self._command("rank", self._task, *words))
+            case "run":
+                file = program_file(asked.file)
+                self.under_way.begin(partial(play, file, asked.faults, self._seed), playing=True)
+                self._note("run", _run_line(str(file), asked.faults))
+            case "fault":
+                self.under_way.drop()
+            case "stop":
+                self.under_way.stop()
+            case "difference":
+                saved = self._document(self._draft.saved)
+                text = patch(saved, self._draft.content, from_here(self._draft.path))
+                line_of_it = self._setting(saved, self._draft.content)
+                self.connections.tell(message("difference", patch=text.splitlines(), line=line_of_it))
+            case "save":
+                self._save()
+            case "reread":
+                self._reread()
 
-    def _document(self) -> SourceDocument:
-        return read_workspace_document(self._draft.path, self._draft.content)
+    def _document(self, content: bytes | None = None) -> SourceDocument:
+        return read_workspace_document(self._draft.path, self._draft.content if content is None else content)
 
-    def _edit(self, label: str, make: Callable[[], bytes], line: str | None = None) -> None:
+    def _edit(self, label: str, make: Callable[[SourceDocument], bytes], line: str | None = None) -> None:
         """Change the text. Raises InputError where that makes no workspace; then nothing changes.
 
         line: the command that does it, if it is not the one that sets what differs.
         """
         document = self._document()
-        content = make()
+        content = make(document)
         if content == self._draft.content:
             self._tell_state()
             return
-        workspace = self._read(content)
-        values = changed_values(document, content)
-        self._go_on(self._draft.changed(DraftChange(label=label, values=values, content=content)), workspace)
-        self._note(label, self._setting(values) if line is None else line)
+        change = DraftChange(label=label, values=changed_values(document, content), content=content)
+        self._go_on(self._draft.changed(change))
+        self._note(label, self._setting(document, content) if line is None else line)
 
-    def rest(self) -> None:
+    def _apply(self, number: int) -> None:
+        """Make a change that was found."""
+        offers = self.under_way.offers
+        if not 1 <= number <= len(offers):
+            raise bad_option(f"there is no change {number}")
+        if self._searched != self._draft.content:
+            changed = "the cell has changed since this was found"
+            raise bad_input("changed-meanwhile", changed, mend="ask for advice or places again")
+        words, line, content = offers[number - 1]
+        self._edit(words, lambda _: content, self._command(*line))
+        self.under_way.forget_offers()
+
+    def _rest(self) -> None:
         """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
-        if self._rankings.interrupted:
+        if self._rankings.held:
             self._rank()
             self._tell_state()
 
-    def _read(self, content: bytes) -> Workspace:
-        opened = OpenCell.read(self._given, self._seed, content)
+    def _go_on(self, draft: Draft) -> None:
+        """Take over another text, and rank in its cell. Raises InputError where it is no workspace."""
+        opened = OpenCell.read(self._given, self._seed, draft.content)
         if opened.errors:
             raise InputError(*opened.errors)
-        return opened.workspace
-
-    def _go_on(self, draft: Draft, workspace: Workspace) -> None:
-        self._draft, self._workspace = draft, workspace
+        self._draft, self._workspace = draft, opened.workspace
         self._rank()
 
-    def _step(self, draft: Draft, what: str) -> None:
+    def _step(self, *, back: bool) -> None:
         """Take back a change, or make it again."""
-        before = self._document()
-        self._go_on(draft, self._read(draft.content))
-        self._note(what, self._setting(changed_values(before, draft.content)))
+        before, changes = self._document(), self._draft.past[-1:] if back else self._draft.future[:1]
+        for change in changes:
+            self._go_on(self._draft.stepped(back=back))
+            label = f"{'undone' if back else 'again'}: {change.label}"
+            self._note(label, self._setting(before, self._draft.content))
 
-    def undo(self) -> None:
-        """Take back the last change."""
-        if self._draft.past:
-            self._step(self._draft.undone(), f"undone: {self._draft.past[-1].label}")
-
-    def redo(self) -> None:
-        """Make again what was undone."""
-        if self._draft.future:
-            self._step(self._draft.redone(), f"again: {self._draft.future[0].label}")
-
-    def difference(self) -> None:
-        """Show what saving would change."""
-        saved = read_workspace_document(self._draft.path, self._draft.saved)
-        line = self._setting(changed_values(saved, self._draft.content))
-        text = patch(saved, self._draft.content, from_here(self._draft.path))
-        self.connections.tell(message("difference", patch=text.splitlines(), line=line))
-
-    def save(self) -> None:
+    def _save(self) -> None:
         """Write the text into the file. Raises InputError where the file has changed meanwhile."""
         if read_input(self._draft.path, MAX_BYTES) != self._draft.saved:
             message = "the workspace has changed meanwhile"
             mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
             raise bad_input("changed-meanwhile", message, Place(self._draft.path), mend=mend)
-        saved = read_workspace_document(self._draft.path, self._draft.saved)
-        line = self._setting(changed_values(saved, self._draft.content))
+        saved = self._document(self._draft.saved)
+        line = self._setting(saved, self._draft.content)
         if self._draft.dirty:
             replace_workspace(saved, self._draft.content)
         self._draft = replace(self._draft, saved=self._draft.content)
         self._stamps = self._stamped()
         self._rankings.take_as_saved()
         self._note("saved", line)
-
-    # What takes longer
-
-    def search(self, *, placing: bool) -> None:
-        """Look for the least changes that help the chosen candidate, or for other places of all cameras."""
-        content = self._searched = self._draft.content
-        chosen, about = self._chosen or "best", (self._given, self._task, self._seed, self._jobs)
-        self._under_way.begin(Search(*about, content=content, chosen=chosen, placing=placing))
-        line = ("place", self._task) if placing else ("advise", self._task, "--choose", self._chosen)
-        self._note("asked", self._command(*line))
 
     # Changes of others
 
@@ -307,46 +285,24 @@ class Studio:
                 stamps[path] = (status.st_mtime_ns, status.st_size, status.st_ino)
         return stamps
 
-    async def _watch(self) -> None:
-        """Look at the files, until the process that started this one is gone: nobody could close the studio then."""
-        while os.getppid() == self._parent:
-            await asyncio.sleep(LOOK_EVERY)
-            stamps = self._stamped()
-            if stamps != self._stamps:
-                self._stamps = stamps
-                self.reread()
-
-    def reread(self) -> None:
+    def _reread(self) -> None:
         """Take over what others changed. What cannot be read is shown, and the last good state stays."""
+        before = self._draft
         try:
-            saved = read_input(self._draft.path, MAX_BYTES)
-            draft, lost = (self._draft, ()) if saved == self._draft.saved else self._draft.on(saved)
-            workspace = self._read(draft.content)
+            saved = read_input(before.path, MAX_BYTES)
+            draft, lost = (before, ()) if saved == before.saved else before.on(saved)
+            self._go_on(draft)
         except InputError as error:
-            self.say("outside", problems=findings(error.problems), lost=[])
+            self.connections.post("outside", message("outside", problems=findings(error.problems), lost=[]))
             return
-        changed = draft is not self._draft
-        self._go_on(draft, workspace)
         self._stamps = self._stamped()
         self._tell_state()
-        self.say("outside", problems=[], lost=[one.label for one in lost], taken=changed)
+        labels = [one.label for one in lost]
+        told = message("outside", problems=[], lost=labels, taken=draft is not before)
+        self.connections.post("outside", told)
 
 
-_PLAIN: Mapping[str, Callable[[Studio], None]] = {
-    "rest": Studio.rest,
-    "undo": Studio.undo,
-    "redo": Studio.redo,
-    "difference": Studio.difference,
-    "save": Studio.save,
-    "advise": lambda studio: studio.search(placing=False),
-    "place": lambda studio: studio.search(placing=True),
-    "stop": lambda studio: studio._under_way.stop(),
-    "reread": Studio.reread,
-}
-"""What is done at a word."""
-
-
-def _program_file(name: str) -> Path:
+def program_file(name: str) -> Path:
     """The file of a program. Raises InputError for a name that is none of a YAML file."""
     if not name.endswith(YAML_ENDINGS) or not name.isprintable():
         raise bad_option(f"found `{name}`, expected a file of a program, such as pick.yaml")

@@ -32,7 +32,7 @@ from sqrp_cli.show.pages.candidate_page import candidate_rows, played, scene_mod
 from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory
-from sqrp_cli.studio.messages import Choose, Hold, Question, Rank, findings, message
+from sqrp_cli.studio.messages import Hold, Question, Rank, findings, message
 from sqrp_cli.studio.moves import moved
 from sqrp_cli.studio.sketch import Sketch, Steps
 from sqrp_cli.study.assessment import planned_motion
@@ -195,11 +195,11 @@ class _Worker:
             match question:
                 case Rank():
                     self._begin(question)
-                case Choose(name=name):
-                    self._chosen = name
-                    self._explain()
                 case Hold():
                     self._sketch(question)
+                case str(name):
+                    self._chosen = name
+                    self._explain()
         except InputError as error:
             if isinstance(question, Hold):  # refused once it is put down
                 self.say("held", number=number)

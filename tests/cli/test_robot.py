@@ -28,9 +28,9 @@ def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
     checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))
     file = SimpleNamespace(mend_of_lateness="slower")
-    session: Any = SimpleNamespace(robot=SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file)))
+    connected: Any = SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file))
     with pytest.raises(InputError) as caught:
-        check_cell(session, tmp_path / "robot.yaml", as_json=True)
+        check_cell(connected, tmp_path / "robot.yaml", as_json=True)
     assert [problem.mend for problem in caught.value.problems] == [None, None, "slower", None]
 
 

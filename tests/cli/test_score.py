@@ -262,7 +262,7 @@ def test_only_files_that_score_wrote_are_overwritten(sqrp, own_watch, tmp_path, 
     file.write_text("steps: []\n")
     outcome = sqrp("score", own_watch, option, file)
     assert (outcome.code, outcome.out, file.read_text()) == (2, "", "steps: []\n")
-    assert f"it was left as it is to mend it: choose another name: {option} FILE" in " ".join(outcome.err.split())
+    assert f"so it is not overwritten to mend it: choose another name: {option} FILE" in " ".join(outcome.err.split())
     file.write_text("")  # as a CI server makes one
     assert [sqrp("score", own_watch, option, file).code for _ in range(2)] == [0, 0]
 

@@ -7,13 +7,15 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from websockets.asyncio.client import connect
 
+from sqrp_cli.errors import InputError
 from sqrp_cli.studio import jobs, rankings, server
-from sqrp_cli.studio.jobs import Play, Running, Search
+from sqrp_cli.studio.jobs import Jobs
 from sqrp_cli.studio.messages import Rank
 from sqrp_cli.studio.rankings import WorkerProcess
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Connections, _Browser
@@ -121,14 +123,20 @@ def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
 
 
 def test_drops_that_no_job_listens_to_hold_nobody_up(monkeypatch):
-    monkeypatch.setattr(jobs, "_work", lambda *_: time.sleep(1000.0))
-    searching = Search(path=Path("cell"), content=b"", task="pickup", chosen="best", seed=0, jobs=1, placing=False)
+    monkeypatch.setattr(jobs, "_work", deaf)
 
-    def drop() -> None:
-        for job in (searching, Play(file=Path("pick.yaml"), faults=(), seed=0)):
-            running = Running(job)
+    async def drop() -> None:
+        for playing in (False, True):
+            under_way = Jobs(Connections(None), lambda _: None)
+            under_way.begin(print, playing=playing)
             for _ in range(5000):
-                running.drop()
-            running.end()
+                with suppress(InputError):
+                    under_way.drop()
+            under_way.end()
 
-    assert ends(drop)
+    assert ends(lambda: asyncio.run(drop()))
+
+
+def deaf(*_: object, playing: bool) -> None:  # noqa: ARG001 - as of a job
+    """A job that reads nothing. playing: whether it is a run."""
+    time.sleep(1000.0)

@@ -11,7 +11,6 @@ import pytest
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError
-from sqrp_cli.studio.jobs import Offer
 from sqrp_cli.studio.messages import Asked, Hold, Rank
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.rankings import Rankings
@@ -100,10 +99,10 @@ def moved_to(file: Path, x: float) -> bytes:
 def test_a_change_that_was_found_for_another_text_is_not_made(worker, cell, monkeypatch):
     file = cell / "workspace.yaml"
     studio = Studio(OpenCell.read(cell, 0), TASK, 1, worker)
-    monkeypatch.setattr(studio._under_way, "begin", lambda _: None)  # what it would find is below
-    studio.search(placing=False)
-    offer = Offer(words="cam1 elsewhere", line=("advise", TASK), content=moved_to(file, 0.1))
-    studio._under_way.offers = [offer]
+    monkeypatch.setattr(studio.under_way, "begin", lambda _: None)  # what it would find is below
+    studio.obey('{"do": "advise"}')
+    offered = moved_to(file, 0.1)
+    studio.under_way.offers = [("cam1 elsewhere", ("advise", TASK), offered)]
 
     def asked(text: str) -> bytes:
         studio.obey(text)
@@ -114,4 +113,4 @@ def test_a_change_that_was_found_for_another_text_is_not_made(worker, cell, monk
         asked('{"do": "apply", "number": 1}')
     assert worker.asked[-1].content == edited
     asked('{"do": "undo"}')
-    assert asked('{"do": "apply", "number": 1}') == offer.content
+    assert asked('{"do": "apply", "number": 1}') == offered

@@ -10,7 +10,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.show.pages.assembly import tidy
 from sqrp_cli.show.pages.candidate_page import played
 from sqrp_cli.studio.moves import Move, moved
-from sqrp_cli.studio.session import _program_file
+from sqrp_cli.studio.session import program_file
 from sqrp_cli.studio.sketch import SHORTEST, Sketch
 from sqrp_cli.studio.worker import _steps
 from sqrp_cli.study.sampling import FixedStep
@@ -87,4 +87,4 @@ def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained
 @pytest.mark.parametrize("name", ["pick", "a\0b.yaml", "a\nb.yml"])
 def test_a_name_that_no_program_can_have_is_refused(name):
     with pytest.raises(InputError, match="expected a file of a program"):
-        _program_file(name)
+        program_file(name)

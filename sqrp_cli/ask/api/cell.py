@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,7 +88,13 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     if cell.errors:
         return Check.of(path, name, ask.task, cell.findings)
     if ask.task is None:
-        doubts = (*cell.findings, *impossible_tasks(cell.workspace), *_doubts(cell.cell))
+        doubts = [*cell.findings, *impossible_tasks(cell.workspace), *cell_warnings(cell.cell)]
+        # A contact at home is no error, because a program may have left the robot elsewhere.
+        if contact := cell.cell.collision.contact_in(cell.cell.initial_world):
+            message = f"at home {contact} before anything moves, so no task can begin there"
+            mend = "change the home position, or move what is in its way"
+            place = cell.workspace.places.get("robot.home")
+            doubts.append(Problem("contact-at-home", message, place, severity="warning", mend=mend))
         return Check.of(path, name, None, doubts, example=example_task(cell.workspace))
     session = Session.begin(cell.cell, TaskRequest(ask.task, after=ask.after))
     candidates = session.task.candidates
@@ -106,22 +111,6 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     swept = swept_cameras(session.cell, session.assignment.world, steps)
     problems = (*cell.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
     return Check.of(path, name, ask.task, problems, found, suggested)
-
-
-def _doubts(cell: Cell) -> Iterator[Problem]:
-    """Warnings that need the geometry of the cell, among them contacts of the robot at home.
-
-    A contact is no error, because a program may have left the robot elsewhere.
-    """
-    from sqrp_cli.checks.cell_warnings import cell_warnings
-
-    yield from cell_warnings(cell)
-    contact = cell.collision.contact_in(cell.initial_world)
-    if contact:
-        message = f"at home {contact} before anything moves, so no task can begin there"
-        mend = "change the home position, or move what is in its way"
-        place = cell.workspace.places.get("robot.home")
-        yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
 
 
 def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -52,14 +51,20 @@ def find_placement(
             mend = " ".join(f"--keep {part}" for part in several) if listed else None
             raise bad_input("unknown-camera", message, mend=mend)
     keep = tuple(dict.fromkeys(request.keep))
-    floor = _floor(request, workspace, len(keep))
-    _check_budget(request, mounts, max(0 if floor is None else floor.cameras, 1 + request.survive - len(keep), 0))
+    texts = list(dict.fromkeys(request.tasks or [task.task for task in workspace.tasks]))
+    if whole := [text for text in texts if len(split_steps(text)) > 1]:
+        message = f"`{whole[0]}` has several steps, and cameras are placed for tasks of one step"
+        raise bad_option(message, mend="name tasks of one step")
+    requirements = _requirements(request, workspace, mounts, len(keep))
+    if not texts:
+        message = "the workspace lists no tasks, so it is not known what cameras are for"
+        raise bad_option(message, mend="name a task, such as `pickup green`")
     question = PlaceQuestion(
         cell=cell,
         world=cell.initial_world,
-        tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
+        tasks=tuple(read_task(text, workspace) for text in texts),
         mounts=mounts,
-        requirements=_requirements(request, floor, len(keep)),
+        requirements=requirements,
         sampling=means.sampling,
         keep=keep,
         fastest=request.ways == "fastest",
@@ -82,35 +87,30 @@ def find_placement(
     return replace(found, file=file, content=patched, patch=patch(file, patched))
 
 
-def _floor(request: PlaceRequest, workspace: Workspace, kept: int) -> FewestPossible | None:
-    """What the skills of a workspace need at once, and who: with fewer cameras it has errors.
+def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, kept: int) -> Requirements:
+    """What is asked of the cameras, of which so many are kept.
 
-    Raises InputError for fewer cameras than that.
+    With fewer cameras than the skills of a workspace need at once it has errors. Raises InputError for fewer cameras
+    than that, and for a budget below the price of so many cameras, wherever they are.
     """
     needs = ((target.cameras, skill.name) for skill in workspace.skills.values() for target in skill.targets.values())
-    cameras, name = max(needs, default=(0, ""), key=lambda one: one[0])
-    if cameras <= kept:
-        return None
-    reason = f"`{name}` needs {in_words(cameras)} at once"
-    if request.cameras is not None and request.cameras < cameras - kept:
-        mend = f"{request.given('cameras', cameras - kept)}, or leave the skill out of the workspace's `skills`"
-        message = f"{reason}, and `sqrp check` refuses a cell with fewer; "
-        message += f"{request.called('cameras')} is {request.cameras}"
-        raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
-    return FewestPossible(cameras=cameras - kept, reason=reason)
-
-
-def _check_budget(request: PlaceRequest, mounts: Mounts, count: int) -> None:
-    """Raises InputError for a budget below the price of so many cameras, wherever they are."""
+    most, name = max(needs, default=(0, ""), key=lambda one: one[0])
+    least, floor = most - kept, None
+    if least > 0:
+        reason = f"`{name}` needs {in_words(most)} at once"
+        if request.cameras is not None and request.cameras < least:
+            mend = f"{request.given('cameras', least)}, or leave the skill out of the workspace's `skills`"
+            message = f"{reason}, and `sqrp check` refuses a cell with fewer; "
+            message += f"{request.called('cameras')} is {request.cameras}"
+            raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
+        floor = FewestPossible(cameras=least, reason=reason)
+    count = max(least, 1 + request.survive - kept, 0)
     lens = min(one.price for one in mounts.lenses)
-    least = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
-    if request.budget is not None and least > request.budget + 1e-9:
+    price = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
+    if request.budget is not None and price > request.budget + 1e-9:
         cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {in_words(count)} cameras cost"
-        message = f"{cameras} {least:g}, {request.called('budget')} is {request.budget:g}"
-        raise bad_option(message, mend=request.given("budget", f"{least:.15g}"))
-
-
-def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int) -> Requirements:
+        message = f"{cameras} {price:g}, {request.called('budget')} is {request.budget:g}"
+        raise bad_option(message, mend=request.given("budget", f"{price:.15g}"))
     if request.cameras is not None and request.cameras + kept <= request.survive:
         message = f"of a single camera nothing is left if it fails, so that {request.given('survive', 1)} needs two"
         raise bad_option(message, mend=request.given("cameras", 2))
@@ -125,15 +125,3 @@ def _requirements(request: PlaceRequest, floor: FewestPossible | None, kept: int
         failure_tolerance=request.survive,
         budget=request.budget,
     )
-
-
-def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
-    texts = list(dict.fromkeys(request.tasks or [task.task for task in workspace.tasks]))
-    whole = [text for text in texts if len(split_steps(text)) > 1]
-    if whole:
-        message = f"`{whole[0]}` has several steps, and cameras are placed for tasks of one step"
-        raise bad_option(message, mend="name tasks of one step")
-    if not texts:
-        message = "the workspace lists no tasks, so it is not known what cameras are for"
-        raise bad_option(message, mend="name a task, such as `pickup green`")
-    return texts

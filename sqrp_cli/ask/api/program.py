@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,7 +10,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.ask import values
 from sqrp_cli.ask.api.cell import OpenCell
@@ -39,27 +40,29 @@ PROGRAM = "program.yaml"  # the program in a folder of frames that a run keeps
 DEFAULT_RUNS = 20  # runs of a sweep
 
 
-class Start(NamedTuple):
-    """Where a task starts: in the world of a workspace, or in the one that a program leaves behind."""
+def is_program(path: Path) -> bool:
+    """Whether a file says that it is a program, sound or not."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return re.search(rb"^sqrp_program\s*:", file.read(200_000), re.MULTILINE) is not None
 
-    workspace: Path
-    after: Path | None  # the program after which it starts; None: in the world of the workspace
 
-    @classmethod
-    def of(cls, named: Path, after: Path | None, written: Path | None = None) -> Start:
-        """The start that a command line names: a workspace, or a program in place of its workspace and of `--after`.
+def start_of(named: Path, after: Path | None, written: Path | None = None) -> tuple[Path, Path | None]:
+    """The workspace, and the program after which a task starts; None: in the world of the workspace.
 
-        written: the program to which steps are appended; that implies to start after it. Raises InputError.
-        """
-        from sqrp_cli.program.file import find_workspace, is_program, load_program
+    named: a workspace, or a program in place of its workspace and of `after`. written: the program to which steps are
+    appended; that implies to start after it. Raises InputError.
+    """
+    if not is_program(named):
+        return named, after
+    if after is not None:
+        message = f"{named} is a program, so the task starts after it and not after {after}"
+        raise bad_option(message, mend="leave out --after, or name a workspace")
+    from sqrp_cli.program.file import find_workspace, load_program
 
-        if not is_program(named):
-            return cls(named, after)
-        if after is not None:
-            message = f"{named} is a program, so the task starts after it and not after {after}"
-            raise bad_option(message, mend="leave out --after, or name a workspace")
-        same = written is not None and written.exists() and written.samefile(named)
-        return cls(find_workspace(load_program(named), named), None if same else named)
+    same = written is not None and written.exists() and written.samefile(named)
+    return find_workspace(load_program(named), named), None if same else named
 
 
 def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
@@ -73,15 +76,6 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
         raise InputError(*program.cell.errors)
     program.check()
     return program
-
-
-def run(opened: OpenProgram, ask: RunRequest) -> SimulatedRun:
-    """A run in the simulated cell, watched through camera images alone.
-
-    Raises InputError, before anything is written, where an output would replace an input or another output.
-    """
-    ask.check_names()
-    return opened.run_into(ask)
 
 
 def audited(opened: OpenProgram, ask: AuditRequest) -> AuditDocument:
@@ -243,9 +237,6 @@ class OpenProgram:
         place = {"step": step, "of_steps": len(steps)}
         return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, **place)
 
-    run = question(RunRequest, run)
-    audit = question(AuditRequest, audited)
-
     def run_into(
         self,
         ask: RunRequest,
@@ -254,8 +245,9 @@ class OpenProgram:
         spectator: Any = None,  # noqa: ANN401 - see `Recording`
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
-        """As `run`. Raises InputError where what it writes would replace a file that was read.
+        """A run in the simulated cell, watched through camera images alone.
 
+        Raises InputError, before anything is written, where an output would replace an input or another output.
         screen: shows the images with what is seen in them, instead of a film. spectator: somebody who may cause faults.
         elsewhere: runs it in another cell, to which no faults can be made to happen.
         """
@@ -265,6 +257,7 @@ class OpenProgram:
         from sqrp_cli.run.record.log import LogWriter
         from sqrp_cli.show.pages.run_page import RunCell
 
+        ask.check_names()
         workspace = self.workspace
         injected = self.read_faults(ask.faults, ask.called("faults"))
         ask.check_not_read(self.files)
@@ -299,6 +292,9 @@ class OpenProgram:
             inputs=self.files,
             asked=ask,
         )
+
+    run = question(RunRequest, run_into)
+    audit = question(AuditRequest, audited)
 
     def sweep(
         self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = values.silent, option: str = "slip"
@@ -386,7 +382,7 @@ class LoggedRun:
         header = next(events)
         logged = cls(log, header, events, opened)
         if opened is not None and header.steps:
-            opened.check_ran(header.steps, "this log is", Place(log, 1), logged._replay)
+            opened.check_ran(header.steps, "this log is", Place(log, 1), _shown_again(log))
         return logged
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
@@ -422,12 +418,12 @@ class LoggedRun:
     def no_report(self) -> InputError:
         """The error where a run that was interrupted is not enough."""
         message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
-        return bad_input("no-log", message, Place(self.log), mend=self._replay)
+        return bad_input("no-log", message, Place(self.log), mend=_shown_again(self.log))
 
-    @property
-    def _replay(self) -> str:
-        """The command that shows the run without its program."""
-        return shlex.join(["sqrp", "run", "--replay", str(self.log)])
+
+def _shown_again(log: Path) -> str:
+    """The command that shows a run without its program."""
+    return shlex.join(["sqrp", "run", "--replay", str(log)])
 
 
 class LazyReplanner:

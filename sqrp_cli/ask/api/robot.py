@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import LazyReplanner, OpenProgram
 from sqrp_cli.errors import bad_input, bad_option
-from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.api.run_results import SimulatedRun
@@ -26,21 +24,8 @@ LOOPBACK = "127.0.0.1"  # the network on which a cell is served if nobody says o
 LISTENED = 0.7  # for how long it is listened whether another cell is served [s]: to be heard takes 0.3 s
 
 
-@dataclass(frozen=True, eq=False)
-class RobotSession:
-    """A program, connected to the robot on which it is to run."""
-
-    opened: OpenProgram
-    robot: ConnectedRobot
-
-    def run(self, ask: RunRequest, *, moves: bool) -> SimulatedRun:
-        """Run the program: the robot moves. moves: whether it does, or images are only looked at where it starts."""
-        perform = partial(self.robot.run, LazyReplanner(self.opened.workspace).replan, moves=moves)
-        return self.opened.run_into(ask.but(witnessed=moves), elsewhere=perform)
-
-
 @contextmanager
-def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[RobotSession]:
+def connected_robot(opened: OpenProgram, path: Path, speed: float) -> Iterator[ConnectedRobot]:
     """A robot as a file says how to reach it; when left, it stands. speed: of the program, as a share of what it says.
 
     Raises InputError for a file that does not fit, and without a connection.
@@ -52,14 +37,35 @@ def open_robot(opened: OpenProgram, path: Path, speed: float = 1.0) -> Iterator[
     check_packages()
     file = read_robot_file(path, opened.workspace, opened.program)
     with connected(opened.program, opened.workspace, file, speed) as robot:
-        yield RobotSession(replace(opened, program=robot.program), robot)
+        yield robot
+
+
+def run_on_robot(opened: OpenProgram, robot: ConnectedRobot, ask: RunRequest) -> SimulatedRun:
+    """Run the robot's program: it moves where poses are witnessed, else images are looked at where it starts."""
+    perform = partial(robot.run, LazyReplanner(opened.workspace).replan, moves=ask.witnessed)
+    return opened.run_into(ask, elsewhere=perform)
 
 
 def served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:
-    """How `run --robot` reaches a cell that is served; domain, network: of ROS 2, by default a free one on loopback."""
+    """How `run --robot` reaches a cell that is served. network: loopback by default.
+
+    domain: of ROS 2; by default ROS_DOMAIN_ID, or the first that no participant on this computer is in, by the first
+    port of each.
+    """
     from sqrp_cli.field.cell_server import served_file
 
-    return served_file(cell.workspace, joints, _free_domain() if domain is None else domain, network or LOOPBACK)
+    named = os.environ.get("ROS_DOMAIN_ID")
+    if domain is None and named is not None:
+        if not named.isdigit() or int(named) > 232:
+            raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
+        domain = int(named)
+    for free in range(100):
+        if domain is not None:
+            break
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.bind((LOOPBACK, 7400 + 250 * free + 10))
+            domain = free
+    return served_file(cell.workspace, joints, domain or 0, network or LOOPBACK)
 
 
 def serve(
@@ -107,20 +113,3 @@ def serve(
             server.serve(lambda: False, factor)
     finally:
         transport.close()
-
-
-def _free_domain() -> int:
-    """ROS_DOMAIN_ID, or the first domain that no participant on this computer is in, by the first port of each."""
-    named = os.environ.get("ROS_DOMAIN_ID")
-    if named is not None:
-        if not named.isdigit() or int(named) > 232:
-            raise bad_option(f"ROS_DOMAIN_ID is `{named}`, expected 0 to 232")
-        return int(named)
-    for domain in range(100):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind((LOOPBACK, 7400 + 250 * domain + 10))
-            except OSError:
-                continue
-            return domain
-    return 0

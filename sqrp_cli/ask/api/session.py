@@ -166,22 +166,17 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
     return program
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenStep:
-    """A feasible candidate to append to a program, with its task and the world that it starts from."""
-
-    task: str
-    assessment: CandidateResult
-    world: World
+ChosenStep = tuple[str, CandidateResult, World]
+"""What is appended to a program: the text of a task, a feasible candidate of it, and the world that it starts from."""
 
 
 def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     """What a feasible candidate appends to a program: a step, or several."""
     assignment = session.assignment
     if not chosen.candidate.steps:
-        return [ChosenStep(session.task.text, chosen, assignment.world)]
+        return [(session.task.text, chosen, assignment.world)]
     done = assignment.steps_done(chosen.candidate)
-    return [ChosenStep(one.assessment.candidate.task, one.assessment, one.before) for one in done]
+    return [(one.assessment.candidate.task, one.assessment, one.before) for one in done]
 
 
 def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanation | ExplainedAll:
@@ -227,7 +222,7 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
 
 def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
     """The steps of a suggestion, all of which are feasible."""
-    return [ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
+    return [(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
 
 
 def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
@@ -240,11 +235,11 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
 
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     added = []
-    for chosen in steps:
-        found = study(cell, chosen.assessment.way, chosen.world, sampling, full=True)
+    for task, chosen, world in steps:
+        found = study(cell, chosen.way, world, sampling, full=True)
         if isinstance(found, Infeasible):
-            raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
-        step = make_step(chosen.task, found, chosen.assessment, cameras)
+            raise ValueError(f"{chosen.candidate.name} is infeasible: {found.reasons[0]}")
+        step = make_step(task, found, chosen, cameras)
         added.append(with_usual_images(step, found, cell.observer))
     with alone(path):
         if path.exists():
@@ -252,10 +247,14 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
             check_program(program, path, cell.workspace)
         else:
             program = new_program(cell.workspace, cell.model.joints, path)
-        program = program.model_copy(update={"steps": (*program.steps, *added)})
+        there = program.steps
+        program = program.model_copy(update={"steps": (*there, *added)})
         if any(flaws(program)):
-            message = "this program has changed meanwhile, and the new step does not begin where it ends now"
-            raise bad_input("changed-meanwhile", message, Place(path), mend="run the same command again")
+            now = f"ends with step {len(there)}, {there[-1].short_task}," if there else "has no step"
+            message = f"another command has changed this program meanwhile: it {now} "
+            message += f"and `{steps[0][0]}` would not begin where it ends; nothing was written"
+            mend = "the same command again starts where it ends now; with another file after --program both are kept"
+            raise bad_input("changed-meanwhile", message, Place(path), mend=mend)
         program = made_for(program, path, cell.workspace)
         save_program(program, path)
     return program

@@ -150,5 +150,5 @@ class _Dialog:
             answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"
             if answer.isdecimal() and int(answer) <= len(ranking.feasible):
                 chosen = ranking.feasible[int(answer) - 1 : int(answer)] if int(answer) else ()
-                return [ChosenStep(task.text, one, self.world) for one in chosen]
+                return [(task.text, one, self.world) for one in chosen]
             say(f"There is no number {answer}; expected 0 to {len(ranking.feasible)}.")

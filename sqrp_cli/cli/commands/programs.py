@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import requests, values
-from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_own
+from sqrp_cli.cli.options import answer, check_excluded, check_needed, check_outputs
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad_option, nearest
 
 if TYPE_CHECKING:
@@ -21,38 +21,32 @@ NEW = "new"  # given instead of a file, it makes a new program in questions and 
 DEFAULT_RATE = 100.0  # points per second of an export [Hz]
 
 
-class _Program(requests.Printed, Command):
-    """List the steps of a program and what they add up to.
-
-    `sqrp program new WORKSPACE` makes a program in questions and answers: what can be done now, how well each way is
-    seen, which one to take.
-    """
-
-    program: Path = argument("PROGRAM|new", "A program file, or `new` to make one.", values.path)
+@command("program")
+def _program(
+    file: Path = argument("PROGRAM|new", "A program file, or `new` to make one.", values.path),
     workspace: Path | None = argument(
         "WORKSPACE", "With `new`: the workspace to make it for.", values.path, default=None
-    )
-    drop_last: bool = flag("--drop-last", "Take the last step back.")
+    ),
+    *,
+    drop_last: bool = flag("--drop-last", "Take the last step back."),
     export: Path | None = option(
         "--export OUT",
         "Write the joint trajectory (*.csv, *.yaml for ROS JointTrajectory) or all that is planned (*.mcap, *.bag for "
         "ROS 1).",
         values.path,
-        default=None,
-    )
-    rate: float | None = option(
-        "--rate HZ", "Points per second of the export; 100 by default.", values.rate, default=None
-    )
+    ),
+    rate: float | None = option("--rate HZ", "Points per second of the export; 100 by default.", values.rate),
+    json: bool = requests.JSON,
+) -> ExitCode:
+    """List the steps of a program and what they add up to.
 
-
-@command("program", _Program)
-def program(ask: _Program) -> ExitCode:
-    """List, shorten or export a program, or make a new one."""
-    file, workspace = ask.program, ask.workspace
+    `sqrp program new WORKSPACE` makes a program in questions and answers: what can be done now, how well each way is
+    seen, which one to take.
+    """
     if str(file) == NEW:
         from sqrp_cli.cli.commands.program_new import make_program
 
-        if workspace is None or ask.drop_last or ask.export is not None or ask.rate is not None or ask.json:
+        if workspace is None or drop_last or export is not None or rate is not None or json:
             raise bad_option("`sqrp program new` takes a workspace and nothing else", mend="sqrp program new WORKSPACE")
         return make_program(workspace)
     if workspace is not None:
@@ -60,9 +54,9 @@ def program(ask: _Program) -> ExitCode:
         if not file.exists() and nearest(str(file), [NEW]):
             mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
         raise bad_option(f"one program at a time: found {file} and {workspace}", mend=mend)
-    if ask.drop_last:
-        check_excluded("--drop-last", {"--export": ask.export})
-    check_needed("--export", ask.export, {"--rate": ask.rate})
+    if drop_last:
+        check_excluded("--drop-last", {"--export": export})
+    check_needed("--export", export, {"--rate": rate})
     from sqrp_cli.program.file import load_program, made_for, save_program
     from sqrp_cli.show.documents.programs import ProgramDocument
     from sqrp_cli.show.terminal.console import note, print_problems
@@ -70,18 +64,18 @@ def program(ask: _Program) -> ExitCode:
     notes = []
     found = load_program(file)
     cell, doubts = _judged(found, file)
-    if (ask.drop_last or ask.export is not None) and doubts:
+    if (drop_last or export is not None) and doubts:
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
-    if ask.drop_last and cell is not None:
+    if drop_last and cell is not None:
         if not found.steps:
             raise bad_input("no-steps", "this program has no step that could be dropped", Place(file))
         notes.append(f"dropped step {len(found.steps)}, {found.steps[-1].short_task}, from {file}")
         found = made_for(found.model_copy(update={"steps": found.steps[:-1]}), file, cell)
         save_program(found, file)
-    if ask.export is not None and cell is not None:
-        notes.append(_export(found, cell, file, ask.export, ask.rate or DEFAULT_RATE))
+    if export is not None and cell is not None:
+        notes.append(_export(found, cell, file, export, rate or DEFAULT_RATE))
     print_problems(doubts)
-    answer(ProgramDocument.of(found, file, stale=bool(doubts)), as_json=ask.json)
+    answer(ProgramDocument.of(found, file, stale=bool(doubts)), as_json=json)
     for text in notes:
         note(text)
     return ExitCode.OK
@@ -114,8 +108,8 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
     Returns a message.
     """
-    from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
-    from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK
+    from sqrp_cli.platform.files import check_not_read, write_atomically
+    from sqrp_cli.program.joint_trajectory import FORMATS
     from sqrp_cli.ros.bag import SUFFIXES
 
     suffix = target.suffix.lower()
@@ -124,11 +118,11 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         raise bad_option(message)
     if not program.steps:
         raise bad_input("no-steps", "this program has no steps, so there is nothing to export", Place(file))
+    check_outputs({"--export": target})
     check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     if suffix in SUFFIXES:
         from sqrp_cli.run.cell.requirements import check_packages
 
-        check_writable(target)
         check_packages()
         from sqrp_cli.run.ground_truth import write_planned_run
 
@@ -136,7 +130,6 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
         return f"{target} has the planned motion, frames, boxes and what is promised to be seen; open it in Foxglove"
     joints = program.joints
     if suffix != ".csv":
-        check_own(target, YAML_MARK, "exported trajectory")
         joints = tuple(joint for joint in program.joints if joint in workspace.robot.home)
     write_atomically(target, FORMATS[suffix](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"

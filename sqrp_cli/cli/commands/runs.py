@@ -16,14 +16,14 @@ import typer
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
 from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch
-from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command, line
 from sqrp_cli.cli.options import (
     Patches,
     answer,
     check_excluded,
     check_needed,
-    check_report,
+    check_outputs,
     open_with_warnings,
     program_with_warnings,
     read_program,
@@ -32,91 +32,90 @@ from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.api.program import OpenProgram
-    from sqrp_cli.ask.api.robot import RobotSession
     from sqrp_cli.ask.api.run_results import SimulatedRun
+    from sqrp_cli.ask.requests import RunRequest
     from sqrp_cli.run.record.events import Listener
+    from sqrp_cli.run.start import ConnectedRobot
 
 LEAST_SPEED = 0.01  # below it a program would take a hundred times as long
 
 
-class _Run(requests.RunRequest, requests.Paged, requests.Seeded, requests.Printed, Command):
+@command("run", requests.RunRequest)
+def _run(
+    ask: requests.RunRequest,
+    *,
     program: Path | None = argument(
         "PROGRAM", "A program file, as `sqrp rank --program` writes.", values.path, default=None
-    )
-    sim: bool = flag("--sim", "Run it in the simulated cell.")
-    robot: Path | None = option(
-        "--robot CONFIG", "Run it on the robot that this file leads to.", values.path, default=None
-    )
-    dry_run: bool = flag("--dry-run", "With --robot: check and look, but command nothing.")
-    yes: bool = flag("--yes", "With --robot: do not ask before it moves.")
+    ),
+    sim: bool = flag("--sim", "Run it in the simulated cell."),
+    robot: Path | None = option("--robot CONFIG", "Run it on the robot that this file leads to.", values.path),
+    dry_run: bool = flag("--dry-run", "With --robot: check and look, but command nothing."),
+    yes: bool = flag("--yes", "With --robot: do not ask before it moves."),
     speed: float | None = option(
-        "--speed", "With --robot: share of the program's speed, such as 10%.", values.share(LEAST_SPEED), default=None
-    )
-    sweep: str | None = option(
+        "--speed", "With --robot: share of the program's speed, such as 10%.", values.share(LEAST_SPEED)
+    ),
+    slip: str | None = option(
         "--sweep [STEP:]slip@PRIMITIVE",
         "Many runs, with a slip at other instants.",
         values.text("a slip and where, such as `slip@a4`"),
-        default=None,
-    )
-    n: int | None = option("--n", "Runs of a sweep; 20 by default.", values.count(1), default=None)
-    replay: Path | None = option(
+    ),
+    count: int | None = option("--n", "Runs of a sweep; 20 by default.", values.count(1)),
+    replayed: Path | None = option(
         "--replay LOG",
         "Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
         values.path,
-        default=None,
-    )
-
-
-@command("run", _Run)
-def run(ask: _Run) -> ExitCode:
-    """Run, sweep or replay, as the options say."""
-    files = ask.written()
-    # Raises InputError for options that exclude each other.
-    if ask.replay is not None:
-        others = {"--fault": ask.faults, "--sweep": ask.sweep, "--n": ask.n, **files, "--report": None}
-        check_excluded("--replay", others)
-    if ask.sweep is not None:
-        check_excluded("--sweep", {"--fault": ask.faults, **files})
-    check_needed("--sweep", ask.sweep, {"--n": ask.n})
-    check_needed("--robot", ask.robot, {"--dry-run": ask.dry_run, "--yes": ask.yes, "--speed": ask.speed})
-    if ask.robot is not None:
-        others = {"--sim": ask.sim, "--fault": ask.faults, "--sweep": ask.sweep, "--replay": ask.replay}
-        check_excluded("--robot", others)
-    ask.check_names()
-    if ask.report is not None:
-        check_report(ask.report)
-    if ask.replay is not None:
-        return _replay(ask.replay, ask)
-    if ask.program is None:
-        how = "--sim" if ask.robot is None else f"--robot {shlex.quote(str(ask.robot))}"
+    ),
+    report: Path | None = requests.REPORT,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
+    about = {"--fault": ask.faults, "--sweep": slip}
+    files = {"--record": ask.film, "--log": ask.log, "--frames": ask.frames}
+    if replayed is not None:
+        check_excluded("--replay", {**about, "--n": count, **files})
+    if slip is not None:
+        check_excluded("--sweep", {"--fault": ask.faults, **files, "--report": report})
+    check_needed("--sweep", slip, {"--n": count})
+    check_needed("--robot", robot, {"--dry-run": dry_run, "--yes": yes, "--speed": speed})
+    if robot is not None:
+        check_excluded("--robot", {"--sim": sim, **about, "--replay": replayed})
+    ask.check_names(report)
+    check_outputs({"--record": ask.film, "--log": ask.log, "--report": report})
+    if replayed is not None:
+        return _replay(replayed, program, report, as_json=json)
+    if program is None:
+        how = "--sim" if robot is None else f"--robot {shlex.quote(str(robot))}"
         raise bad_input("no-program", "expected a program to run", mend=f"sqrp run PROGRAM {how}")
-    if ask.robot is not None:
-        found = _run_on_robot(ask.program, ask.robot, ask)
-    else:
-        from sqrp_cli.run.cell.requirements import check_simulator
-        from sqrp_cli.show.terminal.console import print_problems, progress
+    from sqrp_cli.run.cell.requirements import check_simulator
+    from sqrp_cli.show.terminal.console import print_problems, progress, say
 
-        opened = program_with_warnings(ask.program, ask.seed)
-        if not ask.sim:
+    if robot is not None and json and not dry_run and not yes:
+        raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
+    opened = program_with_warnings(program, seed)
+    if robot is not None:
+        ask.check_not_read([*opened.files, robot], report)
+        print_problems(opened.warnings)
+        found = _run_on_robot(opened, robot, speed or 1.0, ask, agreed=dry_run or yes, moves=not dry_run, as_json=json)
+    else:
+        if not sim:
             message = "expected where to run it: --sim, or --robot with the file that leads to a robot"
-            raise bad_input("no-driver", message, mend=f"sqrp run {ask.program} --sim")
+            raise bad_input("no-driver", message, mend=f"sqrp run {program} --sim")
         check_simulator()
         print_problems(opened.warnings)
-        if ask.sweep is not None:
-            swept = opened.sweep(ask.sweep, ask.n or DEFAULT_RUNS, progress=progress, option="--sweep")
-            answer(swept, as_json=ask.json)
+        if slip is not None:
+            swept = opened.sweep(slip, count or DEFAULT_RUNS, progress=progress, option="--sweep")
+            answer(swept, as_json=json)
             if swept.interrupted:
                 return ExitCode.INTERRUPTED
             return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
         opened.read_faults(ask.faults, "--fault")  # before anything is shown
-        with _shown_live(opened, as_json=ask.json) as listeners:
-            found = opened.run_into(ask.but(listeners=listeners, witnessed=ask.report is not None))
-    if ask.dry_run and found.done and not ask.json:
-        from sqrp_cli.show.terminal.console import say
-
+        ask.check_not_read(opened.files, report)
+        with _shown_live(opened, as_json=json) as listeners:
+            found = opened.run_into(ask.but(listeners=listeners, witnessed=report is not None))
+    if dry_run and found.done and not json:
         say("The cell is as the program says, and so are the images where it starts. Nothing was commanded.")
         return ExitCode.OK
-    return _show(found, ask)
+    return _show(found, report, as_json=json)
 
 
 @contextmanager
@@ -140,7 +139,7 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
         raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
-def _replay(log: Path, ask: _Run) -> ExitCode:
+def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bool) -> ExitCode:
     """Show a run again; of one that was interrupted, what happened until then.
 
     A program leads to the workspace, for a page with 3D playback.
@@ -150,75 +149,73 @@ def _replay(log: Path, ask: _Run) -> ExitCode:
     from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
 
     LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
-    opened = None if ask.program is None else read_program(ask.program)
+    opened = None if program is None else read_program(program)
     logged = LoggedRun.read(log, opened)
-    check_not_read([ask.report], [log, *([] if opened is None else opened.files)])
+    check_not_read([report], [log, *([] if opened is None else opened.files)])
     finished = FinishedSteps([step.skill for step in logged.header.steps])
-    with LiveView(logged.header.cameras, pace=not ask.json) as view:
+    with LiveView(logged.header.cameras, pace=not as_json) as view:
         run = logged.replay(finished, view)
     if run is not None:
-        return _show(run, ask)
-    if ask.report is not None or ask.json:
+        return _show(run, report, as_json=as_json)
+    if report is not None or as_json:
         raise logged.no_report
     finished.show(logged.header.workspace)
     note(f"this log was interrupted at {finished}")
     return ExitCode.INTERRUPTED
 
 
-def _show(run: SimulatedRun, ask: _Run) -> ExitCode:
+def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
     """Write the page, if one is wanted, and print how a run went."""
     from sqrp_cli.show.terminal.console import note
     from sqrp_cli.show.terminal.run_view import wall_time
 
-    if ask.report is not None:
-        run.write_page(ask.report, line.get())
-        note(f"open {ask.report} in a browser")
-    if not ask.json and run.wall:
+    if report is not None:
+        run.write_page(report, line.get())
+        note(f"open {report} in a browser")
+    if not as_json and run.wall:
         note(wall_time(run))
     for fault in run.never_happened:
         note(f"--fault {fault} never happened: the run ended before, at {run.time:.2f} s")
-    answer(run, as_json=ask.json)
+    answer(run, as_json=as_json)
     return ExitCode.OK if run.done else ExitCode.STOPPED_ON_FAULT
 
 
-def _run_on_robot(program: Path, robot: Path, ask: _Run) -> SimulatedRun:
-    """Run a program on the robot that a file leads to; at Ctrl-C it stops.
+def _run_on_robot(
+    opened: OpenProgram, robot: Path, speed: float, ask: RunRequest, *, agreed: bool, moves: bool, as_json: bool
+) -> SimulatedRun:
+    """Run a program on the robot that a file leads to; at Ctrl-C it stops. agreed: whether nobody need be asked.
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
-    from sqrp_cli.ask.api.robot import open_robot
+    from sqrp_cli.ask.api.robot import connected_robot, run_on_robot
     from sqrp_cli.show.terminal.console import ask as ask_user
-    from sqrp_cli.show.terminal.console import print_problems, say
+    from sqrp_cli.show.terminal.console import say
 
-    if ask.json and not ask.dry_run and not ask.yes:
-        raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
-    opened = program_with_warnings(program, ask.seed)
-    ask.check_not_read([*opened.files, robot])
-    print_problems(opened.warnings)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
-    with open_robot(opened, robot, ask.speed or 1.0) as session:
-        check_cell(session, robot, as_json=ask.json)
-        if not ask.dry_run and not ask.yes:
-            seconds = sum(step.time for step in session.opened.program.steps)
+    with connected_robot(opened, robot, speed) as connected:
+        check_cell(connected, robot, as_json=as_json)
+        opened = replace(opened, program=connected.program)
+        if not agreed:
+            seconds = sum(step.time for step in opened.program.steps)
             told = f"The robot will move for {seconds:.0f} s."
             say(f"{told} SQRP is no safety function: keep the emergency stop at hand.")
             sys.stdout.flush()
             try:
-                agreed = ask_user("Move the robot? [y/N] ")
+                said = ask_user("Move the robot? [y/N] ")
             except EOFError:
-                agreed = ""
-            if agreed.lower() not in ("y", "yes"):
+                said = ""
+            if said.lower() not in ("y", "yes"):
                 raise bad_input("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
-        with _shown_live(session.opened, as_json=ask.json, stopped="; the robot is told to stop") as listeners:
-            return session.run(ask.but(listeners=listeners), moves=not ask.dry_run)
+        with _shown_live(opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
+            return run_on_robot(opened, connected, ask.but(listeners=listeners, witnessed=moves))
 
 
-def check_cell(session: RobotSession, robot: Path, *, as_json: bool) -> None:
+def check_cell(connected: ConnectedRobot, robot: Path, *, as_json: bool) -> None:
     """Compare the cell with the program, and print what was compared. Raises InputError where it differs."""
     from sqrp_cli.show.terminal.console import Column, note, print_table, say
 
     note("watching the cell ...")
-    checks = session.robot.check()
+    checks = connected.check()
     if not as_json:
         columns = [Column("cell"), Column("what"), Column("found"), Column("expected"), Column("")]
         words = ["" if one.problem is None else "differs" for one in checks]
@@ -228,54 +225,52 @@ def check_cell(session: RobotSession, robot: Path, *, as_json: bool) -> None:
     differing = [one for one in checks if one.problem is not None]
     problems = [Problem("other-cell", str(one.problem), Place(robot)) for one in differing]
     if late := [index for index, one in enumerate(differing) if one.what == "age"]:
-        mend = session.robot.cell.file.mend_of_lateness
+        mend = connected.cell.file.mend_of_lateness
         problems[late[-1]] = replace(problems[late[-1]], mend=mend or None)  # once for all
     if problems:
         raise InputError(*problems)
 
 
-class _Cell(requests.Seeded, requests.CellCommand):
-    """Serve the simulated cell to other programs: it follows trajectories and publishes joint states and images.
-
-    Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
-    """
-
-    serve: str | None = option("--serve", "By topics of ROS 2 (DDS).", values.one_of("ros2"), default=None)
+@command("cell")
+def _cell(
+    workspace: Path = requests.WORKSPACE,
+    *,
+    serving: str | None = option("--serve", "By topics of ROS 2 (DDS).", values.one_of("ros2")),
     config: Path | None = option(
-        "--config FILE", "Write how `run --robot` reaches it, once it can be reached.", values.path, default=None
-    )
-    program: Path | None = option("--program FILE", "Begin where this program begins.", values.path, default=None)
+        "--config FILE", "Write how `run --robot` reaches it, once it can be reached.", values.path
+    ),
+    program: Path | None = option("--program FILE", "Begin where this program begins.", values.path),
     faults: Sequence[str] = option(
         "--fault FAULT",
         "Let this happen, at times from the program's first motion: as in `run --sim`, and joints-loss@5, "
         "joints-frozen@5, joints-latency=0.5; repeatable.",
         values.texts("faults such as `slip@a4+0.4`"),
         default=(),
-    )
-    domain: int | None = option("--domain", "Of ROS 2; by default a free one.", values.count(0, 232), default=None)
+    ),
+    domain: int | None = option("--domain", "Of ROS 2; by default a free one.", values.count(0, 232)),
     network: str | None = option(
-        "--network NAME", "Interface or address of ROS 2; loopback by default.", values.text("a name"), default=None
-    )
+        "--network NAME", "Interface or address of ROS 2; loopback by default.", values.text("a name")
+    ),
     pace: float = option(
         "--pace FACTOR", "How fast its time may pass; 0.1 on a busy computer.", values.number(1e-3, 100.0), default=1.0
-    )
+    ),
+    seed: int = requests.SEED,
+) -> ExitCode:
+    """Serve the simulated cell to other programs: it follows trajectories and publishes joint states and images.
 
-
-@command("cell", _Cell)
-def cell(ask: _Cell) -> ExitCode:
-    """Serve until Ctrl-C."""
+    Runs until Ctrl-C. Its clock is `/clock`, which passes more slowly where this computer is too slow.
+    """
     from sqrp_cli.ask.api.robot import serve, served_as
     from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
     from sqrp_cli.run.cell.robot_file import as_yaml
     from sqrp_cli.show.terminal.console import note
 
-    config = ask.config
-    if not ask.serve:
-        raise bad_option("--serve is missing; expected ros2", mend=f"sqrp cell {ask.workspace} --serve ros2")
-    if ask.faults and ask.program is None:
+    if not serving:
+        raise bad_option("--serve is missing; expected ros2", mend=f"sqrp cell {workspace} --serve ros2")
+    if faults and program is None:
         raise bad_option("--fault needs --program: its times are those of a program")
-    cell = open_with_warnings(ask.workspace, ask.seed)
-    opened = None if ask.program is None else program_with_warnings(ask.program, ask.seed)
+    cell = open_with_warnings(workspace, seed)
+    opened = None if program is None else program_with_warnings(program, seed)
 
     def check_new() -> None:
         """Raises InputError for a file that is there: it is removed at the end, and may be that of a real robot."""
@@ -289,7 +284,7 @@ def cell(ask: _Cell) -> ExitCode:
         check_writable(config)
         check_new()
     joints = tuple(cell.workspace.robot.home) if opened is None else opened.program.joints
-    file = served_as(joints, cell, ask.network, ask.domain)
+    file = served_as(joints, cell, network, domain)
 
     def ready() -> None:
         if config is not None:
@@ -301,7 +296,7 @@ def cell(ask: _Cell) -> ExitCode:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     with ExitStack() as leaving:
         try:
-            serve(cell, opened, file, ask.faults, ask.seed, ready=ready, tell=note, factor=ask.pace)
+            serve(cell, opened, file, faults, seed, ready=ready, tell=note, factor=pace)
         except KeyboardInterrupt:
             note("stopped serving")
     return ExitCode.OK
@@ -310,62 +305,57 @@ def cell(ask: _Cell) -> ExitCode:
 CAMERAS = Patches("# Cameras as `sqrp audit` found them", "of `sqrp audit`")
 
 
-class _Audit(requests.AuditRequest, requests.Printed, requests.OnProgram):
-    patch: Path | None = option(
-        "--patch FILE", "Write where cameras that have moved are, as a patch.", values.path, default=None
-    )
-
-
-@command("audit", _Audit)
-def audit(ask: _Audit) -> ExitCode:
-    """Compare, write the patch, and print."""
+@command("audit", requests.AuditRequest)
+def _audit(
+    ask: requests.AuditRequest,
+    *,
+    program: Path = requests.PROGRAM,
+    patch: Path | None = option("--patch FILE", "Write where cameras that have moved are, as a patch.", values.path),
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.ros.bag import is_bag
     from sqrp_cli.run.cell.requirements import check_packages
     from sqrp_cli.show.terminal.console import note, progress
 
-    if is_bag(ask.program):
-        mend = shlex.join(["sqrp", "audit", str(ask.recording), str(ask.program)])
-        raise bad_option("this is a recording; expected a program here", Place(ask.program), mend=mend)
+    if is_bag(program):
+        mend = shlex.join(["sqrp", "audit", str(ask.recording), str(program)])
+        raise bad_option("this is a recording; expected a program here", Place(program), mend=mend)
     check_packages()
-    opened = program_with_warnings(ask.program)
-    if ask.patch is not None:
-        CAMERAS.check(ask.patch)
-        check_not_read([ask.patch], opened.files)
+    opened = program_with_warnings(program)
+    check_outputs({"--patch": patch}, CAMERAS)
+    check_not_read([patch], opened.files)
     found = audited(opened, ask.but(progress=progress))
-    answer(replace(found, written=ask.patch is not None), as_json=ask.json)
-    if ask.patch is not None:
-        if patch := cameras_patch(opened.workspace, found.cameras):
-            CAMERAS.write(ask.patch, patch)
-            note(f"to have the poses: {to_apply(ask.patch, opened.workspace.whole_file.file)}")
+    answer(replace(found, written=patch is not None), as_json=json)
+    if patch is not None:
+        if content := cameras_patch(opened.workspace, found.cameras):
+            CAMERAS.write(patch, content)
+            note(f"to have the poses: {to_apply(patch, opened.workspace.whole_file.file)}")
         else:
-            note(f"of no camera is it known that it has moved, so {ask.patch} is not written")
+            note(f"of no camera is it known that it has moved, so {patch} is not written")
     return ExitCode.OK if found.passed else ExitCode.NONE_FEASIBLE
 
 
 CURVES = Patches("# Curves that `sqrp calibrate` found", "of `sqrp calibrate`")
 
 
-class _Calibrate(requests.CalibrateRequest, requests.Printed, Command):
-    patch: Path | None = option(
-        "--patch FILE", "Write a patch of the workspace with the curves.", values.path, default=None
-    )
-
-
-@command("calibrate", _Calibrate)
-def calibrate(ask: _Calibrate) -> ExitCode:
-    """Learn, write the patch, and print."""
+@command("calibrate", requests.CalibrateRequest)
+def _calibrate(
+    ask: requests.CalibrateRequest,
+    *,
+    patch: Path | None = option("--patch FILE", "Write a patch of the workspace with the curves.", values.path),
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.files.yaml_edit import to_apply
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.show.terminal.console import note, progress
 
-    if ask.patch is not None:
-        CURVES.check(ask.patch)
+    check_outputs({"--patch": patch}, CURVES)
     found = learned(ask.but(progress=progress))
-    if ask.patch is not None:
-        check_not_read([ask.patch], found.cell.files)
-        CURVES.write(ask.patch, found.patch)
-        note(f"to have the curves: {to_apply(ask.patch, found.cell.workspace.whole_file.file)}")
-    answer(found, as_json=ask.json)
+    if patch is not None:
+        check_not_read([patch], found.cell.files)
+        CURVES.write(patch, found.patch)
+        note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
+    answer(found, as_json=json)
     return ExitCode.OK

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.cell import OpenCell, advised, checked, explained, placed
-from sqrp_cli.ask.api.program import Start, open_program
+from sqrp_cli.ask.api.program import is_program, open_program, start_of
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import ParsedCommand, UsageError, command
 from sqrp_cli.cli.completion import example_task
@@ -24,93 +24,86 @@ from sqrp_cli.cli.options import (
     page_is_written,
 )
 from sqrp_cli.cli.watch import watched
-from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option, first_names, nearest
+from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, first_names, nearest
 
 if TYPE_CHECKING:
     from sqrp_cli.ask.api.session import Session
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.search.advice_result import AdviceDocument
-    from sqrp_cli.show.documents.checks import Check
     from sqrp_cli.show.documents.explanation import Explanation
     from sqrp_cli.study.assessment import Analysis
     from sqrp_cli.study.result import CandidateResult, Ranking
 
 
-class _Check(requests.CheckRequest, requests.Watchable, requests.Seeded, requests.Printed, requests.StartCommand):
+@command("check", requests.CheckRequest)
+def _check(
+    ask: requests.CheckRequest,
+    *,
+    workspace: Path = requests.START,
     program: Path | None = option(
-        "--program PROGRAM", "Append what has to be done, each step in its best way.", values.path, default=None
-    )
-
-
-@command("check", _Check)
-def check(ask: _Check) -> ExitCode:
-    """Check everything, and write the program if one is requested and there is something to do."""
+        "--program PROGRAM", "Append what has to be done, each step in its best way.", values.path
+    ),
+    watch: bool = requests.WATCH,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.show.documents.checks import Check
-    from sqrp_cli.show.terminal.console import note, print_problems, say_command, say_raw
+    from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command, say_raw
 
-    if ask.watch:
-        return watched({"--json": ask.json, "--program": ask.program})
-    check_needed("a task", ask.task, {"--program": ask.program, "--planner": ask.planner})
-    workspace = ask.workspace
+    if watch:
+        return watched({"--json": json, "--program": program})
+    check_needed("a task", ask.task, {"--program": program, "--planner": ask.planner})
     try:
-        workspace, after = Start.of(workspace, ask.after, ask.program)
-        found = _checked(OpenCell.read(workspace, ask.seed), ask.but(after=after))
+        workspace, after = start_of(workspace, ask.after, program)
+        cell = OpenCell.read(workspace, seed)
+        if cell.errors or ask.task is None:
+            found = cell.check(ask.task)
+        else:
+            from sqrp_cli.ask.api.session import add_steps, chosen_steps, world_before
+            from sqrp_cli.study.sampling import Adaptive
+
+            before, plan = world_before(after, program), None if program is None else True
+            found = checked(cell, ask.but(after=before, plan=plan, progress=progress))
+            if program is not None and found.suggested:
+                add_steps(cell.cell, chosen_steps(found.steps), Adaptive(), program)
     except InputError as error:
-        if not ask.json:
+        if not json:
             raise
         say_raw(Check.of(str(workspace), workspace.name, ask.task, error.problems).to_json())
         return ExitCode.BAD_INPUT
-    if not ask.json:
+    if not json:
         print_problems(found.findings)
-    answer(found, as_json=ask.json)
-    if not ask.json and ask.task is not None and found.suggested and ask.program is None:
+    answer(found, as_json=json)
+    if not json and ask.task is not None and found.suggested and program is None:
         words = f"sqrp check {shlex.join([str(workspace), ask.task])} --program FILE"
         say_command("\nTo write these steps as a program:", words)
     if not found.valid:
         return ExitCode.BAD_INPUT
-    if ask.program is not None:
+    if program is not None:
         if not found.suggested:
-            note(f"there is nothing that could be done, so {ask.program} was left as it was")
+            note(f"there is nothing that could be done, so {program} was left as it was")
             return ExitCode.NONE_FEASIBLE
-        note(f"{', then '.join(step.task for step in found.suggested)}: now at the end of {ask.program}")
+        note(f"{', then '.join(step.task for step in found.suggested)}: now at the end of {program}")
         return ExitCode.OK
     able = ask.task is None or any(one.feasible for one in found.candidates)
     return ExitCode.OK if able else ExitCode.NONE_FEASIBLE
 
 
-def _checked(cell: OpenCell, ask: _Check) -> Check:
-    """What is found of a task, and its steps in the program that is to have them."""
-    if cell.errors or ask.task is None:
-        return cell.check(ask.task)
-    from sqrp_cli.ask.api.session import add_steps, chosen_steps, world_before
-    from sqrp_cli.show.terminal.console import progress
-    from sqrp_cli.study.sampling import Adaptive
-
-    plan = None if ask.program is None else True
-    found = checked(cell, ask.but(after=world_before(ask.after, ask.program), plan=plan, progress=progress))
-    if ask.program is not None and found.suggested:
-        add_steps(cell.cell, chosen_steps(found.steps), Adaptive(), ask.program)
-    return found
-
-
-class _Rank(
-    requests.RankRequest,
-    requests.Chosen,
-    requests.Paged,
-    requests.Watchable,
-    requests.Seeded,
-    requests.Printed,
-    requests.StartCommand,
-):
+@command("rank", requests.RankRequest)
+def _rank(
+    ask: requests.RankRequest,
+    *,
+    workspace: Path = requests.START,
     program: Path | None = option(
-        "--program PROGRAM", "Append the chosen candidate to this program file.", values.path, default=None
-    )
-    all: bool = flag("--all", "Show all candidates, also of a long ranking.")
-
-
-@command("rank", _Rank)
-def rank(ask: _Rank) -> ExitCode:
-    """Assess, rank, write what is to be written, and print."""
+        "--program PROGRAM", "Append the chosen candidate to this program file.", values.path
+    ),
+    choose: str = requests.CHOOSE,
+    all_rows: bool = flag("--all", "Show all candidates, also of a long ranking."),
+    report: Path | None = requests.REPORT,
+    watch: bool = requests.WATCH,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.ask.api.session import Session, assess, check_choice, world_before
     from sqrp_cli.checks.cell_warnings import cell_warnings, swept_cameras
     from sqrp_cli.checks.formulas import intervals_outside
@@ -118,16 +111,16 @@ def rank(ask: _Rank) -> ExitCode:
     from sqrp_cli.show.terminal.console import note, print_problems, progress, say_command
     from sqrp_cli.task.feasibility import unmet_preconditions
 
-    if ask.watch:
-        return watched({"--json": ask.json, "--program": ask.program})
-    workspace, after = Start.of(ask.workspace, ask.after, ask.program)
-    check_distinct({"--program": ask.program, "--report": ask.report})
-    before = world_before(after, ask.program)
-    opened = open_to_write(workspace, ask.seed, [ask.program, after], report=ask.report)
+    if watch:
+        return watched({"--json": json, "--program": program})
+    workspace, after = start_of(workspace, ask.after, program)
+    check_distinct({"--program": program, "--report": report})
+    before = world_before(after, program)
+    opened = open_to_write(workspace, seed, [program, after], {"--report": report})
     session = Session.begin(opened.cell, ask.but(after=before))
     cell, world = session.cell, session.assignment.world
     print_problems(cell_warnings(cell))
-    check_choice(session.task, ask.choose)
+    check_choice(session.task, choose)
     found: list[CandidateResult] = []
     interrupted = False
     try:
@@ -142,17 +135,17 @@ def rank(ask: _Rank) -> ExitCode:
     if ranking.best is not None:
         print_problems(swept_cameras(cell, world, (one.way for one in ranking.best.steps or (ranking.best,))))
     # Written before the output, because its reader may leave early.
-    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, ask)
-    if ask.report is not None and not interrupted:
+    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
+    if report is not None and not interrupted:
         from sqrp_cli.show.pages.candidate_page import write_ranking
 
         write = partial(write_ranking, ranking, session.assignment)
-        if not page_is_written(ask.report, write, jobs=ask.jobs, progress=progress):
+        if not page_is_written(report, write, jobs=ask.jobs, progress=progress):
             code = ExitCode.INTERRUPTED
-    answer(ranking, as_json=ask.json, all_rows=ask.all)
+    answer(ranking, as_json=json, all_rows=all_rows)
     if message:
         note(message)
-    if not ask.json and ranking.best is None:
+    if not json and ranking.best is None:
         # A candidate of one step may only wait for what other skills establish.
         alone = (one for one in session.task.candidates if not one.steps)
         if any(unmet_preconditions(cell, one, world) for one in alone):
@@ -161,23 +154,23 @@ def rank(ask: _Rank) -> ExitCode:
     return code
 
 
-def _write_chosen(session: Session, found: Ranking, ask: _Rank) -> tuple[ExitCode, str]:
+def _write_chosen(session: Session, found: Ranking, choose: str, program: Path | None) -> tuple[ExitCode, str]:
     """Append the chosen candidate to a program, if one was named, unless it is infeasible.
 
     Returns the exit code and a message.
     """
     from sqrp_cli.ask.api.session import add_steps, choose_candidate, steps_of
 
-    chosen, program = choose_candidate(found.candidates, ask.choose), ask.program
+    chosen = choose_candidate(found.candidates, choose)
     if not chosen.feasible:
         if found.best is None and program is None:
             return ExitCode.NONE_FEASIBLE, ""
         consequence = "" if program is None else f", so {program} was not written"
         infeasible = f"{chosen.name} is infeasible ({chosen.reasons[0]})"
-        why = "no candidate can be done" if ask.choose == "best" else infeasible
+        why = "no candidate can be done" if choose == "best" else infeasible
         return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
     if program is None:
-        return ExitCode.OK, "" if ask.choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
+        return ExitCode.OK, "" if choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
     steps = steps_of(session, chosen)
     add_steps(session.cell, steps, session.assignment.sampling, program)
     where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
@@ -207,7 +200,7 @@ class _WaysParser(ParsedCommand):
             raise
 
 
-class _Explain(requests.ExplainRequest, requests.Watchable, requests.Seeded, requests.Printed, requests.StartCommand):
+class _Explain(requests.ExplainRequest):
     task: str = argument("TASK", "As for rank; none for a program.", requests.TASK, default="", complete="tasks")
     ways: requests.Ways = option(
         "--ways [best|all|fastest]",
@@ -216,63 +209,61 @@ class _Explain(requests.ExplainRequest, requests.Watchable, requests.Seeded, req
         values.one_of(*_WAYS),
         default="best",
     )
-    all: bool = flag("--all", "Compare all candidates side by side.")
-    images: Path | None = option(
-        "--images DIR", "Write what each camera sees in each blind interval as pictures.", values.path, default=None
-    )
 
 
 @command("explain", _Explain, _WaysParser)
-def explain(ask: _Explain) -> ExitCode:
-    """Explain a candidate, or a step of a program."""
+def _explain(
+    ask: _Explain,
+    *,
+    workspace: Path = requests.START,
+    compared: bool = flag("--all", "Compare all candidates side by side."),
+    images: Path | None = option(
+        "--images DIR", "Write what each camera sees in each blind interval as pictures.", values.path
+    ),
+    watch: bool = requests.WATCH,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.show.documents.explanation import Explanation
     from sqrp_cli.show.terminal.console import print_problems, progress
     from sqrp_cli.show.terminal.rank_table import print_ways
 
-    if ask.watch:
-        return watched({"--json": ask.json})
-    # Raises InputError for options that exclude each other, and where no pictures can be written.
-    if ask.all:
+    if watch:
+        return watched({"--json": json})
+    if compared:
         check_excluded("--all", {"--choose": ask.choose if ask.choose != "best" else None})
-    if ask.images is not None:
+    if images is not None:
         from sqrp_cli.show.pictures.pictures import check_pictures
 
-        check_pictures(ask.images)
-    if not ask.task:
-        return _explain_program(ask)
-    workspace, after = Start.of(ask.workspace, ask.after)
-    cell = open_with_warnings(workspace, ask.seed)
-    found = explained(cell, ask.but(after=after, choose=None if ask.all else ask.choose, progress=progress))
+        check_pictures(images)
+    if not ask.task:  # a program stands where a workspace would
+        from sqrp_cli.files.input_file import missing_file
+
+        if not workspace.exists():
+            raise InputError(missing_file(workspace))
+        if not is_program(workspace):
+            message = f"{workspace} is no program, so a task is missing"
+            mend = shlex.join(["sqrp", "explain", str(workspace), example_task(workspace) or "TASK"])
+            raise bad_input("no-program", message, mend=mend)
+        answer(open_program(workspace, seed=seed).explain(ask.step, option=ask.called("step")), as_json=json)
+        return ExitCode.OK
+    workspace, after = start_of(workspace, ask.after)
+    cell = open_with_warnings(workspace, seed)
+    found = explained(cell, ask.but(after=after, choose=None if compared else ask.choose, progress=progress))
     print_problems((*cell_warnings(cell.cell), *intervals_outside(found.ranking)))
-    answer(found, as_json=ask.json)
+    answer(found, as_json=json)
     about = [one for one in ([found.explained] if isinstance(found, Explanation) else found.explained) if one]
-    if not ask.json:
+    if not json:
         if isinstance(found, Explanation):
             _say_more(found, cell, workspace, after, ask)
         if ask.ways == "all":
             print_ways([one.result for one in about])
     studies = [one.study for one in about if one.study is not None]
-    if ask.images is not None:
-        _write_images(cell.cell, studies, ask.images, several=ask.all)
+    if images is not None:
+        _write_images(cell.cell, studies, images, several=compared)
     return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
-
-
-def _explain_program(ask: _Explain) -> ExitCode:
-    """Explain a step of a program, which stands where a workspace would."""
-    from sqrp_cli.files.input_file import missing_file
-    from sqrp_cli.program.file import is_program
-
-    file = ask.workspace
-    if not file.exists():
-        raise InputError(missing_file(file))
-    if not is_program(file):
-        message = f"{file} is no program, so a task is missing"
-        mend = shlex.join(["sqrp", "explain", str(file), example_task(file) or "TASK"])
-        raise InputError(Problem("no-program", message, mend=mend))
-    answer(open_program(file, seed=ask.seed).explain(ask.step, option=ask.called("step")), as_json=ask.json)
-    return ExitCode.OK
 
 
 def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: _Explain) -> None:
@@ -317,39 +308,37 @@ def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, seve
 ADVICE = Patches("# A change that `sqrp advise` found", "of `sqrp advise`")
 
 
-class _Advise(requests.AdviseRequest, requests.Paged, requests.Seeded, requests.Printed, requests.StartCommand):
-    apply: int | None = option(
-        "--apply", "Write the N-th change into the workspace; comments stay.", values.count(1), default=None
-    )
+@command("advise", requests.AdviseRequest)
+def _advise(
+    ask: requests.AdviseRequest,
+    *,
+    workspace: Path = requests.START,
+    apply: int | None = option("--apply", "Write the N-th change into the workspace; comments stay.", values.count(1)),
     patch: Path | None = option(
-        "--patch FILE",
-        "Write the first change that has one, or that of --apply, as a patch instead.",
-        values.path,
-        default=None,
-    )
-
-
-@command("advise", _Advise)
-def advise(ask: _Advise) -> ExitCode:
-    """Search, write what is to be written, and print."""
+        "--patch FILE", "Write the first change that has one, or that of --apply, as a patch instead.", values.path
+    ),
+    report: Path | None = requests.REPORT,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
-    workspace, after = Start.of(ask.workspace, ask.after)
-    cell = open_to_write(workspace, ask.seed, [after], report=ask.report, patch=ask.patch, patches=ADVICE)
+    workspace, after = start_of(workspace, ask.after)
+    cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report}, ADVICE)
     print_problems(cell_warnings(cell.cell))
     found = advised(cell, ask.but(after=after, progress=progress))
     interrupted = bool(found.interrupted)
-    if ask.report is not None and not interrupted:
+    if report is not None and not interrupted:
         from sqrp_cli.show.pages.search_pages import write_advice
 
         write = partial(write_advice, found)
-        interrupted = not page_is_written(ask.report, write, jobs=ask.jobs, progress=progress)
+        interrupted = not page_is_written(report, write, jobs=ask.jobs, progress=progress)
     message = ""
     try:
-        message = "" if interrupted else write_change(found, cell.path, ask.apply, ask.patch)
+        message = "" if interrupted else write_change(found, cell.path, apply, patch)
     finally:  # the search took long, and says which change can be written
-        answer(found, as_json=ask.json, written=bool(message))
+        answer(found, as_json=json, written=bool(message))
     if message:
         note(message)
     if interrupted:
@@ -379,38 +368,41 @@ def write_change(found: AdviceDocument, path: Path, number: int | None, patch: P
 PLACEMENT = Patches("# Cameras that `sqrp place` found", "of `sqrp place`")
 
 
-class _Place(
-    requests.PlaceRequest, requests.Paged, requests.Clustered, requests.Seeded, requests.Printed, requests.CellCommand
-):
-    patch: Sequence[Path] = option(
+@command("place", requests.PlaceRequest)
+def _place(
+    ask: requests.PlaceRequest,
+    *,
+    workspace: Path = requests.WORKSPACE,
+    patches: Sequence[Path] = option(
         "--patch FILE", "Write a patch of the workspace with these cameras.", values.paths, default=()
-    )
-
-
-@command("place", _Place)
-def place(ask: _Place) -> ExitCode:
-    """Search, write what is to be written, and print."""
+    ),
+    report: Path | None = requests.REPORT,
+    cluster: str | None = requests.CLUSTER,
+    tls: requests.Certificates | None = requests.TLS,
+    seed: int = requests.SEED,
+    json: bool = requests.JSON,
+) -> ExitCode:
     from sqrp_cli.score.cluster import connected
     from sqrp_cli.show.terminal.console import note, progress
     from sqrp_cli.show.terminal.search_tables import bounds_told
 
-    if len(ask.patch) > 1:
-        named = ", ".join(map(str, ask.patch))
-        raise bad_option(f"--patch is given {len(ask.patch)} times: {named}", mend="name one file")
-    patch = ask.patch[0] if ask.patch else None
-    cell = open_to_write(ask.workspace, ask.seed, [ask.mounts], report=ask.report, patch=patch, patches=PLACEMENT)
-    with connected(ask.cluster, note, ask.tls) as workers:
+    if len(patches) > 1:
+        named = ", ".join(map(str, patches))
+        raise bad_option(f"--patch is given {len(patches)} times: {named}", mend="name one file")
+    patch = patches[0] if patches else None
+    cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report}, PLACEMENT)
+    with connected(cluster, note, tls) as workers:
         found = placed(cell, ask.but(progress=progress), workers, bounds_told())
     if patch is not None and found.patch:
         PLACEMENT.write(patch, found.patch)
         note(f"the patch is in {patch}")
     interrupted = bool(found.interrupted)
-    if ask.report is not None and not interrupted:
+    if report is not None and not interrupted:
         from sqrp_cli.show.pages.search_pages import write_placement
 
         write = partial(write_placement, found)
-        interrupted = not page_is_written(ask.report, write, jobs=ask.jobs, progress=progress)
-    answer(found, as_json=ask.json, written=patch is not None)
+        interrupted = not page_is_written(report, write, jobs=ask.jobs, progress=progress)
+    answer(found, as_json=json, written=patch is not None)
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.met else ExitCode.NONE_FEASIBLE

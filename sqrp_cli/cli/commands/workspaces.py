@@ -11,61 +11,56 @@ from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.new_cell import made
 from sqrp_cli.ask.api.results import is_result, read_result
-from sqrp_cli.ask.request import Command, argument, flag, option
+from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import answer, check_needed, open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option
 
 
-class _Show(requests.Printed, requests.CellCommand):
+@command("show")
+def _show(
+    workspace: Path = argument(
+        "WORKSPACE", "Folder of a workspace, its YAML file, or what a command wrote with --json.", values.path
+    ),
+    *,
+    json: bool = requests.JSON,
+) -> ExitCode:
     """Show how a workspace is understood, or the table of a saved result.
 
     Of a workspace: robot, cameras, objects, skills and state, with every path and pose resolved.
     """
-
-    workspace: Path = argument(
-        "WORKSPACE", "Folder of a workspace, its YAML file, or what a command wrote with --json.", values.path
-    )
-
-
-@command("show", _Show)
-def show(ask: _Show) -> ExitCode:
-    """Print what was understood, or found."""
-    if is_result(ask.workspace):
-        answer(read_result(ask.workspace), as_json=ask.json)
+    if is_result(workspace):
+        answer(read_result(workspace), as_json=json)
         return ExitCode.OK
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.show.terminal.console import print_problems
 
-    cell = OpenCell.read(ask.workspace)
+    cell = OpenCell.read(workspace)
     print_problems((*(one for one in cell.findings if one.severity == "warning"), *cell_warnings(cell.cell)))
-    answer(cell.scene(), as_json=ask.json)
+    answer(cell.scene(), as_json=json)
     return ExitCode.OK
 
 
-class _Set(requests.CellCommand):
+@command("set")
+def _set(
+    workspace: Path = requests.WORKSPACE,
+    stated: Sequence[str] = argument(
+        "PATH=VALUE...", "Values by dotted path, such as cameras.cam1.rate=20.", values.texts("values by their paths")
+    ),
+) -> ExitCode:
     """Set values of a workspace file by their paths, as the studio does. Comments and layout stay.
 
     Nothing is written where the result would be no workspace.
     """
-
-    path: Sequence[str] = argument(
-        "PATH=VALUE...", "Values by dotted path, such as cameras.cam1.rate=20.", values.texts("values by their paths")
-    )
-
-
-@command("set", _Set)
-def set_values(ask: _Set) -> ExitCode:
-    """Write the values, if the result is a workspace."""
     from sqrp_cli.cell.workspace_file import read_workspace_document, replace_workspace, workspace_file
     from sqrp_cli.files.yaml_edit import with_values
     from sqrp_cli.show.terminal.console import note, print_problems
     from sqrp_cli.task.task import impossible_tasks
 
-    file = workspace_file(ask.workspace)
+    file = workspace_file(workspace)
     document = read_workspace_document(file)
     said: dict[str, str] = {}
-    for text in ask.path:
+    for text in stated:
         path, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not path:
             raise bad_option(f"found `{text}`, expected PATH=VALUE, such as cameras.cam1.rate=20")
@@ -76,7 +71,7 @@ def set_values(ask: _Set) -> ExitCode:
     if content == document.content:
         note(f"{file} says so already; nothing was written")
         return ExitCode.OK
-    opened = OpenCell.read(ask.workspace, 0, content)
+    opened = OpenCell.read(workspace, 0, content)
     findings = (*opened.findings, *impossible_tasks(opened.workspace))
     print_problems(one for one in findings if one.severity != "error")
     if errors := [one for one in findings if one.severity == "error"]:
@@ -86,22 +81,22 @@ def set_values(ask: _Set) -> ExitCode:
     return ExitCode.OK
 
 
-class _Studio(requests.Worked, requests.Seeded, requests.CellCommand):
+@command("studio")
+def _studio(
+    workspace: Path = requests.WORKSPACE,
+    task: str | None = argument(
+        "TASK", "The first that the workspace lists by default.", requests.TASK, default=None, complete="tasks"
+    ),
+    *,
+    port: int = option("--port", "By default one that is free.", values.count(0, 65535), default=0),
+    no_browser: bool = flag("--no-browser", "Open no browser, only print the address."),
+    jobs: int = requests.JOBS,
+    seed: int = requests.SEED,
+) -> ExitCode:
     """Open a live page of a cell: move cameras, parts and the robot, and see what that changes.
 
     The page is for this machine only. Ctrl-C closes it; what was not saved is lost.
     """
-
-    task: str | None = argument(
-        "TASK", "The first that the workspace lists by default.", requests.TASK, default=None, complete="tasks"
-    )
-    port: int = option("--port", "By default one that is free.", values.count(0, 65535), default=0)
-    no_browser: bool = flag("--no-browser", "Open no browser, only print the address.")
-
-
-@command("studio", _Studio)
-def studio(ask: _Studio) -> ExitCode:
-    """Show the page until Ctrl-C. Raises InputError where the workspace has no skill, or no such task."""
     import asyncio
     import threading
     import webbrowser
@@ -115,67 +110,60 @@ def studio(ask: _Studio) -> ExitCode:
         say_raw(address)
         sys.stdout.flush()
         note("the studio is at this address; Ctrl-C closes it")
-        if not ask.no_browser:
+        if not no_browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # w3m would stay
 
     check_server()
     check_libraries()
-    worker = WorkerProcess(ask.workspace, ask.seed, ask.jobs)  # loads libraries while this one reads the workspace
+    worker = WorkerProcess(workspace, seed, jobs)  # loads libraries while this one reads the workspace
     try:
-        opened = open_with_warnings(ask.workspace, ask.seed)
+        opened = open_with_warnings(workspace, seed)
         from sqrp_cli.studio.session import Studio
         from sqrp_cli.task.task import read_task
 
         known = opened.workspace
-        if ask.task is None and not known.tasks and not known.skills:
+        if task is None and not known.tasks and not known.skills:
             message = "the workspace has no skills, so there is nothing to rank"
             raise bad_option(message, known.whole_file, mend="list some under `skills`")
-        task = ask.task or next((one.task for one in known.tasks), next(iter(known.skills), ""))
+        task = task or next((one.task for one in known.tasks), next(iter(known.skills), ""))
         read_task(task, known)
-        studio = Studio(opened, task, ask.jobs, worker)
+        studio = Studio(opened, task, jobs, worker)
         try:
-            asyncio.run(studio.run(ask.port, ready))
+            asyncio.run(studio.run(port, ready))
         except KeyboardInterrupt:
             note("closed")
         finally:
-            studio.close()
+            studio.under_way.end()
     finally:
         worker.close()
     return ExitCode.OK
 
 
-class _Rules(requests.Printed, Command):
-    """List all findings: their codes, what each looks for, and why.
-
-    With CODE, show one finding in full, with an example that passes and one that fails.
-    """
-
+@command("rules")
+def _rules(
     code: str | None = argument(
         "CODE",
         "A finding, such as wrong-unit; all of them unless given.",
         values.text("a code"),
         default=None,
         complete="codes",
-    )
+    ),
+    *,
+    json: bool = requests.JSON,
+) -> ExitCode:
+    """List all findings: their codes, what each looks for, and why.
 
-
-@command("rules", _Rules)
-def show_rules(ask: _Rules) -> ExitCode:
-    """Print findings."""
+    With CODE, show one finding in full, with an example that passes and one that fails.
+    """
     from sqrp_cli.checks.registry import rule_of, rules
     from sqrp_cli.show.documents.checks import RulesDocument
 
-    chosen = list(rules().values()) if ask.code is None else [rule_of(ask.code)]
-    answer(RulesDocument(rules=chosen), as_json=ask.json)
+    answer(RulesDocument(rules=list(rules().values()) if code is None else [rule_of(code)]), as_json=json)
     return ExitCode.OK
 
 
-class _Schema(Command):
-    """Print the JSON Schema of a file, or of what a command prints with --json.
-
-    Editors complete and check files with it, programs read documents with it.
-    """
-
+@command("schema")
+def _schema(
     name: str = argument(
         "NAME",
         "workspace, skill, mounts (place.yaml), robot (run --robot), for files; log, for a line of the file of run "
@@ -183,31 +171,25 @@ class _Schema(Command):
         values.text("a name"),
         default="workspace",
         complete="schemas",
-    )
-    json: bool = flag("--json", "Print one JSON document and nothing else, as always.")
+    ),
+    *,
+    _as_always: bool = flag("--json", "Print one JSON document and nothing else, as always."),
+) -> ExitCode:
+    """Print the JSON Schema of a file, or of what a command prints with --json.
 
-
-@command("schema", _Schema)
-def schema(ask: _Schema) -> ExitCode:
-    """Print a schema."""
+    Editors complete and check files with it, programs read documents with it.
+    """
     import json
 
     from sqrp_cli.show.documents.schemas import schema_of
     from sqrp_cli.show.terminal.console import say_raw
 
-    say_raw(json.dumps(schema_of(ask.name), indent=2))
+    say_raw(json.dumps(schema_of(name), indent=2))
     return ExitCode.OK
 
 
-class _Init(requests.InitRequest, requests.Printed, Command):
-    run: bool = flag(
-        "--run/--no-run", "Run its task once in the simulated cell, if there is one; may take minutes.", default=True
-    )
-
-
-@command("init", _Init)
-def init(ask: _Init) -> ExitCode:
-    """Make it, run its task once, and print."""
+@command("init", requests.InitRequest)
+def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
     from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
@@ -224,7 +206,7 @@ def init(ask: _Init) -> ExitCode:
             note(f"{folder} is made, but its task was not run: sqrp check {shlex.quote(str(folder))}")
         raise
     print_problems(found.problems)
-    answer(found, as_json=ask.json)
+    answer(found, as_json=json)
     return ExitCode.OK if found.works else ExitCode.NONE_FEASIBLE
 
 
