@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -124,6 +123,9 @@ ROUNDING = 1e-9
 
 LEFT = 6
 """Paths of each move that are left in the end."""
+
+MOST_TOGETHER = 10_000
+"""Combinations of paths of several moves that are compared; of more, those that cost least go on to the next move."""
 
 
 def seen_ways(
@@ -253,6 +255,21 @@ def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
     return [search for search in every if search.best.cost - search.direct.time >= SETTLED]
 
 
+def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: float) -> list[tuple[SeenPath, ...]]:
+    """Combinations of one path of each move that take no longer than `most` [s] together, at most `MOST_TOGETHER`.
+
+    weight: seconds of motion that a blind second counts for.
+    """
+    together: list[tuple[SeenPath, ...]] = [()]
+    for paths in left:
+        longer = [(*some, path) for some in together for path in paths]
+        together = [some for some in longer if sum(path.time for path in some) <= most]
+        if len(together) > MOST_TOGETHER:
+            together.sort(key=lambda some: sum(weight * path.blind + path.time for path in some))
+            del together[MOST_TOGETHER:]
+    return together
+
+
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
     spare = longest - runner.scene.motion.time
@@ -261,7 +278,7 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
         search.look(cell.observer, paths_left, EXACTLY)
     # A free path for each move, together of the least cost within the time.
     most = sum(search.direct.time for search in runner.searches) + spare + ROUNDING
-    together = (paths for paths in product(*left) if sum(path.time for path in paths) <= most)
+    together = paths_together(left, most, runner.weight)
     direct = tuple(search.direct for search in runner.searches)
     paths = next(
         (

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.seen_ways import blind_ends, move_searches, way_with_seen_paths
+from sqrp_cli.study.seen_ways import MOST_TOGETHER, blind_ends, move_searches, paths_together, way_with_seen_paths
 from sqrp_cli.task.feasibility import feasible_motion
 from tests.motion.cells import phase_samples
 from tests.random_cell import Crowd, random_cell
@@ -214,6 +216,18 @@ RANDOM_CELLS = 30
 
 
 @pytest.mark.trial
+def test_of_many_moves_the_best_paths_together_are_found_without_all_combinations() -> None:
+    """Of 30 moves with 6 paths each there are 2e23; the best have the least of each move while there is time for it."""
+    rng = np.random.default_rng(0)
+    left = [[SimpleNamespace(time=t, blind=b) for t, b in rng.random((6, 2))] for _ in range(30)]
+    found = paths_together(left, 30.0, weight=3.0)
+    cost = min(sum(3 * path.blind + path.time for path in paths) for paths in found)
+    assert len(found) <= MOST_TOGETHER
+    assert cost == pytest.approx(sum(min(3 * path.blind + path.time for path in paths) for paths in left))
+    few = left[:3]
+    assert paths_together(few, 1.0, 3.0) == [some for some in product(*few) if sum(path.time for path in some) <= 1.0]
+
+
 def test_in_random_cells_seen_paths_are_honest_and_no_worse_than_others(tmp_path: Path) -> None:
     better = []
     for seed in range(RANDOM_CELLS):
