@@ -215,7 +215,6 @@ def random_workspace(folder: Path, seed: int) -> Workspace:
 RANDOM_CELLS = 30
 
 
-@pytest.mark.trial
 def test_of_many_moves_the_best_paths_together_are_found_without_all_combinations() -> None:
     """Of 30 moves with 6 paths each there are 2e23; the best have the least of each move while there is time for it."""
     rng = np.random.default_rng(0)
@@ -228,6 +227,7 @@ def test_of_many_moves_the_best_paths_together_are_found_without_all_combination
     assert paths_together(few, 1.0, 3.0) == [some for some in product(*few) if sum(path.time for path in some) <= 1.0]
 
 
+@pytest.mark.trial
 def test_in_random_cells_seen_paths_are_honest_and_no_worse_than_others(tmp_path: Path) -> None:
     better = []
     for seed in range(RANDOM_CELLS):
