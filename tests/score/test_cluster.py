@@ -88,49 +88,22 @@ def reached(*tls):
                 raise
             time.sleep(0.1)
 """
-HOSTILE = """
+CLUSTER = """
+from sqrp_cli.cli.main import run
 processes = started()
 reached()
 with connected(file, print) as found:
     for name, work in (("result", answer), ("error", fail), ("list", listed), ("array", numbers)):
         try:
-            print(name, type(found.client.submit(work, f"{folder}/{name}").result(timeout=20)).__name__)
+            print(name, type(found.client.submit(work, f"{folder}/{name}").result(timeout=5)).__name__)
         except BaseException as error:
             print(name, "refused")
     print(found.client.submit(warn, f"{folder}/warning").result(timeout=20))
     found.client.submit(len, "ab").result(timeout=20)
     print([path.name for path in Path(folder).iterdir() if path.name.endswith(str(os.getpid()))])
-ended(processes)
-"""
-
-
-def ran(code: str, folder: Path, *arguments: object) -> str:
-    """What a script prints that has a cluster of processes of its own."""
-    script = folder / "script.py"
-    script.write_text(PRELUDE + code)
-    (folder / "marks").mkdir()
-    command = [sys.executable, script, folder / "marks", *arguments]
-    environment = {**ENVIRONMENT, "TMPDIR": str(folder)}
-    found = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
-    assert found.returncode == 0, found.stderr
-    return found.stdout
-
-
-@pytest.fixture(autouse=True)
-def _dask() -> None:
-    pytest.importorskip("distributed")
-
-
-def test_nothing_that_a_worker_answers_runs_here(tmp_path: Path) -> None:
-    """Results, exceptions, arrays of objects and warnings are pickles that would run what they name."""
-    said = ran(HOSTILE, tmp_path).splitlines()
-    assert said[-1] == "[]"
-    assert said[:5] == ["result refused", "error refused", "list refused", "array refused", "told"]
-
-
-WATCHED = """
-processes = started()
-reached()
+for more in ([], ["--cluster", file]):
+    run(["score", sys.argv[2], "--json", *more])
+    sys.stdout.flush()
 cluster.LOOKS = 0.05
 told, gone = [], threading.Event()
 with connected(file, lambda text: (told.append(text), gone.set())) as found:
@@ -142,36 +115,39 @@ ended(processes)
 """
 
 
-def test_it_is_told_when_all_workers_are_gone(tmp_path: Path) -> None:
-    assert ran(WATCHED, tmp_path).splitlines() == [
-        "1 False", "True", "['the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)']",
-    ]  # fmt: skip
+def ran(code: str, folder: Path, *arguments: object) -> list[str]:
+    """The lines that a script prints that has a cluster of processes of its own."""
+    script = folder / "script.py"
+    script.write_text(PRELUDE + code)
+    (folder / "marks").mkdir()
+    command = [sys.executable, script, folder / "marks", *arguments]
+    environment = {**ENVIRONMENT, "TMPDIR": str(folder)}
+    found = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
+    assert found.returncode == 0, found.stderr
+    return found.stdout.splitlines()
 
 
-SCORED = """
-from sqrp_cli.cli.main import run
-processes = started()
-reached()
-for more in ([], ["--cluster", file]):
-    run(["score", sys.argv[2], "--json", *more])
-ended(processes)
-"""
+@pytest.fixture(autouse=True)
+def _dask() -> None:
+    pytest.importorskip("distributed")
 
 
-def test_a_cluster_gives_the_same_bytes_as_this_machine_without_the_files(tmp_path: Path) -> None:
+def test_a_cluster_runs_nothing_here_gives_the_same_bytes_and_tells_when_it_has_no_workers(tmp_path: Path) -> None:
+    """Results, exceptions, arrays of objects and warnings are pickles that would run what they name."""
     cell = Path(shutil.copytree(ROOT / "tests" / "cases" / "watch", tmp_path / "watch"))
     mesh = Path(shutil.copy(ROOT / "tests" / "cases" / "cell" / "cube.stl", cell))
-    text = (cell / "workspace.yaml").read_text(encoding="utf-8")
     stray = "stray: {type: cube, size: [10 cm, 10 cm, 10 cm]"
-    text = text.replace(stray, f"{stray}, parts: [{{mesh: cube.stl, scale: 0.01}}]").replace(
-        "watch green", "watch cube"
-    )
+    text = (cell / "workspace.yaml").read_text(encoding="utf-8").replace("watch green", "watch cube")
+    text = text.replace(stray, f"{stray}, parts: [{{mesh: cube.stl, scale: 0.01}}]")
     (cell / "workspace.yaml").write_text(text, encoding="utf-8")
-    here, there = ran(SCORED, tmp_path, cell).splitlines()
+    *hostile, here, there, workers, gone, told = ran(CLUSTER, tmp_path, cell)
+    assert hostile == ["result refused", "error refused", "list refused", "array refused", "told", "[]"]
     assert here == there
     assert '"status": "failed"' in here or '"status": "passed"' in here
     shipped = list(tmp_path.glob("sqrp-files-*/*"))
     assert [file.read_bytes() for file in shipped] == [mesh.read_bytes()]
+    assert (workers, gone) == ("1 False", "True")
+    assert told == "['the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)']"
 
 
 TLS = """
@@ -194,7 +170,7 @@ ended(processes)
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl")
 def test_connections_are_encrypted_as_asked(tmp_path: Path) -> None:
-    assert ran(TLS, tmp_path).splitlines() == ["tls 3", "True"]
+    assert ran(TLS, tmp_path) == ["tls 3", "True"]
 
 
 @pytest.mark.parametrize("port", ["0", "-1", "65536", "9223372036854775808", "9" * 400])
