@@ -4,15 +4,18 @@ import dataclasses
 import re
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import displacement
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.assessment import Analysis, observed_again, study
@@ -243,3 +246,24 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     assert list(stretch.before) == cameras[sees[before]].tolist()
     assert list(stretch.after) == cameras[sees[after]].tolist()
     assert all(f"{camera} see" in str(stretch) for camera in (*stretch.before[-1:], *stretch.after[-1:]))
+
+
+def test_the_first_box_that_fails_is_named_if_a_target_has_several() -> None:
+    found = open_cell(Path(__file__).parents[2] / "workspaces" / "screws").explain("pickup red1", ways="fastest")
+    assert isinstance(found, Explanation)
+    (candidate,) = found.candidates
+    named = 0
+    for sample in candidate.samples:
+        for literal, coverage in sample.literals.items():
+            boxes = candidate.targets[literal].boxes
+            for camera, found_by in coverage.cameras.items():
+                failing = [
+                    box.name
+                    for box, seen in zip(boxes, coverage.boxes, strict=True)
+                    if not seen.cameras[camera].covered
+                ]
+                assert found_by.box == (failing[0] if failing and len(boxes) > 1 else None)
+                named += found_by.box is not None
+    assert named > 100
+    assert "box left is oblique" in str(found)
+    assert {box.name for box in candidate.targets["hold(red1)"].boxes} == {"left", "right", "between"}
