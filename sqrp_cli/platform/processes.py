@@ -139,10 +139,6 @@ class Worker(Generic[Message, Answer]):
         with suppress(OSError):
             self.pipe.send(message)
 
-    def answered(self) -> bool:
-        """Whether there is something to receive."""
-        return self.pipe.poll()
-
     def receive(self, deadline: float = inf) -> Answer:
         """The answer to the oldest unanswered message; waits for it, at most for a time [s].
 

@@ -315,17 +315,12 @@ class RobotModel(JointLimits[Array]):
         X_WT: Array = self.tool_poses(q[None, : len(self.arm)])[0]
         return X_WT
 
-    def jacobian(self, q: Array) -> Array:
-        """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
-        J: Array = self.tool_poses_and_jacobians(q[None, : len(self.arm)]).J[0]
-        return J
-
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
         return self._chain.poses(self._chain.positions(q))[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
 
     def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """As `tool_pose` and `jacobian` at m positions of shape (m, n)."""
+        """As `tool_pose`, and its Jacobians, at m positions of shape (m, n)."""
         X_WJ = self._chain.poses(self._chain.positions(q))
         X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]

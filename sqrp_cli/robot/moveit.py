@@ -194,14 +194,12 @@ def read_moveit_limits(path: Path) -> MoveitLimits:
     As MoveIt does, a limit holds if it is stated and not switched off by `has_..._limits: false`. Raises InputError,
     with line and column, for what is no such file, unknown keys of a joint, and values that are no limits.
     """
-
-    def in_radians(match: re.Match[bytes]) -> bytes:
-        number = as_number(match[2])
-        if math.isnan(number):
-            return match[0]
-        return repr(math.radians(number) if match[1] == b"degrees" else number).encode()
-
-    document = parse_yaml(path, _DEGREES.sub(in_radians, read_input(path, MAX_BYTES)), keys=_TOPS)
+    content = _DEGREES.sub(
+        lambda match: match[0] if math.isnan(number := as_number(match[2]))
+        else repr(math.radians(number) if match[1] == b"degrees" else number).encode(),
+        read_input(path, MAX_BYTES),
+    )  # fmt: skip
+    document = parse_yaml(path, content, keys=_TOPS)
     above: KeyPath = ()  # of what holds the joints
     data: Any = document.data
     while not isinstance(data.get(TOP), dict):

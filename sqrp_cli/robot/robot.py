@@ -48,10 +48,6 @@ class Tool:
     """Pose of its root link in `link`, shape (4, 4)."""
     file: Path | None  # the URDF that describes it; None for a tool of boxes
 
-    def __post_init__(self) -> None:
-        """Raises ValueError if `X_LT` is not a pose."""
-        check_poses("the tool", self.X_LT)
-
 
 @dataclass(frozen=True)
 class Fingers:
@@ -104,8 +100,9 @@ class Robot(RobotTraits):
     """Pairs of links whose contact is not checked, each pair in alphabetical order."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError if `X_WB` is not a pose."""
+        """Raises ValueError if `X_WB` or that of the tool is not a pose."""
         check_poses("the robot's base", self.X_WB)
+        check_poses("the tool", None if self.tool is None else self.tool.X_LT)
 
     @property
     def urdfs(self) -> tuple[UrdfModel, ...]:

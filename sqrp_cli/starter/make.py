@@ -196,12 +196,15 @@ def _told_apart(layout: Layout) -> Layout:
                 if total.cause == "same_colour":
                     lost[own, total.by or ""] += total.seconds
 
-    def loss(colors: Sequence[str]) -> float:
-        pairs = permutations(zip(names, colors, strict=True), 2)
-        return sum(lost[first, other] for (first, color), (other, same) in pairs if color == same)
-
-    usual = [cube.color for cube in layout.cubes]
-    colors = min(dict.fromkeys(permutations(usual)), key=loss, default=())
+    colors = min(
+        dict.fromkeys(permutations(cube.color for cube in layout.cubes)),
+        key=lambda colors: sum(
+            lost[first, other]
+            for (first, color), (other, same) in permutations(zip(names, colors, strict=True), 2)
+            if color == same
+        ),
+        default=(),
+    )
     return replace(layout, cubes=search.painted(layout.cubes, colors))
 
 

@@ -246,3 +246,9 @@ LIFTS = {
     ),
 }
 """Arms on a lift with a telescope and a wrist of yaw, pitch and roll, which points straight down but for -1.57."""
+
+
+def jacobian(model: RobotModel, q: Array) -> Array:
+    """Velocity of the tool frame's origin over its angular velocity, per joint velocity, at positions (n,); (6, n)."""
+    J: Array = model.tool_poses_and_jacobians(q[None]).J[0]
+    return J

@@ -237,7 +237,7 @@ class _Worker:
 
     def take(self, until: Callable[[_Worker], bool] | None = None) -> None:
         """Receive what has been answered; or wait until something is so."""
-        while self.process.answered() if until is None else not until(self):
+        while self.process.pipe.poll() if until is None else not until(self):
             try:
                 detection = self.process.receive(ANSWER_WITHIN)
             except Exception as error:  # it died, or found what it cannot cope with
