@@ -17,21 +17,15 @@ from sqrp_cli.starter.search import arm_reach
 
 COLORS = ("green", "red", "blue")
 """Colours of the cubes, in turn; each colour in use gets a task."""
-
 CUBES_PER_OBSTACLE = 6
-
 NEAREST, FARTHEST = 0.3, 0.75
 """Ring of the work: distances from the base as shares of the reach; larger if the cubes need more room."""
-
 CLEARANCE = 0.05
 """Least distance between items on the table, added to the half diagonals of their sides [m]."""
-
 HOME_CLEARANCE = 0.25
 """Radius around the tool at home in which nothing tall stands [m]."""
-
 HALF_VIEW = 20 * pi / 180
 """Half the angle within which a camera has one cube at least [rad]; its image is wider."""
-
 DRAWN_VIEWS = 200
 """How many views are drawn at most until one has a cube."""
 

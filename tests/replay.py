@@ -13,7 +13,6 @@ import pinocchio as pin
 
 TOUCH = 5e-4
 """What a box may sink in at each side before that is a contact [m]: standing on something is none."""
-
 CUP = ((0.01, 0.03, 0.02), (0.05, 0.01, 0.06), (0.09, 0.016, 0.02))
 """The suction cup: distance from the flange, radius and length of its cylinders [m]."""
 TIP = 0.1

@@ -19,7 +19,6 @@ from sqrp_cli.errors import InputError
 from tests.cells import read_cases
 
 CASES = read_cases("calibrations.yaml")
-
 SIZE = (1280, 720)
 PINHOLE = (912.348712, 911.902174, 641.205533, 358.771204)
 K = np.array([[PINHOLE[0], 0, PINHOLE[2]], [0, PINHOLE[1], PINHOLE[3]], [0, 0, 1]])
@@ -27,7 +26,6 @@ PLUMB_BOB = (0.112043, -0.231871, 0.000412, -0.001097, 0.051)
 RADTAN = (*PLUMB_BOB[:4], 0.0)
 RATIONAL = (0.45, -2.51, 6.1e-4, -2.2e-4, 1.44, 0.33, -2.33, 1.37)
 FISHEYE = (-0.0076, 0.0441, -0.0417, 0.0081)
-
 Writer = Callable[[Path], CalibrationFile]
 
 

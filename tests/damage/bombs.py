@@ -121,6 +121,5 @@ TEXT = (
     *ELSEWHERE,
 )  # fmt: skip
 """In any text file."""
-
 YAML = (*listed("yaml"), whole("indents", lambda: b"".join(b" " * i + b"a:\n" for i in range(1200))))
 """In any YAML file."""

@@ -15,24 +15,15 @@ from tests.damage.child import call
 from tests.damage.mesh_bombs import binary_stl
 
 CASES = Path(__file__).parents[1] / "cases"
-
 TASK = "pickup red"
-
 IMAGE = "sensor_msgs/msg/CompressedImage"
-
-
 MESHES = ("cube.stl", "binary.stl", "cube.obj", "cube.dae")
-
 WATCHED, LOG, FRAMES, FRAME = "watched", "run.jsonl", "frames", "frame.png"
 """A cell with small cameras in which a program ran, the log of the run, its frames, and the first of them."""
-
 BASELINE, RESULTS, SCORE = "baseline.json", "results", ["--samples", "2", "--jobs", "1", "--json"]
-
 FRAMES_KEPT = 4
-
 MCAP, ROS1, ROSBAG2 = "run.mcap", "run.bag", "rosbag2"
 """The same run as recordings, with some of its images."""
-
 IMAGES_KEPT = 6
 """Of each camera."""
 

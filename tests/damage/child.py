@@ -20,7 +20,6 @@ from sqrp_cli.run.cell.requirements import check_simulator
 
 LONGEST, MOST = 10.0, 1000.0
 """Processor time [s] and memory [MB] that a command may take."""
-
 _WAIT, _MEMORY = 120, 3 << 30
 """When a command is killed [s], and its address space [bytes]: more than it may take, less than there is."""
 

@@ -189,7 +189,6 @@ KINDS = (
     Kind("name of a file", 2, _path),
 )
 """Kinds of input."""
-
 TURNS = tuple(kind for round_ in range(4) for kind in KINDS if kind.share > round_)
 """The kinds in the order in which they take turns."""
 

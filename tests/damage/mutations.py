@@ -10,7 +10,6 @@ from random import Random
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}")
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?=\s*[:=])")
-
 _NUMBERS = (
     "-1", "0", "1e308", "-1e308", "1e999", ".nan", "inf", "1e-300", "99999999999999999999", "1,5", "0x10", "abc", "",
 )  # fmt: skip

@@ -142,8 +142,6 @@ def _steps(count: int) -> Bomb:
 
 
 PROGRAM = (*TEXT, *YAML, *listed("program"), *map(_steps, (2, 100, 2000)))
-
 TASK = "pickup object=r1 speed=0.5 lift=5cm"
-
 TASKS = (*map(text_of, TABLE["tasks"]), "pickup \ud800", "pickup \udcff")
 """Tasks on the command line."""

@@ -17,13 +17,11 @@ from unittest import mock
 import numpy as np
 
 from sqrp_cli.ros.bag import Bag, BagWriter, Packed, written
-from tests.damage.bombs import ELSEWHERE, TABLE, Bomb, edited, whole
+from tests.damage.bombs import ELSEWHERE, TABLE, Bomb, edited, text_of, whole
 from tests.damage.record_bombs import png
 
 STATES, IMAGE = "/joint_states", "/cam1/image_raw/compressed"
-
 COMPRESSED, RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
-
 Change = Callable[[Any, int], Any]
 """What a message, the number of which on its topic is known, becomes; None for nothing."""
 
@@ -61,6 +59,8 @@ def _with(message: Any, fields: dict[str, object]) -> Any:
     """The message with other fields; what takes long to make is a function."""
     for name, field in fields.items():
         value = field() if callable(field) else field
+        if isinstance(value, list):
+            value = np.array(value, dtype=float) if name == "position" else [text_of(one) for one in value]
         setattr(message, name, np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value)
     return message
 
@@ -88,13 +88,14 @@ def _raw(title: str, **fields: object) -> Bomb:
     return _rewritten(f"raw-{title}", IMAGE, lambda _message, _number: None, more)
 
 
-def _said(title: str, topic: str, kind: str, **fields: object) -> Bomb:
-    """A bomb that is a message of another type on a topic."""
+def _said(title: str, topic: str, kind: str, *, keep: bool = False, **fields: object) -> Bomb:
+    """A bomb that is a message of another type on a topic; keep: in addition to those that are there."""
 
     def more(writer: BagWriter) -> None:
+        writer._of_topic.pop(topic, None)
         writer.add(topic, 2_000_000_000_000_000_000, writer.types.make(kind, **fields))
 
-    return _rewritten(title, topic, lambda _message, _number: None, more)
+    return _rewritten(title, topic, lambda message, _number: message if keep else None, more)
 
 
 def _topics(writer: BagWriter) -> None:
@@ -128,15 +129,7 @@ def jpeg(width: int, height: int) -> bytes:
 
 
 MESSAGES = (
-    _state("no-names", name=[]),
-    _state("no-positions", position=np.zeros(0)),
-    _state("one-position", position=np.zeros(1)),
-    _state("nan", position=np.full(6, np.nan)),
-    _state("infinite", position=np.full(6, np.inf)),
-    _state("huge", position=np.full(6, 1e308)),
-    _state("name-of-a-million", name=["x" * 1_000_000] * 2),
-    _state("names-of-signs", name=["\x1b[2J", "\u202e", "", "joint_1", "joint_1", "joint_1"]),
-    _state("other-names", name=["a", "b", "c", "d", "e", "f"]),
+    *(_state(name, **fields) for name, fields in TABLE["joint states"].items()),
     _state("100000-positions", position=np.zeros(100_000)),
     _rewritten("states-missing", STATES, lambda _message, _number: None),
     _rewritten("state-alone", STATES, lambda message, n: message if n == 5 else None),
@@ -158,21 +151,13 @@ MESSAGES = (
     _image("jpeg-end", data=b"\xff\xd8\xff\xd9"),
     *(_image(f"png-{w}x{h}", data=png(w, h, rows=b"\0" * 1000)) for w, h in ((1, 1), (96, 72), (100_000, 100_000))),
     _image("png-of-a-gigabyte", data=lambda: png(96, 72, rows=bytes(300_000_000))),
-    _raw("black"),
-    _raw("encoding", encoding="yuv422"),
+    *(_raw(name, **fields) for name, fields in TABLE["images pixel by pixel"].items()),
     _raw("encoding-of-signs", encoding="\x1b[2J" * 10_000),
-    _raw("step-0", step=0),
-    _raw("step-of-4-GB", step=2**32 - 1),
-    _raw("height-of-4-billion", height=2**32 - 1, width=2**32 - 1),
     _raw("short", data=bytes(1000)),
     _raw("empty", data=b"", height=0, width=0, step=0),
-    _raw("mono-16", encoding="mono16", step=192),
-    _raw("bayer", encoding="bayer_rggb8", step=96),
     _said("no-joint-states", STATES, "std_msgs/msg/String", data="x"),
     _said("no-images", IMAGE, "std_msgs/msg/Float64", data=1.0),
-    _rewritten("two-types", STATES, lambda message, _n: message,
-               lambda writer: writer._writer.write(
-                   writer._connection(STATES, "std_msgs/msg/String", latched=False), 10**18, b"\0\1\0\0\1\0\0\0\0")),
+    _said("two-types", STATES, "std_msgs/msg/String", keep=True, data="x"),
     _rewritten("1000-topics", IMAGE, lambda _message, _n: None, _topics),
     _said("topic-of-signs", "/\x1b[2J\u202e/image", COMPRESSED),
     *(_bytes(f"{name}-{where}", topic, change) for name, change in (

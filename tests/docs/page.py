@@ -13,15 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 """Every page that people read."""
-
 BLOCK = re.compile(r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<body>.*?)^```$', re.DOTALL | re.MULTILINE)
-
 ELSEWHERE = ("make", "pip", "git", "dask", ".")
 """First words of commands that set up a machine, which a test does not do."""
-
 OWN_FILES = ("sqrp init mycell --urdf my_robot.urdf", "sqrp show mycell", 'sqrp rank mycell "pickup green"')
 """Commands of the README about a file that only its reader has; the tutorial runs them with one."""
 

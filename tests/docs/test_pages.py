@@ -14,7 +14,6 @@ from sqrp_cli.cli.app import app
 from tests.docs.page import BLOCK, PAGES, ROOT, blocks, played
 
 RUN = [page for page in PAGES if any(block.kind in ("console", "sh") for block in blocks(page.read_text()))]
-
 LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)?(?:#([^)\s]+))?\)")
 
 MADE = {
@@ -27,8 +26,6 @@ MADE = {
     "calibration-formats.md",
 }
 """Pages that are made from the code."""
-
-
 LONG = {"audit", "run", "advise", "parameters", "place", "place-cameras"}
 """Pages of several seconds of processor time each: runs with all cameras of the tabletop, and searches."""
 
@@ -52,7 +49,6 @@ def test_commands_print_what_the_page_shows(page: Path, rate: str) -> None:
 
 
 PYTHON = re.compile(r"^```python\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE)
-
 WITH_CODE = [page for page in PAGES if PYTHON.search(page.read_text())]
 
 

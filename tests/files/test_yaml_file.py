@@ -120,7 +120,6 @@ def test_no_bytes_raise_anything_but_an_input_error(tmp_path_factory: pytest.Tem
 
 
 ROOT = Path(__file__).parents[2]
-
 SHIPPED = [*sorted(ROOT.glob("skills/*/*.yaml")), *sorted(ROOT.glob("workspaces/*/*.yaml"))]
 
 
