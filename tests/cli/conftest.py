@@ -11,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,14 +25,13 @@ from tests.cells import read_cell, shipped_cell, write_cell
 
 if TYPE_CHECKING:
     from tests.cli.slip_run import Cell, SlipRun
-    from tests.conftest import Once
 
 ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
 
 
 @pytest.fixture(autouse=True)
-def _as_before() -> Iterator[None]:
+def _as_before():
     """An interrupted command ignores Ctrl-C from then on, as its process ends; that of the tests goes on."""
     before = signal.getsignal(signal.SIGINT)
     yield
@@ -100,19 +98,19 @@ def _start(*arguments: object, prelude: str = "", columns: int = 80, **variables
 
 
 @pytest.fixture(scope="session")
-def sqrp() -> Callable[..., Outcome]:
+def sqrp():
     """Runs a command in this process; `columns` is the width of the terminal."""
     return _call
 
 
 @pytest.fixture(scope="session")
-def sqrp_process() -> Callable[..., Outcome]:
+def sqrp_process():
     """Runs a command in a process of its own; `prelude` is Python that runs before it, other keywords are variables."""
     return _start
 
 
 @pytest.fixture(scope="session")
-def asked(once: Once) -> Callable[..., Outcome]:
+def asked(once):
     """What a command says of a cell that no test changes, as `sqrp`: computed once for all tests and workers."""
 
     def ask(*arguments: object, columns: int = 80) -> Outcome:
@@ -124,30 +122,30 @@ def asked(once: Once) -> Callable[..., Outcome]:
 
 
 @pytest.fixture(scope="session")
-def tabletop() -> Path:
+def tabletop():
     """The shipped workspace; nothing here may depend on where its things stand."""
     return ROOT / "workspaces" / "tabletop"
 
 
 @pytest.fixture(scope="session")
-def watch() -> Path:
+def watch():
     """A cell in which every figure can be worked out by hand; see its files."""
     return ROOT / "tests" / "cases" / "watch"
 
 
 @pytest.fixture
-def own_watch(watch: Path, tmp_path: Path) -> Path:
+def own_watch(watch, tmp_path):
     """A copy of that cell, to be changed."""
     return Path(shutil.copytree(watch, tmp_path / "watch"))
 
 
 @pytest.fixture(scope="session")
-def ranked(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+def ranked(asked, tabletop):
     return asked("rank", tabletop, TASK, "--json")
 
 
 @pytest.fixture(scope="session")
-def tabletop_written(once: Once, tabletop: Path) -> Written:
+def tabletop_written(once, tabletop):
     """The ranking of the tabletop as text, its best way as a program, and its page."""
 
     def write(folder: Path) -> Written:
@@ -161,17 +159,17 @@ def tabletop_written(once: Once, tabletop: Path) -> Written:
 
 
 @pytest.fixture(scope="session")
-def explained(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+def explained(asked, tabletop):
     return asked("explain", tabletop, TASK, "--all", "--json")
 
 
 @pytest.fixture(scope="session")
-def shown(asked: Callable[..., Outcome], tabletop: Path) -> Outcome:
+def shown(asked, tabletop):
     return asked("show", tabletop, "--json")
 
 
 @pytest.fixture
-def tabletop_cell() -> dict[str, Any]:
+def tabletop_cell():
     """What the tabletop's file says, to be changed and written elsewhere."""
     return _read_tabletop()
 
@@ -183,13 +181,13 @@ def _read_tabletop() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def laying(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def laying(tmp_path_factory):
     """A part of the tabletop with a skill that lays down what was picked up."""
     return write_cell(read_cell(ROOT / "tests" / "cases" / "laying"), tmp_path_factory.mktemp("laying")).parent
 
 
 @pytest.fixture(scope="session")
-def holding(laying: Path) -> Path:
+def holding(laying):
     """A program after which the tool holds g2."""
     path = laying / "holding.yaml"
     assert _call("rank", laying, "pickup g2", "--program", path).code == 0
@@ -197,14 +195,14 @@ def holding(laying: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def started(once: Once) -> tuple[Path, Outcome]:
+def started(once):
     """A new workspace, which no test changes, and what `init --json` said of it."""
     made: tuple[Path, Outcome] = once("new", lambda base: (base / "cell", _call("init", base / "cell", "--json")))
     return made
 
 
 @pytest.fixture(scope="session")
-def harsh(once: Once) -> Path:
+def harsh(once):
     """The tabletop made hard to see.
 
     Lenses of every kind, a camera on the wrist, narrow limits, two boxes or two cameras for a literal, nested formulas.
@@ -245,53 +243,50 @@ def _write_harsh(folder: Path) -> Path:
          "pose": {"position": [0, 0, 0.0205]}, "detector": "flat"}
     )  # fmt: skip
     skill["formulas"].append("always[a1.start + 0.5, a2.end - 0.3] (eventually[0, 0.2] (obj_on_table))")
-    skill["faults"]["late"] = {
-        "formula": "eventually[a5.start, a5.end] (not hold)",
-        "response": "continue",
-    }
+    skill["faults"]["late"] = {"formula": "eventually[a5.start, a5.end] (not hold)", "response": "continue"}
     (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
     write_cell(cell, folder)
     return folder
 
 
 @pytest.fixture(scope="session")
-def harsh_explained(asked: Callable[..., Outcome], harsh: Path) -> Outcome:
+def harsh_explained(asked, harsh):
     return asked("explain", harsh, TASK, "--all", "--json", "--samples", 25)
 
 
 @pytest.fixture(scope="session")
-def harsh_shown(asked: Callable[..., Outcome], harsh: Path) -> Outcome:
+def harsh_shown(asked, harsh):
     return asked("show", harsh, "--json")
 
 
 @pytest.fixture(scope="session")
-def watched(asked: Callable[..., Outcome], watch: Path) -> Outcome:
+def watched(asked, watch):
     return asked("explain", watch, "watch cube", "--all", "--json")
 
 
 @pytest.fixture(scope="session")
-def watch_shown(asked: Callable[..., Outcome], watch: Path) -> Outcome:
+def watch_shown(asked, watch):
     return asked("show", watch, "--json")
 
 
 @pytest.fixture(scope="session")
-def gripper() -> Path:
+def gripper():
     """A cell with a gripper of two fingers that carry markers."""
     return ROOT / "tests" / "cases" / "gripper"
 
 
 @pytest.fixture(scope="session")
-def gripped(asked: Callable[..., Outcome], gripper: Path) -> Outcome:
+def gripped(asked, gripper):
     return asked("explain", gripper, "pickup_two_finger", "--all", "--json", "--samples", 9)
 
 
 @pytest.fixture(scope="session")
-def gripper_shown(asked: Callable[..., Outcome], gripper: Path) -> Outcome:
+def gripper_shown(asked, gripper):
     return asked("show", gripper, "--json")
 
 
 @pytest.fixture(scope="session")
-def quick_cell(once: Once) -> Cell:
+def quick_cell(once):
     """A cell to whose folder no test adds a file, as all workers share it."""
     from tests.cli.slip_run import quick_cell  # which loads the simulator
 
@@ -300,7 +295,7 @@ def quick_cell(once: Once) -> Cell:
 
 
 @pytest.fixture(scope="session")
-def slip_run(once: Once, quick_cell: Cell) -> SlipRun:
+def slip_run(once, quick_cell):
     from tests.cli.slip_run import run_with_slip
 
     run: SlipRun = once("slip", lambda _: run_with_slip(_call, quick_cell))
@@ -308,16 +303,7 @@ def slip_run(once: Once, quick_cell: Cell) -> SlipRun:
 
 
 @pytest.fixture(scope="session")
-def scenes(
-    explained: Outcome,
-    shown: Outcome,
-    harsh_explained: Outcome,
-    harsh_shown: Outcome,
-    watched: Outcome,
-    watch_shown: Outcome,
-    gripped: Outcome,
-    gripper_shown: Outcome,
-) -> dict[str, tuple[dict[str, Any], list[dict[str, Any]]]]:
+def scenes(explained, shown, harsh_explained, harsh_shown, watched, watch_shown, gripped, gripper_shown):
     """Per cell the `show` document and the `explain` documents of its feasible candidates."""
     pairs = {
         "tabletop": (shown, explained),

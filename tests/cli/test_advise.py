@@ -40,7 +40,7 @@ TASK = "pickup g1"
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory) -> Path:
+def small(tmp_path_factory):
     """The tabletop with its first three cameras, and all that it names."""
     folder = tmp_path_factory.mktemp("cells")
     for name in ("workspaces", "skills"):
@@ -52,14 +52,14 @@ def small(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def own(small, tmp_path) -> Path:
+def own(small, tmp_path):
     """A copy of that, to be changed."""
     shutil.copytree(small.parents[1], tmp_path, dirs_exist_ok=True)
     return tmp_path / "workspaces" / "tabletop"
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Path:
+def kept(tmp_path_factory):
     """A folder of searches, for tests that are not about a search: a copy of the cell has the same digest."""
     return tmp_path_factory.mktemp("searches") / "kept"
 
@@ -74,7 +74,7 @@ def advised(sqrp, small, kept):
 
 
 @pytest.fixture(scope="module")
-def aims(kept) -> tuple[object, ...]:
+def aims(kept):
     """The options of a command about other aims alone, which are searched for once."""
     return ("--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
 
@@ -304,7 +304,7 @@ def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory) -> Path:
+def page(tmp_path_factory):
     """Where the page about `others` is."""
     return tmp_path_factory.mktemp("advice") / "page.html"
 

@@ -14,7 +14,6 @@ import pytest
 import yaml
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import check_program, load_program
 from tests.cells import read_cases, read_cell, write_cell
@@ -23,7 +22,7 @@ CASES = read_cases("bad_programs.yaml")
 
 
 @pytest.fixture(scope="module")
-def sound(sqrp, laying, holding) -> Path:
+def sound(sqrp, laying, holding):
     path = laying / "sound.yaml"
     shutil.copy(holding, path)
     assert sqrp("rank", laying, "lay g2", "--program", path).code == 0
@@ -57,7 +56,7 @@ def damaged(text: str, case: dict[str, Any]) -> str:
 
 
 @pytest.fixture(scope="module")
-def workspace(laying) -> Workspace:
+def workspace(laying):
     return load_workspace(laying)
 
 

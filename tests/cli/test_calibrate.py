@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 from dataclasses import asdict
-from pathlib import Path
 
 import jsonschema
 import pytest
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A cell, and frames of a marker in it."""
     base = tmp_path_factory.mktemp("calibrate")
     workspace = write_workspace(base / "cell")

@@ -21,11 +21,11 @@ def _codes(outcome: Outcome) -> set[str]:
 
 
 @pytest.mark.parametrize("cell", [*SHIPPED, *CASES], ids=lambda path: path.name)
-def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp: Callable[..., Outcome], cell: Path) -> None:
+def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp, cell):
     assert _codes(sqrp("check", cell, "--json")) <= {"assumed-limit"}
 
 
-def test_a_new_cell_works_as_it_is_meant(sqrp: Callable[..., Outcome], tmp_path: Path) -> None:
+def test_a_new_cell_works_as_it_is_meant(sqrp, tmp_path):
     assert sqrp("init", tmp_path / "new", "--no-run").code == 0
     assert _codes(sqrp("check", tmp_path / "new", "--json")) == set()
 
@@ -39,9 +39,7 @@ def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) ->
     return folder / "new"
 
 
-def test_a_number_that_cannot_be_meant_is_a_warning_with_its_place_and_what_was_meant(
-    sqrp: Callable[..., Outcome], tmp_path: Path
-) -> None:
+def test_a_number_that_cannot_be_meant_is_a_warning_with_its_place_and_what_was_meant(sqrp, tmp_path):
     cell = _new_cell(sqrp, tmp_path, "latency: 50 ms", "latency: 50")
     outcome = sqrp("check", cell, "--json")
     assert outcome.code == 0
@@ -53,9 +51,7 @@ def test_a_number_that_cannot_be_meant_is_a_warning_with_its_place_and_what_was_
     assert "50 ms would be `50 ms` or 0.05" in problem["message"]
 
 
-def test_what_was_probably_meant_is_said_before_the_errors_that_follow_from_it(
-    sqrp: Callable[..., Outcome], tmp_path: Path
-) -> None:
+def test_what_was_probably_meant_is_said_before_the_errors_that_follow_from_it(sqrp, tmp_path):
     cell = _new_cell(sqrp, tmp_path, "size: [0.04, 0.04, 0.04]", "size: [40, 40, 40]")
     for command in (["check", cell], ["rank", cell, "pickup red"]):
         outcome = sqrp(*command)
@@ -65,9 +61,7 @@ def test_what_was_probably_meant_is_said_before_the_errors_that_follow_from_it(
         assert "\nerror: " in outcome.err
 
 
-def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hides_everything(
-    sqrp: Callable[..., Outcome], tmp_path: Path
-) -> None:
+def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hides_everything(sqrp, tmp_path):
     place = "frame: base\n    pose: {position: [0, 0, 0.05], look_at: [1, 0, 0.05]}"
     place += "\n    image: {width: 640, height: 480, fx: 100}"
     cell = _new_cell(sqrp, tmp_path, "  cam1:", f"  inner:\n    {place}\n    rate: 10\n    latency: 0\n  cam1:")
@@ -80,7 +74,7 @@ def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hide
     assert {view["by"] for view in seen if view["cause"] == "hidden"} == {"base"}
 
 
-def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp: Callable[..., Outcome], tmp_path: Path) -> None:
+def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp, tmp_path):
     cell = Path(shutil.copytree(ROOT / "tests" / "cases" / "cell", tmp_path / "cell"))
     stated = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
     text = (cell / "workspace.yaml").read_text(encoding="utf-8")
@@ -92,7 +86,7 @@ def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp: Callable[...
 
 
 @pytest.fixture
-def program(holding) -> Path:
+def program(holding):
     path = holding.with_name("program.yaml")
     shutil.copy(holding, path)
     yield path

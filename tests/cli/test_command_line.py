@@ -132,7 +132,7 @@ def test_help_is_there_before_anything_is_read():
     assert loaded((*HEAVY, *READING), "--help") == "0"
 
 
-def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sources(tmp_path: Path):
+def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sources(tmp_path):
     plain = shutil.ignore_patterns("__pycache__", "*.so")
     shutil.copytree(Path(sqrp_cli.__file__).parent, tmp_path / "sqrp_cli", ignore=plain)
     environment = os.environ | {
@@ -144,11 +144,11 @@ def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sour
     assert not list((tmp_path / "sqrp_cli").rglob("__pycache__"))
 
 
-def test_a_ranking_with_a_page_enters_few_modules(tmp_path: Path):
+def test_a_ranking_with_a_page_enters_few_modules(tmp_path):
     assert loaded((), "rank", TABLETOP, "pickup g2", "--report", tmp_path / "page.html") == "0"
 
 
-def test_a_saved_result_is_shown_without_what_found_it(tmp_path: Path):
+def test_a_saved_result_is_shown_without_what_found_it(tmp_path):
     engines = ("sqrp_cli.motion", "sqrp_cli.robot", "sqrp_cli.cell", "sqrp_cli.study.pipeline", "yaml")
     for question in (
         ["explain", TABLETOP, "pickup g2"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pexpect
@@ -26,7 +25,7 @@ SETTINGS = {
 
 
 @pytest.fixture
-def proposed(sqrp, monkeypatch) -> Callable[..., list[str]]:
+def proposed(sqrp, monkeypatch):
     """What bash is told to propose for the last of these words."""
 
     def ask(*words: str) -> list[str]:

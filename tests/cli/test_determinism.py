@@ -55,7 +55,7 @@ def assert_close(first: Any, second: Any, tolerance: float, where: str = "") -> 
 
 
 @pytest.fixture
-def held_by_two_facts(tmp_path) -> Path:
+def held_by_two_facts(tmp_path):
     """The tower's cell where facts alone say what the tool holds, by two words for it that two skills make true."""
     cell = (ROOT / "workspaces" / "tower" / "workspace.yaml").read_text(encoding="utf-8")
     folder = tmp_path / "held"
@@ -79,7 +79,7 @@ def held_by_two_facts(tmp_path) -> Path:
 
 
 @pytest.fixture
-def place_first(tmp_path) -> Path:
+def place_first(tmp_path):
     """The tabletop with two of its cameras and a task that needs others first."""
     for name in ("workspaces", "skills"):
         shutil.copytree(ROOT / name, tmp_path / name)

@@ -163,9 +163,7 @@ def assert_all_sound(sqrp: Callable[..., Any], cell: Path, task: str) -> list[di
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.trial) for seed in (1, 2))])
-def test_every_figure_of_a_random_cell_is_finite_and_every_rotation_orthonormal(
-    sqrp: Callable[..., Any], tmp_path: Path, seed: int
-) -> None:
+def test_every_figure_of_a_random_cell_is_finite_and_every_rotation_orthonormal(sqrp, tmp_path, seed):
     cell = random_cell(tmp_path / "cell", Crowd(seed, objects=3, cameras=4))
     rng = np.random.default_rng(seed)
     file = cell / "workspace.yaml"
@@ -184,9 +182,7 @@ def test_every_figure_of_a_random_cell_is_finite_and_every_rotation_orthonormal(
 
 
 @pytest.mark.parametrize("bend", [0.0, -0.01])
-def test_a_camera_along_any_axis_with_any_up_covers_only_what_its_image_holds(
-    sqrp: Callable[..., Any], own_watch: Path, bend: float
-) -> None:
+def test_a_camera_along_any_axis_with_any_up_covers_only_what_its_image_holds(sqrp, own_watch, bend):
     file = own_watch / "workspace.yaml"
     content = yaml.safe_load(file.read_text(encoding="utf-8"))
     eye = content["cameras"].pop("eye")

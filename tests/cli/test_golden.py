@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.golden import DOCUMENTS, FOLDER, Section, differences, document, played, sections
+from tests.golden import DOCUMENTS, FOLDER, differences, document, played, sections
 
 SECTIONS = [(file.stem, section) for file in sorted(FOLDER.glob("*.txt")) for section in sections(file.stem)]
 
@@ -17,11 +14,11 @@ SECTIONS = [(file.stem, section) for file in sorted(FOLDER.glob("*.txt")) for se
 @pytest.mark.parametrize(
     "section", [one for _, one in SECTIONS], ids=[f"{name}: {one.title}" for name, one in SECTIONS]
 )
-def test_commands_print_what_they_did(sqrp: Callable[..., Any], tmp_path: Path, section: Section) -> None:
+def test_commands_print_what_they_did(sqrp, tmp_path, section):
     assert list(played(section, tmp_path, sqrp)) == section.lines
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_figures_of_shipped_cells_are_what_they_were(asked: Callable[..., Any], name: str) -> None:
+def test_figures_of_shipped_cells_are_what_they_were(asked, name):
     was = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     assert list(differences(document(name, asked), was)) == []

@@ -75,7 +75,7 @@ def printed(width: int, show: Callable[[], None], color: bool = False) -> str:
 
 
 @given(texts, st.integers(20, 60), st.booleans())
-def test_no_text_controls_a_terminal_or_commands_a_server(text: str, width: int, color: bool) -> None:
+def test_no_text_controls_a_terminal_or_commands_a_server(text, width, color):
     def show() -> None:
         console.say(text)
         console.say(f"some words before {text}", "bold")
@@ -90,7 +90,7 @@ def test_no_text_controls_a_terminal_or_commands_a_server(text: str, width: int,
     assert is_harmless(printed(width, show, color))
 
 
-def test_what_changes_in_place_controls_no_terminal_either(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_changes_in_place_controls_no_terminal_either(monkeypatch):
     out = io.StringIO()
     monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out, force_terminal=True, width=200))
     with console.progress(EVIL, 3) as advance:
@@ -106,7 +106,7 @@ def test_what_changes_in_place_controls_no_terminal_either(monkeypatch: pytest.M
 
 
 @given(texts)
-def test_a_name_begins_no_line(text: str) -> None:
+def test_a_name_begins_no_line(text):
     shown = printed(10_000, lambda: console.say(f"camera {text} sees"))
     assert shown.count("\n") == 1
     shown = printed(10_000, lambda: console.print_table([console.Column("a"), console.Column("b")], [(text, "x")]))
@@ -114,18 +114,18 @@ def test_a_name_begins_no_line(text: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["é", "日本", "Kamera süd", "מצלמה", "🤖", "a::b", "# 1", "::"])
-def test_names_in_any_script_stay_readable(name: str) -> None:
+def test_names_in_any_script_stay_readable(name):
     assert one_line(name) == name
     assert printed(80, lambda: console.say(f"camera {name} sees")) == f"camera {name} sees\n"
 
 
-def test_what_is_asked_and_answered_is_harmless_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_asked_and_answered_is_harmless_too(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{EVIL.splitlines()[0]}\n"))
     assert is_harmless(printed(80, lambda: print(console.ask(f"{EVIL} [yes]: ") and "")))
 
 
 @given(st.recursive(texts, lambda inner: st.dictionaries(texts, inner, max_size=3) | st.lists(inner, max_size=3)))
-def test_json_is_exact_and_yet_harmless(value: Any) -> None:
+def test_json_is_exact_and_yet_harmless(value):
     shown = as_text({"name": value})
     assert json.loads(shown) == {"name": value}
     assert shown.isascii()
@@ -133,7 +133,7 @@ def test_json_is_exact_and_yet_harmless(value: Any) -> None:
 
 
 @given(texts)
-def test_markdown_shows_a_text_as_it_is(text: str) -> None:
+def test_markdown_shows_a_text_as_it_is(text):
     (row,) = [line for line in ("| " + in_markdown(text) + " | end |").split("\n") if line]
     tokens = MarkdownIt("commonmark").enable(["table", "strikethrough"]).parse(f"| a | b |\n|---|---|\n{row}\n")
     cell, end = [token for token in tokens if token.type == "inline"][2:]
@@ -143,7 +143,7 @@ def test_markdown_shows_a_text_as_it_is(text: str) -> None:
 
 
 @given(texts)
-def test_a_log_is_read_as_it_was_written(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+def test_a_log_is_read_as_it_was_written(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("log") / "log"
     writer = LogWriter(path, event("run", 0.0, sqrp_log=VERSION, workspace=text, cameras=[], digest=""))
     writer.close()
@@ -155,13 +155,13 @@ def test_a_log_is_read_as_it_was_written(tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def evil(watch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def evil(watch, tmp_path_factory):
     """A cell whose files are as hostile as they can be."""
     return hostile_cell(watch, tmp_path_factory.mktemp("evil"))
 
 
 @pytest.fixture(scope="module")
-def program(sqrp: Command, evil: Path) -> Path:
+def program(sqrp, evil):
     """A program of that cell, in a hostile file."""
     path = evil / f"{IN_PATH[:60]}.yaml"
     assert sqrp("rank", evil, TASK, "--program", path).code == 0
@@ -201,9 +201,7 @@ def program(sqrp: Command, evil: Path) -> Path:
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else None,
 )
-def test_no_command_prints_what_commands(
-    sqrp: Command, evil: Path, program: Path, watch: Path, tmp_path: Path, code: int, arguments: list[str], columns: int
-) -> None:
+def test_no_command_prints_what_commands(sqrp, evil, program, watch, tmp_path, code, arguments, columns):
     log = log_of(tmp_path / "log", 0.1, {"slow": 5.0})
     hostile = log.read_text(encoding="utf-8")
     for name in ("it was seen", "pickup g", "slip", "cell"):
@@ -219,7 +217,7 @@ def test_no_command_prints_what_commands(
     assert outcome.code == code, outcome.err
 
 
-def test_the_files_of_a_score_are_harmless(sqrp: Command, evil: Path, watch: Path, tmp_path: Path) -> None:
+def test_the_files_of_a_score_are_harmless(sqrp, evil, watch, tmp_path):
     junit, summary, baseline = tmp_path / "junit.xml", tmp_path / "summary.md", tmp_path / "baseline.json"
     broken = Path(shutil.copytree(watch, evil / f"broken{IN_PATH[:60]}"))
     (broken / "workspace.yaml").write_text(f"robot: {json.dumps(EVIL)}\n", encoding="utf-8")
@@ -244,7 +242,7 @@ def test_the_files_of_a_score_are_harmless(sqrp: Command, evil: Path, watch: Pat
         assert words in " ".join(compared.out.split())
 
 
-def test_a_program_that_others_wrote_is_listed_harmlessly(sqrp: Command, program: Path) -> None:
+def test_a_program_that_others_wrote_is_listed_harmlessly(sqrp, program):
     original = load_program(program)
     (step,) = original.steps
     faults = {f"moved{IN_PATH}": step.faults["moved"]}

@@ -9,7 +9,7 @@ import resource
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ ENDLESS = "9" * 400
 
 
 @pytest.fixture(autouse=True)
-def in_little_memory() -> Iterator[None]:
+def in_little_memory():
     """What is refused is not read first: the highest memory use ever hardly grows."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     yield
@@ -153,7 +153,7 @@ def test_a_listener_that_says_nothing_of_use_is_given_up_within_seconds(sqrp, wa
 
 
 @pytest.fixture(scope="module")
-def saved(sqrp: Callable[..., Any], watch: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def saved(sqrp, watch, tmp_path_factory):
     """What a baseline says."""
     path = tmp_path_factory.mktemp("saved") / "baseline.json"
     assert sqrp("score", watch, "--save-baseline", path).code == 0

@@ -13,13 +13,12 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from tests.cells import shipped_cell, write_cell
 from tests.cli.pages import overview_of
-from tests.conftest import Once
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def under_the_table(once: Once) -> Path:
+def under_the_table(once):
     """The cell `tabletop` with two cameras that look at the table from below."""
 
     def write(folder: Path) -> Path:

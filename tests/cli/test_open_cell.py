@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli import OpenCell, new_cell, open_cell, open_program, read_run
-from sqrp_cli.ask.api.run_results import SimulatedRun
+from sqrp_cli import new_cell, open_cell, open_program, read_run
 from sqrp_cli.errors import InputError
-from sqrp_cli.score.result import Scorecard
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive, FixedCount
 
@@ -19,12 +17,12 @@ TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 
 @pytest.fixture(scope="module")
-def cell() -> OpenCell:
+def cell():
     return open_cell(TABLETOP)
 
 
 @pytest.fixture(autouse=True)
-def at_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+def at_80_columns(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("NO_COLOR", "1")
 
@@ -34,7 +32,7 @@ def printed(sqrp, *arguments: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def scores(cell) -> Scorecard:
+def scores(cell):
     return cell.score()
 
 
@@ -219,7 +217,7 @@ def test_a_ranking_writes_the_program_that_rank_writes(sqrp, cell, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def ran(slip_run, tmp_path_factory) -> tuple[SimulatedRun, Path, Path]:
+def ran(slip_run, tmp_path_factory):
     """The run of `slip_run` by Python, with its log and its frames."""
     folder = tmp_path_factory.mktemp("ran")
     log, frames = folder / "log", folder / "frames"

@@ -21,7 +21,7 @@ lenses:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
+def folder(tmp_path_factory):
     """Two candidates of `tabletop`, with few mounts."""
     folder = tmp_path_factory.mktemp("place")
     for name in ("workspaces", "skills"):
@@ -34,7 +34,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def cell(folder) -> Path:
+def cell(folder):
     return folder / "workspaces" / "tabletop"
 
 
@@ -88,7 +88,7 @@ lenses:
 
 
 @pytest.fixture
-def occupied(tmp_path) -> Path:
+def occupied(tmp_path):
     """`tabletop` with a camera on a rail that looks away."""
     for name in ("workspaces", "skills"):
         shutil.copytree(ROOT / name, tmp_path / name)

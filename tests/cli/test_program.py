@@ -23,19 +23,19 @@ SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
 
 @pytest.fixture(scope="module")
-def program(tabletop_written) -> Path:
+def program(tabletop_written):
     """The best way of the tabletop's task as a program."""
     return tabletop_written.program
 
 
 @pytest.fixture(scope="module")
-def step(program) -> Document:
+def step(program):
     (step,) = yaml.safe_load(program.read_text(encoding="utf-8"))["steps"]
     return step
 
 
 @pytest.fixture(scope="module")
-def best(explained) -> Document:
+def best(explained):
     return explained.document["candidates"][0]
 
 

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -30,7 +29,7 @@ def answer(sqrp, laying, monkeypatch):
 
 
 @pytest.fixture
-def file(laying) -> Path:
+def file(laying):
     path = laying / "dialog.yaml"
     yield path
     path.unlink(missing_ok=True)

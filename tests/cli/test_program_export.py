@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,26 +14,26 @@ RATE = 50
 
 
 @pytest.fixture(scope="module")
-def program(sqrp, tabletop, tmp_path_factory) -> Path:
+def program(sqrp, tabletop, tmp_path_factory):
     path = tmp_path_factory.mktemp("export") / "pick.yaml"
     assert sqrp("rank", tabletop, "pickup g2", "--program", path).code == 0
     return path
 
 
 @pytest.fixture(scope="module")
-def listed(sqrp, program) -> Mapping:
+def listed(sqrp, program):
     return sqrp("program", program, "--json").document
 
 
 @pytest.fixture(scope="module")
-def export(sqrp, program) -> Path:
+def export(sqrp, program):
     path = program.with_name("pick.csv")
     assert sqrp("program", program, "--export", path, "--rate", f"{RATE} Hz").code == 0
     return path
 
 
 @pytest.fixture(scope="module")
-def replay(shown, export) -> Replay:
+def replay(shown, export):
     return Replay(shown.document, export)
 
 

@@ -13,7 +13,7 @@ from sqrp_cli.program.file import load_program, save_program
 
 
 @pytest.fixture(scope="module")
-def made(sqrp, watch, tmp_path_factory) -> Path:
+def made(sqrp, watch, tmp_path_factory):
     """A folder with a copy of the cell, and a program for it."""
     folder = tmp_path_factory.mktemp("holds")
     shutil.copytree(watch, folder / "watch")
@@ -22,7 +22,7 @@ def made(sqrp, watch, tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def folder(made, tmp_path) -> Path:
+def folder(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "own"))
 
 
@@ -39,7 +39,7 @@ def test_what_a_program_keeps_of_its_workspace_is_believed_only_as_it_was_writte
 
 
 @pytest.fixture
-def earlier(folder) -> Path:
+def earlier(folder):
     """The program as versions wrote it that knew a workspace by the bytes of its files."""
     path = folder / "program.yaml"
     known = load_workspace(folder / "watch").file_digest

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import yaml
 
@@ -11,7 +9,7 @@ from sqrp_cli.program.file import load_program, save_program
 
 
 @pytest.fixture(scope="module")
-def made(sqrp, watch, tmp_path_factory) -> Path:
+def made(sqrp, watch, tmp_path_factory):
     """Two steps of 4 s each in the hand-worked cell: `seen` is seen all the time, `turned` at 60 % of it."""
     path = tmp_path_factory.mktemp("listing") / "program.yaml"
     for task in ("watch seen", "watch turned"):
@@ -20,7 +18,7 @@ def made(sqrp, watch, tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def program(made, tmp_path) -> Path:
+def program(made, tmp_path):
     """A copy of it; a program names its workspace relative to itself."""
     path = tmp_path / "program.yaml"
     original = load_program(made)

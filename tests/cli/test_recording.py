@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,17 +11,16 @@ from sqrp_cli.field.audit.frame_audit import audit, frames_of
 from sqrp_cli.field.calibrating.labelled import of_program
 from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.run.record.bag_recorder import AS_PLANNED
-from tests.cli.slip_run import Cell, SlipRun
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def audited(asked: Callable[..., Any], slip_run: SlipRun) -> Any:
+def audited(asked, slip_run):
     return asked("audit", slip_run.cell.program, slip_run.cell.folder / "run.mcap", "--json")
 
 
-def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
+def test_a_recording_has_every_image_and_the_joints(slip_run):
     images = slip_run.outcome.document["images"]
     with Bag(slip_run.cell.folder / "run.mcap") as bag:
         counts = {topic.name: topic.messages for topic in bag.topics}
@@ -34,9 +30,7 @@ def test_a_recording_has_every_image_and_the_joints(slip_run: SlipRun) -> None:
     assert ends[-1] - ends[0] == pytest.approx(slip_run.outcome.document["time"], abs=2e-3)
 
 
-def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
-    asked: Callable[..., Any], slip_run: SlipRun, audited: Any
-) -> None:
+def test_an_audit_finds_in_it_what_it_finds_in_the_frames(asked, slip_run, audited):
     frames = asked("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
     assert audited.document["images"] == frames["images"]
     assert audited.document["skipped"] == frames["skipped"] > 0  # from the slip on, with those of the retry
@@ -48,14 +42,14 @@ def test_an_audit_finds_in_it_what_it_finds_in_the_frames(
                 assert abs(counts["fn"] - kept["fn"]) <= 1, (literal, camera)
 
 
-def test_it_tells_how_far_images_are_compared(slip_run: SlipRun, audited: Any) -> None:
+def test_it_tells_how_far_images_are_compared(slip_run, audited):
     footage = (opened := open_program(slip_run.cell.program)).footage(slip_run.cell.folder / "run.mcap", {})
     last = max(frames_of(footage, 0, opened.program.steps[0], {}).values())
     assert audited.document["until"] == [pytest.approx(last, abs=1e-3)]
     assert last < opened.program.steps[0].time - 0.3  # the part fell
 
 
-def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run: SlipRun) -> None:
+def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run):
     opened, folder = open_program(slip_run.cell.program), slip_run.cell.folder
     looks = []
     for source in (folder / "frames", folder / "run.mcap"):
@@ -64,9 +58,7 @@ def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run: SlipRun
     assert looks[0] == looks[1] != []
 
 
-def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_planned(
-    slip_run: SlipRun, tmp_path: Path
-) -> None:
+def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_planned(slip_run, tmp_path):
     opened, told = open_program(slip_run.cell.program), slip_run.cell.folder / "run.mcap"
     with Bag(told) as bag, written(tmp_path / "foreign.mcap") as writer:
         for one in bag.messages({topic.name for topic in bag.topics} - {AS_PLANNED}):
@@ -80,9 +72,7 @@ def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_pl
 
 
 @pytest.mark.parametrize("topics", [["cam5=/cam3/image_raw/compressed"], ["cam3=/a", "cam5=/a"]])
-def test_images_are_never_taken_from_one_camera_for_another(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path, topics: list[str]
-) -> None:
+def test_images_are_never_taken_from_one_camera_for_another(sqrp, slip_run, tmp_path, topics):
     recording = slip_run.cell.folder / "run.mcap"
     if len(topics) == 2:
         with Bag(recording) as bag, written(tmp_path / "one.mcap") as writer:
@@ -104,9 +94,7 @@ def test_images_are_never_taken_from_one_camera_for_another(
         ("run.txt", b"hello", "this file is no recording"),
     ],
 )
-def test_what_is_no_recording_is_called_so(
-    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path, name: str, content: bytes, said: str
-) -> None:
+def test_what_is_no_recording_is_called_so(sqrp, quick_cell, tmp_path, name, content, said):
     (tmp_path / name).write_bytes(content)
     for command in (["audit", quick_cell.program, tmp_path / name], ["calibrate", tmp_path / name, "--program"]):
         found = sqrp(*command, *([quick_cell.program] if command[0] == "calibrate" else []))
@@ -114,14 +102,14 @@ def test_what_is_no_recording_is_called_so(
         assert said in " ".join(found.err.split())
 
 
-def test_what_a_recording_shows_is_asked_for(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:
+def test_what_a_recording_shows_is_asked_for(sqrp, slip_run):
     found = sqrp("calibrate", slip_run.cell.folder / "run.mcap")
     assert found.code == 2
     assert "of a file it is not known what its images show" in " ".join(found.err.split())
     assert "--program FILE" in found.err
 
 
-def test_topics_with_other_names_are_named(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:
+def test_topics_with_other_names_are_named(sqrp, slip_run):
     program, recording = slip_run.cell.program, slip_run.cell.folder / "run.mcap"
     found = sqrp("audit", program, recording, "--topic", "cam3=/left")
     assert found.code == 2
@@ -130,9 +118,7 @@ def test_topics_with_other_names_are_named(sqrp: Callable[..., Any], slip_run: S
     assert "no camera cam9" in sqrp("audit", program, recording, "--topic", "cam9=/left").err
 
 
-def test_what_is_planned_is_exported_with_the_same_topics(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
-) -> None:
+def test_what_is_planned_is_exported_with_the_same_topics(sqrp, slip_run, tmp_path):
     found = sqrp("program", slip_run.cell.program, "--export", tmp_path / "pick.mcap")
     assert found.code == 0, found.err
     with Bag(tmp_path / "pick.mcap") as plan, Bag(slip_run.cell.folder / "run.mcap") as run:
@@ -147,9 +133,7 @@ def test_what_is_planned_is_exported_with_the_same_topics(
     assert {one.message for message in seen for one in message.status} >= {"true", "false"}
 
 
-def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(sqrp, slip_run, tmp_path, monkeypatch):
     seen = Counter[str]()
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "one.mcap") as writer:
         for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
@@ -166,9 +150,7 @@ def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(
     assert found.to_json() == asked.out.rstrip("\n")
 
 
-def test_images_that_are_damaged_are_left_out_and_counted(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
-) -> None:
+def test_images_that_are_damaged_are_left_out_and_counted(sqrp, slip_run, tmp_path):
     images, seen, kept = "/cam3/image_raw/compressed", 0, 0
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "damaged.mcap") as writer:
         for one in bag.messages({"/joint_states", images}):
@@ -185,18 +167,14 @@ def test_images_that_are_damaged_are_left_out_and_counted(
 
 
 @pytest.mark.parametrize("threshold", ["97%", "97 %", "0.97"])
-def test_the_threshold_may_be_a_percentage(
-    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path, threshold: str
-) -> None:
+def test_the_threshold_may_be_a_percentage(sqrp, quick_cell, tmp_path, threshold):
     # It is read before the recording, which is none.
     found = sqrp("audit", quick_cell.program, tmp_path, "--threshold", threshold)
     assert "--threshold" not in found.err
     assert "expected 0% to 100%" in sqrp("audit", quick_cell.program, tmp_path, "--threshold", "97").err
 
 
-def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(
-    sqrp: Callable[..., Any], quick_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(sqrp, quick_cell, tmp_path):
     header = b"\x01\x0c" + bytes(7) + b"\x04\0\0\0ros2" + bytes(4)
     (tmp_path / "run_0.mcap").write_bytes(b"\x89MCAP0\r\n" + header + b"\x06 a chunk that was begun")
     found = sqrp("audit", quick_cell.program, tmp_path)
@@ -205,9 +183,7 @@ def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(
     assert "mcap recover" in sqrp("audit", quick_cell.program, tmp_path / "run_0.mcap").err
 
 
-def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
-) -> None:
+def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(sqrp, slip_run, tmp_path):
     images = "/cam3/image_raw/compressed"
     others = ("/cam3/aligned_depth/image_raw/compressed", "/cam3/depth/image_raw/compressedDepth")
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "depth.mcap") as writer:
@@ -223,9 +199,7 @@ def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(
     assert footage.other_topics == []
 
 
-def test_a_camera_whose_clock_is_another_one_is_named(
-    sqrp: Callable[..., Any], slip_run: SlipRun, tmp_path: Path
-) -> None:
+def test_a_camera_whose_clock_is_another_one_is_named(sqrp, slip_run, tmp_path):
     with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "apart.mcap") as writer:
         for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
             message = bag.read(one)
@@ -237,7 +211,7 @@ def test_a_camera_whose_clock_is_another_one_is_named(
     assert found.document["apart"] == {"cam5": pytest.approx(60.0 - time, abs=0.3)}
 
 
-def test_a_recording_in_place_of_the_program_is_told(sqrp: Callable[..., Any], slip_run: SlipRun) -> None:
+def test_a_recording_in_place_of_the_program_is_told(sqrp, slip_run):
     recording = slip_run.cell.folder / "run.mcap"
     found = sqrp("audit", recording, slip_run.cell.program, columns=300)
     assert found.code == 2

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +23,7 @@ from tests.trials.wire import small_cell
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 
-def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
+def test_what_helps_against_lateness_is_said_once(tmp_path):
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
     checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))
     file = SimpleNamespace(mend_of_lateness="slower")
@@ -35,7 +34,7 @@ def test_what_helps_against_lateness_is_said_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("more", [[], ["--program", "pick.yaml", "--fault", "nonsense"]])
-def test_a_file_that_was_there_is_kept_and_refused(sqrp: Callable[..., Any], tmp_path: Path, more: list[str]) -> None:
+def test_a_file_that_was_there_is_kept_and_refused(sqrp, tmp_path, more):
     real = tmp_path / "robot.yaml"
     real.write_text("of a real robot")
     found = sqrp("cell", TABLETOP, "--serve", "ros2", "--config", real, *more)
@@ -45,7 +44,7 @@ def test_a_file_that_was_there_is_kept_and_refused(sqrp: Callable[..., Any], tmp
         assert "choose another name" in found.err
 
 
-def test_a_cell_that_cannot_be_served_leaves_no_file_and_takes_none(sqrp: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_cell_that_cannot_be_served_leaves_no_file_and_takes_none(sqrp, tmp_path):
     config = tmp_path / "simulated.yaml"
     found = sqrp("cell", TABLETOP, "--serve", "ros2", "--config", config, "--network", "10.255.255.1")
     assert found.code == 2
@@ -53,7 +52,7 @@ def test_a_cell_that_cannot_be_served_leaves_no_file_and_takes_none(sqrp: Callab
 
 
 @pytest.mark.slow
-def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path: Path) -> None:
+def test_a_program_runs_in_a_cell_of_another_process_and_is_recorded(tmp_path):
     workspace, program, config = small_cell(tmp_path), tmp_path / "pick.yaml", tmp_path / "robot.yaml"
     sqrp = [sys.executable, "-m", "sqrp_cli"]
     subprocess.run([*sqrp, "rank", workspace, "pickup g2", "--program", program], check=True, capture_output=True)

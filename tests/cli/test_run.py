@@ -17,7 +17,7 @@ from sqrp_cli.run.start import Simulation
 from sqrp_cli.show.terminal.run_view import LiveView
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
-from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
+from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell
 
 pytestmark = pytest.mark.slow
 
@@ -25,17 +25,17 @@ NOTHING = "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`,
 
 
 @pytest.fixture(scope="module")
-def cell(quick_cell: Cell) -> Cell:
+def cell(quick_cell):
     return quick_cell
 
 
 @pytest.fixture(scope="module")
-def slip(slip_run: SlipRun) -> Any:
+def slip(slip_run):
     """A run with a slip in the lift, whose log and frames are kept."""
     return slip_run.outcome
 
 
-def test_a_slip_is_seen_retried_and_the_task_done(slip: Any) -> None:
+def test_a_slip_is_seen_retried_and_the_task_done(slip):
     assert slip.code == 0, slip.err
     (fault,) = slip.document["faults"]
     (step,) = slip.document["steps"]
@@ -45,12 +45,12 @@ def test_a_slip_is_seen_retried_and_the_task_done(slip: Any) -> None:
     assert fault["recovered"] <= step["end"] + 1e-6
 
 
-def test_the_slip_is_seen_as_soon_as_predicted(slip: Any) -> None:
+def test_the_slip_is_seen_as_soon_as_predicted(slip):
     (fault,) = slip.document["faults"]
     assert 0 < fault["delay"] <= fault["predicted_delay"] + 0.002
 
 
-def test_what_was_predicted_to_be_seen_is_seen(slip: Any) -> None:
+def test_what_was_predicted_to_be_seen_is_seen(slip):
     (step,) = slip.document["prediction"]
     counts = [found for cameras in step.values() for found in cameras.values()]
     right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
@@ -59,7 +59,7 @@ def test_what_was_predicted_to_be_seen_is_seen(slip: Any) -> None:
     assert all(found.keys() == {"tp", "tn", "fp", "fn"} for found in counts)
 
 
-def test_images_that_were_not_promised_show_what_they_usually_do_and_hardly_anything_else(slip: Any) -> None:
+def test_images_that_were_not_promised_show_what_they_usually_do_and_hardly_anything_else(slip):
     (promised,), (usual,) = slip.document["prediction"], slip.document["usual"]
     assert {atom: set(cameras) for atom, cameras in usual.items()} == {atom: set(of) for atom, of in promised.items()}
     told, wrong, others = (
@@ -70,7 +70,7 @@ def test_images_that_were_not_promised_show_what_they_usually_do_and_hardly_anyt
     assert wrong == 0
 
 
-def test_a_log_shows_the_run_again_without_the_simulator(sqrp: Callable[..., Any], slip: Any, cell: Cell) -> None:
+def test_a_log_shows_the_run_again_without_the_simulator(sqrp, slip, cell):
     again = sqrp("run", "--replay", cell.folder / "run.jsonl", "--json")
     assert again.code == 0
     assert {**again.document, "wall": 0} == {**slip.document, "wall": 0}
@@ -79,9 +79,7 @@ def test_a_log_shows_the_run_again_without_the_simulator(sqrp: Callable[..., Any
     assert all(len(line) <= 80 for line in shown.out.splitlines())
 
 
-def test_recorded_frames_confirm_the_predictions(
-    sqrp: Callable[..., Any], asked: Callable[..., Any], slip: Any, cell: Cell
-) -> None:
+def test_recorded_frames_confirm_the_predictions(sqrp, asked, slip, cell):
     assert slip.code == 0
     found = asked("audit", cell.program, cell.folder / "frames", "--json")
     assert found.code == 0, found.err
@@ -91,7 +89,7 @@ def test_recorded_frames_confirm_the_predictions(
     assert sqrp("audit", cell.program, cell.folder / "frames", "--threshold", "1.5").code == 2
 
 
-def test_frames_of_another_program_are_refused(sqrp: Callable[..., Any], tmp_path: Path, slip: Any, cell: Cell) -> None:
+def test_frames_of_another_program_are_refused(sqrp, tmp_path, slip, cell):
     assert slip.code == 0
     frames, other = cell.folder / "frames", tmp_path / "other.yaml"
     ran = sqrp("program", cell.program, "--json").document["steps"][0]
@@ -108,7 +106,7 @@ def test_frames_of_another_program_are_refused(sqrp: Callable[..., Any], tmp_pat
         assert f"to mend it: name the program that was run: {frames / 'program.yaml'}\n" in found.err
 
 
-def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp: Callable[..., Any], cell: Cell) -> None:
+def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp, cell):
     faults = ("--fault", "camera-loss:cam3@300 ms", "--fault", "frozen:cam5@99")
     found = sqrp("run", cell.program, "--sim", *faults, "--json")
     assert [fault["name"] for fault in found.document["faults"]] == ["camera-loss"]
@@ -118,14 +116,14 @@ def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp: Cal
 
 
 @pytest.fixture(scope="module")
-def lost(sqrp: Callable[..., Any], cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, Path]]:
+def lost(sqrp, cell, tmp_path_factory):
     """The same run twice in which a camera fails soon, with its log."""
     logs = [tmp_path_factory.mktemp("lost") / "run.jsonl" for _ in range(2)]
     command = ("run", cell.program, "--sim", "--fault", "camera-loss:cam3@0.3", "--json", "--log")
     return [(sqrp(*command, log), log) for log in logs]
 
 
-def test_a_lost_camera_stops_the_robot_in_time(lost: list[tuple[Any, Path]]) -> None:
+def test_a_lost_camera_stops_the_robot_in_time(lost):
     run, _ = lost[0]
     document = run.document
     assert run.code == 3
@@ -134,7 +132,7 @@ def test_a_lost_camera_stops_the_robot_in_time(lost: list[tuple[Any, Path]]) -> 
     assert document["stop"]["standing"] - document["faults"][0]["injected"] <= 0.5
 
 
-def test_the_same_seed_gives_the_same_log(lost: list[tuple[Any, Path]]) -> None:
+def test_the_same_seed_gives_the_same_log(lost):
     assert all(run.code == 3 for run, _ in lost)
     first, second = (log.read_bytes() for _, log in lost)
     assert first == second
@@ -144,7 +142,7 @@ def test_the_same_seed_gives_the_same_log(lost: list[tuple[Any, Path]]) -> None:
 
 
 @pytest.fixture(scope="module")
-def uneven(sqrp: Callable[..., Any], cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+def uneven(sqrp, cell, tmp_path_factory):
     """A run with a slip, whose cameras are late by different times; the one that sees the slip is the slower one."""
     folder = tmp_path_factory.mktemp("uneven")
     workspace = read_cell(cell.folder)
@@ -156,7 +154,7 @@ def uneven(sqrp: Callable[..., Any], cell: Cell, tmp_path_factory: pytest.TempPa
     return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs), folder
 
 
-def test_cameras_may_be_late_by_different_times(uneven: tuple[Any, Path], slip: Any) -> None:
+def test_cameras_may_be_late_by_different_times(uneven, slip):
     run, _ = uneven
     assert run.code == 0, run.err
     (fault,), (evenly,) = run.document["faults"], slip.document["faults"]
@@ -165,9 +163,7 @@ def test_cameras_may_be_late_by_different_times(uneven: tuple[Any, Path], slip: 
     assert 0 < fault["delay"] <= fault["predicted_delay"]
 
 
-def test_a_log_of_cameras_that_are_late_by_different_times_shows_the_run_again(
-    sqrp: Callable[..., Any], uneven: tuple[Any, Path]
-) -> None:
+def test_a_log_of_cameras_that_are_late_by_different_times_shows_the_run_again(sqrp, uneven):
     run, folder = uneven
     page = folder / "again.html"
     again = sqrp("run", folder / "pick.yaml", "--replay", folder / "run.jsonl", "--report", page, "--json")
@@ -179,7 +175,7 @@ def test_a_log_of_cameras_that_are_late_by_different_times_shows_the_run_again(
     assert {round(event["t"] - event["exposed"], 2) for event in evidence} == {0.05, 0.08}
 
 
-def test_faults_come_several_at_once_and_outlast_a_retry(sqrp: Callable[..., Any], cell: Cell) -> None:
+def test_faults_come_several_at_once_and_outlast_a_retry(sqrp, cell):
     (step,) = yaml.safe_load(cell.program.read_text(encoding="utf-8"))["steps"]
     lift = next(primitive["start"] for primitive in step["primitives"] if primitive["name"] == "a4")
     found = sqrp(
@@ -194,7 +190,7 @@ def test_faults_come_several_at_once_and_outlast_a_retry(sqrp: Callable[..., Any
 
 
 @pytest.fixture(scope="module")
-def two_steps(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Cell:
+def two_steps(sqrp, tmp_path_factory):
     """A program that puts down what the tool holds before it picks up something else, with a faster arm."""
     folder = tmp_path_factory.mktemp("two")
     workspace = shipped_cell("tower")
@@ -208,7 +204,7 @@ def two_steps(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
     return Cell(program, folder)
 
 
-def test_a_fault_happens_in_the_step_that_is_told(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+def test_a_fault_happens_in_the_step_that_is_told(sqrp, two_steps):
     log = two_steps.folder / "run.jsonl"
     faults = ("--fault", "2:camera-loss:right@0.3", "--fault", "2:camera-loss:left@0.3")
     found = sqrp("run", two_steps.program, "--sim", *faults, "--json", "--log", log)
@@ -246,7 +242,7 @@ def test_ctrl_c_in_the_second_step_keeps_the_first(
         assert re.fullmatch(r"1: place red table in two\S*: done, \d+\.\d\d s\n", found.out)
 
 
-def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp, two_steps):
     first, second = yaml.safe_load(two_steps.program.read_text(encoding="utf-8"))["steps"]
     found = sqrp("run", two_steps.program, "--sim", "--sweep", "slip@a4", "--n", 1, "--json").document
     a4 = next(primitive for primitive in second["primitives"] if primitive["name"] == "a4")
@@ -258,9 +254,7 @@ def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[...
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 @pytest.mark.parametrize("finished", [0, 2])
-def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(
-    sqrp: Callable[..., Any], cell: Cell, monkeypatch: pytest.MonkeyPatch, finished: int
-) -> None:
+def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeypatch, finished):
     def run(*_: object, **__: object) -> RunReport:
         if len(done) == finished:
             press_ctrl_c()
@@ -283,7 +277,7 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(
     assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1] * finished)
 
 
-def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp, two_steps):
     for option in ("--sweep", "--fault"):
         found = sqrp("run", two_steps.program, "--sim", option, "2:slip@a1")
         assert (found.code, found.out) == (2, "")
@@ -291,7 +285,7 @@ def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp: Callabl
         assert found.err == f"error: {option} 2:slip@a1: {said}\n  to mend it: write 2:slip@a3\n"
 
 
-def test_a_killed_process_stops_the_robot_in_time(sqrp: Callable[..., Any], cell: Cell) -> None:
+def test_a_killed_process_stops_the_robot_in_time(sqrp, cell):
     found = sqrp("run", cell.program, "--sim", "--fault", "perception-crash:cam3@1.0", "--json")
     assert found.code == 3
     assert "has ended" in found.document["reason"]
@@ -310,9 +304,7 @@ def test_a_killed_process_stops_the_robot_in_time(sqrp: Callable[..., Any], cell
         (["--sim", "--frames", "FOLDER"], "FOLDER: this folder is not empty, and nothing is ever overwritten"),
     ],
 )
-def test_what_cannot_be_run_or_kept_is_bad_input(
-    sqrp: Callable[..., Any], cell: Cell, tmp_path: Path, arguments: list[str], says: str
-) -> None:
+def test_what_cannot_be_run_or_kept_is_bad_input(sqrp, cell, tmp_path, arguments, says):
     (tmp_path / "mine").touch()
     before = cell.program.read_bytes()
     found = sqrp("run", cell.program, *({"PROGRAM": cell.program, "FOLDER": tmp_path}.get(a, a) for a in arguments))
@@ -322,7 +314,7 @@ def test_what_cannot_be_run_or_kept_is_bad_input(
     assert [file.name for file in tmp_path.iterdir()] == ["mine"]
 
 
-def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
+def test_frames_without_an_index_are_bad_input(sqrp, cell, tmp_path):
     assert sqrp("audit", cell.program, tmp_path).code == 2
     (tmp_path / "frames.csv").write_text("camera,file,step,t\ncam9,a.png,1,0\n", encoding="utf-8")
     found = sqrp("audit", cell.program, tmp_path)
@@ -330,7 +322,7 @@ def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: C
     assert "frames.csv:2" in found.err
 
 
-def test_what_is_no_log_is_bad_input(sqrp: Callable[..., Any], cell: Cell) -> None:
+def test_what_is_no_log_is_bad_input(sqrp, cell):
     assert sqrp("run", "--replay", cell.program).code == 2
     assert sqrp("run", "--replay", cell.folder / "none.jsonl").code == 2
 
@@ -347,12 +339,12 @@ def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: s
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("screws")
 
 
 @pytest.fixture(scope="module")
-def moved_on(sqrp: Callable[..., Any], folder: Path) -> Any:
+def moved_on(sqrp, folder):
     """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras, few and small images."""
     cell = shipped_cell("screws")
     cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
@@ -363,7 +355,7 @@ def moved_on(sqrp: Callable[..., Any], folder: Path) -> Any:
     return run_in(cell, folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7")
 
 
-def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> None:
+def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on):
     assert moved_on.code == 0, moved_on.document["reason"]
     (fault,) = moved_on.document["faults"]
     assert moved_on.document["steps"][0]["attempts"] == 2
@@ -371,14 +363,14 @@ def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> N
     assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
 
 
-def test_images_usually_show_that_the_place_between_open_fingers_is_empty(moved_on: Any) -> None:
+def test_images_usually_show_that_the_place_between_open_fingers_is_empty(moved_on):
     (usual,) = moved_on.document["usual"]
     told, wrong, others = (sum(counts[key] for counts in usual["hold(red2)"].values()) for key in ("tp", "fp", "fn"))
     assert wrong == 0
     assert told > 5 * others  # of images at the edge of a time
 
 
-def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on: Any, folder: Path) -> None:
+def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on, folder):
     events = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
     (retry,) = (event["t"] for event in events if event["event"] == "retry")
     looks = [event for event in events if event["event"] == "evidence" and event["exposed"] > retry]
@@ -392,7 +384,7 @@ def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on:
 
 
 @pytest.fixture(scope="module")
-def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+def from_the_hand(sqrp, tmp_path_factory):
     """A run of g2 that a fixed camera and one beside the suction cup watch, with a slip."""
     folder = tmp_path_factory.mktemp("hand")
     cell = shipped_cell("tabletop")
@@ -406,7 +398,7 @@ def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFac
     return run_in(cell, folder, sqrp, "pickup g2", "slip@a4+1")
 
 
-def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand: Any) -> None:
+def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand):
     assert from_the_hand.code == 0, from_the_hand.document["reason"]
     counts = [cameras["hand"] for step in from_the_hand.document["prediction"] for cameras in step.values()]
     right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)

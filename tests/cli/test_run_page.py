@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from sqrp_cli.run.record.events import Event, ShownAtom, event
 from sqrp_cli.run.record.report import Confusion, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.pages.run_page import RunCell, write_run
 from tests.cli.browser import Opened, click_at_random
-from tests.cli.slip_run import Moment, SlipRun
+from tests.cli.slip_run import Moment
 from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
 pytestmark = pytest.mark.slow
@@ -141,7 +140,7 @@ class Played:
 
 
 @pytest.fixture(scope="module")
-def played(slip_run: SlipRun, browser: Any) -> Iterator[Played]:
+def played(slip_run, browser):
     assert slip_run.outcome.code == 0, slip_run.outcome.err
     folder = slip_run.cell.folder
     opened = Opened(browser, folder / "page.html")

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -32,7 +30,7 @@ def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
 @pytest.mark.parametrize(
     "kept", ["", '{"t": 2.0, "event": "re', '{"t": 3.0, "event": "state", "fingers": {"left": 0.0}']
 )
-def test_a_run_that_was_interrupted_is_shown_until_then(sqrp: Callable[..., Any], tmp_path: Path, kept: str) -> None:
+def test_a_run_that_was_interrupted_is_shown_until_then(sqrp, tmp_path, kept):
     log = log_of(tmp_path / "log", 0.1, None)
     *lines, _ = log.read_text(encoding="utf-8").splitlines(keepends=True)
     steps = [{"t": 1.0 + n, "event": "step", "number": 1 + n, "boxes": {}} for n in range(2)]
@@ -50,15 +48,13 @@ def test_a_run_that_was_interrupted_is_shown_until_then(sqrp: Callable[..., Any]
 
 
 @pytest.mark.parametrize(("delay", "late"), [(0.15, False), (0.152, False), (0.17, True)])
-def test_a_log_alone_tells_what_was_seen_later_than_predicted(
-    sqrp: Callable[..., Any], tmp_path: Path, delay: float, late: bool
-) -> None:
+def test_a_log_alone_tells_what_was_seen_later_than_predicted(sqrp, tmp_path, delay, late):
     shown = sqrp("run", "--replay", log_of(tmp_path / "log", delay, None))
     assert (shown.code, shown.err) == (3, "")
     assert (LATE in " ".join(shown.out.split())) is late
 
 
-def test_rates_that_are_none_are_told_with_the_line(sqrp: Callable[..., Any], tmp_path: Path) -> None:
+def test_rates_that_are_none_are_told_with_the_line(sqrp, tmp_path):
     log = log_of(tmp_path / "log", 0.5, {"slow": 0.0})
     shown = sqrp("run", "--replay", log)
     assert (shown.code, shown.out) == (2, "")
@@ -66,9 +62,7 @@ def test_rates_that_are_none_are_told_with_the_line(sqrp: Callable[..., Any], tm
 
 
 @pytest.mark.parametrize(("time", "code"), [(None, 3), (9.5, 2)])
-def test_a_log_of_another_program_is_refused(
-    sqrp: Callable[..., Any], tmp_path: Path, holding: Path, time: float | None, code: int
-) -> None:
+def test_a_log_of_another_program_is_refused(sqrp, tmp_path, holding, time, code):
     step = yaml.load(holding.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)["steps"][0]
     log = log_of(tmp_path / "log", 0.1, {"slow": 5.0})
     header, *events = log.read_text(encoding="utf-8").splitlines(keepends=True)

@@ -35,7 +35,7 @@ def computed(outcome) -> int:
 
 
 @pytest.fixture
-def cells(own_watch, tmp_path) -> Path:
+def cells(own_watch, tmp_path):
     """A folder with three workspaces: one that passes, one that fails, one that is broken."""
     folder = tmp_path / "cells"
     for name in ("good", "low", "broken"):
@@ -129,8 +129,7 @@ def test_an_interrupted_comparison_does_not_say_that_all_is_well(sqrp, watch, ow
 
 @pytest.mark.usefixtures("ctrl_c_at")
 @pytest.mark.parametrize(
-    "where",
-    ["score.comparison.compare_with", "score.ci_files.write_junit", "show.pages.candidate_page.write_scores"],
+    "where", ["score.comparison.compare_with", "score.ci_files.write_junit", "show.pages.candidate_page.write_scores"]
 )
 def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypatch, where):
     baseline = tmp_path / "baseline.json"
@@ -267,7 +266,7 @@ def test_only_files_that_score_wrote_are_overwritten(sqrp, own_watch, tmp_path, 
     assert [sqrp("score", own_watch, option, file).code for _ in range(2)] == [0, 0]
 
 
-def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch) -> None:
+def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch):
     monkeypatch.setattr("sqrp_cli.score.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)
     assert outcome.code == 0

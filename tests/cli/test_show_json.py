@@ -18,7 +18,7 @@ SIZES = {"box": 3, "cylinder": 2, "capsule": 2}
 
 
 @pytest.fixture(params=CELLS)
-def show(request, scenes) -> Document:
+def show(request, scenes):
     document, _ = scenes[request.param]
     return document
 

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +44,7 @@ def redirected(arguments: list[str], redirections: str, **variables: str) -> sub
     )
 
 
-QUICK = [
-    (["--version"], 0, True, "", ""),
-    (["rnak"], 2, False, "<&-", "1"),
-]
+QUICK = [(["--version"], 0, True, "", ""), (["rnak"], 2, False, "<&-", "1")]
 """Words, exit code, whether there are results, and what stdin and PYTHONUNBUFFERED are."""
 
 WITH_LIBRARIES = [
@@ -70,8 +67,8 @@ OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
     ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else None,
 )
 def test_the_exit_code_is_that_of_the_command_or_of_lost_results(
-    watch: Path, arguments: list[str], code: int, has_results: bool, stdin: str, unbuffered: str, out: str, err: str
-) -> None:
+    watch, arguments, code, has_results, stdin, unbuffered, out, err
+):
     filled = [argument.format(watch=watch) for argument in arguments]
     found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED=unbuffered)
     lost = has_results and out in REASONS
@@ -88,7 +85,7 @@ def test_the_exit_code_is_that_of_the_command_or_of_lost_results(
 @pytest.mark.parametrize(
     "variables", [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1:strict"}, {"LC_ALL": "C"}]
 )
-def test_names_of_any_bytes_are_shown_by_any_encoding(watch: Path, tmp_path: Path, variables: dict[str, str]) -> None:
+def test_names_of_any_bytes_are_shown_by_any_encoding(watch, tmp_path, variables):
     folder = b"caf\xe9 " + "日本".encode()
     cell = os.path.join(os.fsencode(tmp_path), folder)  # noqa: PTH118 - bytes
     shutil.copytree(os.fsencode(watch), cell)
@@ -104,7 +101,7 @@ def test_names_of_any_bytes_are_shown_by_any_encoding(watch: Path, tmp_path: Pat
     assert missing.stderr.count(b"\n") == 1
 
 
-def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch: Path) -> None:
+def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch):
     command = ["explain", str(watch), "watch seen"]
     usual, plain = redirected(command, ""), redirected(command, "", PYTHONIOENCODING="ascii")
     chart, signs = plain.stdout.decode("ascii"), usual.stdout.decode()
@@ -113,7 +110,7 @@ def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch: Path) -> No
     assert ("█" in signs, "#" in chart) == (True, True)
 
 
-def test_every_sign_of_the_terminal_has_a_look_alike() -> None:
+def test_every_sign_of_the_terminal_has_a_look_alike():
     files = [*(PACKAGE / "show" / "terminal").glob("*.py"), *(PACKAGE / "cli").rglob("*.py")]
     texts = [
         node.value
@@ -126,7 +123,7 @@ def test_every_sign_of_the_terminal_has_a_look_alike() -> None:
     assert signs <= set(_LOOK_ALIKES)
 
 
-def test_a_run_in_a_folder_of_any_name_keeps_its_log(sqrp: Callable[..., Any], watch: Path, tmp_path: Path) -> None:
+def test_a_run_in_a_folder_of_any_name_keeps_its_log(sqrp, watch, tmp_path):
     cell = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     shutil.copytree(watch, cell)
     program, log = cell / "program.yaml", cell / "run.jsonl"
@@ -137,7 +134,7 @@ def test_a_run_in_a_folder_of_any_name_keeps_its_log(sqrp: Callable[..., Any], w
     assert (again.code, again.out) == (3, ran.out)
 
 
-def test_a_reader_that_is_slow_on_a_pipe_that_does_not_wait_gets_everything(watch: Path) -> None:
+def test_a_reader_that_is_slow_on_a_pipe_that_does_not_wait_gets_everything(watch):
     command = [*SQRP, "explain", str(watch), "watch cube", "--all", "--json"]
     expected = subprocess.run(command, capture_output=True, check=True).stdout
     assert len(expected) > 2**17, "more than the pipe holds"
@@ -165,9 +162,7 @@ def test_a_reader_that_is_slow_on_a_pipe_that_does_not_wait_gets_everything(watc
     ],
     ids=repr,
 )
-def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(
-    sqrp: Callable[..., Any], watch: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int, words: str
-) -> None:
+def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(sqrp, watch, monkeypatch, error, code, words):
     def broken(*_: object) -> None:
         raise error
 
@@ -179,7 +174,7 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(
     assert "output" not in outcome.err
 
 
-def test_without_any_input_a_dialog_ends(watch: Path) -> None:
+def test_without_any_input_a_dialog_ends(watch):
     found = redirected(["program", "new", str(watch)], "<&-")
     assert found.returncode == 0
     assert found.stderr.decode() == "no step was chosen, so nothing was written\n"
@@ -338,7 +333,7 @@ def test_a_new_cell_that_is_ended_on_the_way_leaves_no_folder(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def odd(watch, tmp_path_factory) -> Path:
+def odd(watch, tmp_path_factory):
     """A copy of the cell in such a folder."""
     folder = Path(os.fsdecode(os.fsencode(tmp_path_factory.mktemp("odd")) + b"/w\xff\xe9"))
     return Path(shutil.copytree(watch, folder))

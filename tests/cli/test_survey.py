@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.ros.bag import Bag
 from sqrp_cli.run.record.report import Confusion
-from tests.cli.slip_run import Cell
 from tests.trials.recordings import CellPictures, Truth, record
 
 pytestmark = pytest.mark.slow
@@ -31,7 +29,7 @@ TRUTH = Truth(moved={"cam3": TURN}, offsets={"cam5": 0.31, "cam3": -0.07}, rate=
 
 
 @pytest.fixture(scope="module")
-def audit(quick_cell: Cell) -> AuditDocument:
+def audit(quick_cell):
     """Of two cameras, one of which was turned; both with clocks of their own."""
     opened, path = open_program(quick_cell.program), quick_cell.folder / "turned.mcap"
     program, workspace = opened.program, opened.workspace
@@ -59,19 +57,19 @@ def pose_of(audit: AuditDocument, name: str) -> AuditedPose:
     return found
 
 
-def test_the_camera_that_was_turned_is_named_and_no_other(audit: AuditDocument) -> None:
+def test_the_camera_that_was_turned_is_named_and_no_other(audit):
     assert [name for name, one in audit.cameras.items() if one.moved] == ["cam3"]
     assert not audit.passed
 
 
-def test_where_it_is_now_is_found(audit: AuditDocument, quick_cell: Cell) -> None:
+def test_where_it_is_now_is_found(audit, quick_cell):
     X_FC = open_program(quick_cell.program).workspace.cameras["cam3"].X_FC
     error = inverse(X_FC @ TURN) @ np.array(pose_of(audit, "cam3").pose)
     assert np.degrees(np.linalg.norm(cv2.Rodrigues(error[:3, :3])[0])) < 0.1
     assert np.linalg.norm(error[:3, 3]) < 2e-3
 
 
-def test_its_errors_are_as_large_as_it_says(audit: AuditDocument, quick_cell: Cell) -> None:
+def test_its_errors_are_as_large_as_it_says(audit, quick_cell):
     cameras = open_program(quick_cell.program).workspace.cameras
     for name in audit.cameras:
         found = pose_of(audit, name)
@@ -81,13 +79,13 @@ def test_its_errors_are_as_large_as_it_says(audit: AuditDocument, quick_cell: Ce
 
 
 @pytest.mark.parametrize("name", ["cam3", "cam5"])
-def test_clocks_are_compared_to_some_milliseconds(audit: AuditDocument, name: str) -> None:
+def test_clocks_are_compared_to_some_milliseconds(audit, name):
     clock = audit.cameras[name].clock
     assert clock.wrong
     assert clock.offset == pytest.approx(TRUTH.offsets[name], abs=5e-3)
 
 
-def test_the_patch_puts_the_camera_where_it_is(audit: AuditDocument) -> None:
+def test_the_patch_puts_the_camera_where_it_is(audit):
     added = [line[1:] for line in audit.patch.splitlines() if line.startswith("+") and not line.startswith("+++")]
     assert len(added) == 1
     entry = parse_yaml(Path("patch.yaml"), added[0].strip().encode()).data["pose"]
@@ -95,14 +93,14 @@ def test_the_patch_puts_the_camera_where_it_is(audit: AuditDocument) -> None:
     assert entry.keys() == {"position", "rpy"}
 
 
-def test_the_saved_document_prints_what_the_command_printed(audit: AuditDocument, tmp_path: Path) -> None:
+def test_the_saved_document_prints_what_the_command_printed(audit, tmp_path):
     path = tmp_path / "audit.json"
     path.write_text(audit.to_json(), encoding="utf-8")
     assert str(read_result(path)) == str(audit)
     assert read_result(path).to_json() == audit.to_json()
 
 
-def test_a_second_run_in_the_recording_is_told(audit: AuditDocument) -> None:
+def test_a_second_run_in_the_recording_is_told(audit):
     assert "is there 2 times (runs, or a retry): the first is compared" in str(replace(audit, runs=2))
     assert "(runs, or a retry)" not in str(audit)
 
@@ -111,22 +109,17 @@ def test_a_second_run_in_the_recording_is_told(audit: AuditDocument) -> None:
     ("until", "said"),
     [
         (None, "No image of the motion is compared."),
-        (
-            0.4,
-            "Images are compared up to 0.40 s of {time:.2f} s of the motion: then the recording ends, or",
-        ),
+        (0.4, "Images are compared up to 0.40 s of {time:.2f} s of the motion: then the recording ends, or"),
     ],
 )
-def test_how_far_images_are_compared_is_told_where_they_end_before_the_motion(
-    audit: AuditDocument, until: float | None, said: str
-) -> None:
+def test_how_far_images_are_compared_is_told_where_they_end_before_the_motion(audit, until, said):
     (time,) = audit.times
     cut, whole = (replace(audit, until=[t]) for t in (until, time - 0.1))
     assert said.format(time=time) in " ".join(str(cut).split())
     assert "Images are compared" not in str(whole)
 
 
-def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audit: AuditDocument) -> None:
+def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audit):
     prediction, usual = ([{"hold(g2)": {"cam3": found}}] for found in (Confusion(tp=9), Confusion()))
     seen = replace(audit, prediction=prediction, usual=usual)
     last = "100.0 % of what was predicted to be seen was seen, at least 97 %."
@@ -137,9 +130,7 @@ def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audi
     assert str(replace(seen, cameras={})).endswith(f"\n{last}")
 
 
-def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
-    audit: AuditDocument, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(audit, sqrp, quick_cell, monkeypatch):
     lost = replace(audit, cameras={"cam3": replace(audit.cameras["cam3"], pose=None)})
     monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: lost)
     found = sqrp("audit", quick_cell.program, "run.mcap", "--patch", quick_cell.folder / "no.patch", columns=200)
@@ -148,9 +139,7 @@ def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(
     assert "of no camera is it known that it has moved, so" in found.err
 
 
-def test_how_a_patch_is_written_is_said_until_it_is(
-    audit: AuditDocument, sqrp: Callable[..., Any], quick_cell: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_a_patch_is_written_is_said_until_it_is(audit, sqrp, quick_cell, monkeypatch):
     monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: audit)
     patch = quick_cell.folder / "moved.patch"
     for option, said in [((), True), (("--patch", patch), False)]:
@@ -163,7 +152,7 @@ def test_how_a_patch_is_written_is_said_until_it_is(
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
 @pytest.mark.usefixtures("audit")
-def test_every_kind_of_recording_is_read_alike(quick_cell: Cell, tmp_path: Path, kind: str) -> None:
+def test_every_kind_of_recording_is_read_alike(quick_cell, tmp_path, kind):
     opened = open_program(quick_cell.program)
     mcap = quick_cell.folder / "turned.mcap"
     path = mcap.with_suffix(".bag") if kind == "ros1" else copied(mcap, tmp_path / "rosbag2")

@@ -44,7 +44,7 @@ def figures(text: str) -> set[str]:
 
 
 @pytest.fixture(params=OUTPUTS, ids=" ".join)
-def arguments(request, tabletop, watch) -> list[str]:
+def arguments(request, tabletop, watch):
     return [argument.format(tabletop=tabletop, watch=watch) for argument in request.param]
 
 
@@ -275,7 +275,7 @@ def test_progress_shows_how_much_is_done_and_time_left_however_long_the_task(mon
 
 
 @pytest.fixture(scope="module")
-def narrow(watch: Path) -> dict[str, str]:
+def narrow(watch):
     """What a terminal shows by its columns, all in one process, which takes long to start."""
     widths = ("0", "1", "2", "19", "20")
     program = (
@@ -289,7 +289,7 @@ def narrow(watch: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("columns", ["0", "1", "2", "19"])
-def test_a_terminal_too_narrow_for_words_gets_lines_of_twenty(narrow: dict[str, str], columns: str) -> None:
+def test_a_terminal_too_narrow_for_words_gets_lines_of_twenty(narrow, columns):
     assert narrow["20"]
     assert narrow[columns] == narrow["20"]
 

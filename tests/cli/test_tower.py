@@ -16,7 +16,7 @@ STEPS = ("stack red green", "pickup blue", "stack blue red")
 
 
 @pytest.fixture(scope="module")
-def program(sqrp, tmp_path_factory) -> Path:
+def program(sqrp, tmp_path_factory):
     path = tmp_path_factory.mktemp("tower") / "tower.yaml"
     for task in STEPS:
         assert sqrp("rank", TOWER, task, "--program", path).code == 0
@@ -24,7 +24,7 @@ def program(sqrp, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def replay(sqrp, program) -> Replay:
+def replay(sqrp, program):
     export = program.with_suffix(".csv")
     assert sqrp("program", program, "--export", export, "--rate", 40).code == 0
     return Replay(sqrp("show", TOWER, "--json").document, export)

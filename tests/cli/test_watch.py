@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ Save = Callable[[], object]
 
 
 @pytest.fixture
-def saving(monkeypatch) -> Callable[..., None]:
+def saving(monkeypatch):
     """Has files saved while a command waits, one after the other; then Ctrl-C."""
 
     def begin(*saves: Save) -> None:
@@ -33,7 +33,7 @@ def saving(monkeypatch) -> Callable[..., None]:
 
 
 @pytest.fixture
-def replaced(own_watch) -> Callable[..., Save]:
+def replaced(own_watch):
     """Saves a file of the cell with one text instead of another, as an editor does: a new file takes its name."""
 
     def change(old: str, new: str, name: str = "workspace.yaml") -> Save:
@@ -70,7 +70,7 @@ def rows(out: str, name: str) -> list[list[str]]:
     ],
 )
 def test_each_command_shows_old_beside_new_once_a_file_is_saved(
-    sqrp, own_watch, saving, replaced, command: Sequence[str], edit: tuple[str, str], row: str, shown: str
+    sqrp, own_watch, saving, replaced, command, edit, row, shown
 ):
     name, *task = command
     before = sqrp(name, own_watch, *task, "--jobs", 1, columns=120)

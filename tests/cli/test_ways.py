@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +11,6 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.show.pages.assembly import tidy
 from tests.cells import write_cell
-from tests.cli.conftest import Outcome
 from tests.cli.pages import detail_in
 
 CHOSEN = ("--choose", "g1")
@@ -42,7 +39,7 @@ def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
 
 
 @pytest.fixture
-def walled(tmp_path: Path, tabletop_cell: dict[str, Any]) -> Path:
+def walled(tmp_path, tabletop_cell):
     """The tabletop with one cube behind a wall, and one behind the arm that keeps it from turning all the way round."""
     cell, things = tabletop_cell, tabletop_cell["objects"]
     cube = {**things["g1"], "pose": {"position": [0.45, -0.25, 0.02]}}
@@ -55,7 +52,7 @@ def walled(tmp_path: Path, tabletop_cell: dict[str, Any]) -> Path:
     return tmp_path
 
 
-def test_every_command_names_what_goes_around_what(sqrp: Callable[..., Outcome], walled: Path) -> None:
+def test_every_command_names_what_goes_around_what(sqrp, walled):
     ranking = open_cell(walled).rank("pickup", ways="fastest")
     for shown in (sqrp("check", walled, "pickup").out, f"{ranking}\n"):
         assert "g1: a1 goes around wall, a5 goes around wall\n" in shown
@@ -66,9 +63,7 @@ def test_every_command_names_what_goes_around_what(sqrp: Callable[..., Outcome],
     assert candidate.verdict.endswith("On the way a1 goes around wall, a5 goes around wall.")
 
 
-def test_the_planner_says_nothing_and_the_seed_decides(
-    sqrp: Callable[..., Outcome], sqrp_process: Callable[..., Outcome], walled: Path
-) -> None:
+def test_the_planner_says_nothing_and_the_seed_decides(sqrp, sqrp_process, walled):
     first, second, other = (
         start("rank", walled, "pickup", "--json", "--samples", 5, "--ways", "fastest", "--seed", seed)
         for start, seed in ((sqrp_process, 0), (sqrp, 0), (sqrp, 3))
@@ -79,9 +74,7 @@ def test_the_planner_says_nothing_and_the_seed_decides(
     assert first.out == second.out != other.out
 
 
-def test_a_page_of_scores_shows_the_motions_that_were_scored(
-    sqrp: Callable[..., Outcome], walled: Path, tmp_path: Path
-) -> None:
+def test_a_page_of_scores_shows_the_motions_that_were_scored(sqrp, walled, tmp_path):
     page = tmp_path / "page.html"
     options = ("--samples", 5, "--seed", 3)
     assert sqrp("score", walled, "--report", page, *options).code == 0
@@ -102,7 +95,7 @@ GREEN = "pickup green path=seen"
 
 
 @pytest.fixture(scope="module")
-def g2(sqrp: Callable[..., Any], tabletop: Path) -> Any:
+def g2(sqrp, tabletop):
     outcome = sqrp("rank", tabletop, G2, "--json")
     assert outcome.code == 0, outcome.err
     return outcome
@@ -112,7 +105,7 @@ def blind(candidate: dict[str, Any]) -> float:
     return candidate["t_total"] * (1.0 - candidate["q_avg"])
 
 
-def test_the_way_of_a_candidate_states_its_vias(g2: Any) -> None:
+def test_the_way_of_a_candidate_states_its_vias(g2):
     (candidate,) = g2.document["candidates"]
     way = candidate["ways"]["pareto"][0]
     assert candidate["parameters"]["path"] == way["parameters"]["path"] == "seen"
@@ -122,7 +115,7 @@ def test_the_way_of_a_candidate_states_its_vias(g2: Any) -> None:
     assert candidate["q_avg"] > 0.98
 
 
-def test_ends_of_moves_that_no_path_can_help_are_named(tabletop: Path) -> None:
+def test_ends_of_moves_that_no_path_can_help_are_named(tabletop):
     ranking = open_cell(tabletop).rank("pickup g5 path=seen wrist=flip approach_yaw=180deg")
     ends = json.loads(ranking.to_json())["candidates"][0]["ways"]["blind_ends"]
     assert [(end["primitive"], end["at"]) for end in ends] == [("a1", "home"), ("a5", "home")]
@@ -131,15 +124,13 @@ def test_ends_of_moves_that_no_path_can_help_are_named(tabletop: Path) -> None:
     assert f"No path helps at ends of moves that the cameras do not see: g5 `home` {seconds:.1f} s." in printed
 
 
-def test_direct_ways_have_no_blind_ends_to_name(sqrp: Callable[..., Any], tabletop: Path) -> None:
+def test_direct_ways_have_no_blind_ends_to_name(sqrp, tabletop):
     outcome = sqrp("rank", tabletop, "pickup g5 elbow=up shoulder=left wrist=flip", "--json")
     assert outcome.document["candidates"][0]["ways"]["blind_ends"] == []
 
 
 @pytest.mark.trial
-def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(
-    sqrp: Callable[..., Any], tabletop: Path
-) -> None:
+def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(sqrp, tabletop):
     limit = ("--max-time", "1.25x", "--json")
     seen, direct = (sqrp("rank", tabletop, task, *limit).document for task in (GREEN, "pickup green"))
     found, before = (
@@ -153,7 +144,7 @@ def test_within_a_quarter_more_time_the_five_cubes_are_seen_for_92_percent(
 
 
 @pytest.mark.trial
-def test_without_a_limit_three_cubes_are_seen_nearly_throughout(sqrp: Callable[..., Any], tabletop: Path) -> None:
+def test_without_a_limit_three_cubes_are_seen_nearly_throughout(sqrp, tabletop):
     """A green part before another green one is not seen, which costs g2 two points."""
     document = sqrp("rank", tabletop, GREEN, "--json").document
     found = {one["parameters"]["object"]: one for one in document["candidates"] if one["feasible"]}
@@ -164,9 +155,7 @@ def test_without_a_limit_three_cubes_are_seen_nearly_throughout(sqrp: Callable[.
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["g2", *(pytest.param(n, marks=pytest.mark.trial) for n in ("g1", "g3", "g4", "g5"))])
-def test_images_show_99_percent_of_what_seen_paths_promise(
-    sqrp: Callable[..., Any], tabletop_cell: dict[str, Any], tmp_path: Path, name: str
-) -> None:
+def test_images_show_99_percent_of_what_seen_paths_promise(sqrp, tabletop_cell, tmp_path, name):
     """Of fewer images than the cell gives: each of them is compared by itself."""
     program = tmp_path / "program.yaml"
     for camera in tabletop_cell["cameras"].values():
@@ -184,9 +173,7 @@ def test_images_show_99_percent_of_what_seen_paths_promise(
 
 
 @pytest.mark.parametrize("step", ["1e9", "1", "0.3"])
-def test_the_bound_holds_where_coverage_changes_at_most_once_between_samples(
-    sqrp: Callable[..., Outcome], watch: Path, step: str
-) -> None:
+def test_the_bound_holds_where_coverage_changes_at_most_once_between_samples(sqrp, watch, step):
     exact = sqrp("rank", watch, "watch turned", "--json").document["candidates"][0]
     coarse = sqrp("rank", watch, "watch turned", "--dt", step, "--json").document
     error = coarse["sampling"]["error"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from tests.cli.hostile import hostile_cell
@@ -12,7 +10,7 @@ from tests.studio.started import ROOT, Started
 
 
 @pytest.mark.slow
-def test_hostile_names_run_nothing(browser, tmp_path: Path):
+def test_hostile_names_run_nothing(browser, tmp_path):
     cell = hostile_cell(ROOT / "tests" / "cases" / "watch", tmp_path)
     started = Started(cell)
     hand = Hand(browser, started.address)
