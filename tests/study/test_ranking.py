@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -29,20 +31,32 @@ def names(assessments: list[CandidateResult], by: str = "q_eoi") -> list[str]:
     return [ranked.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
 
 
-def test_the_criterion_counts_first() -> None:
-    slow_and_seen, fast_and_unseen = assessed(0, 1.0, 0.5, 20.0, 3.0), assessed(1, 0.2, 0.9, 10.0, 1.0)
-    both = [fast_and_unseen, slow_and_seen]
-    assert names(both, "q_eoi") == ["g1", "g2"]
-    for criterion in ("q_avg", "time", "delay", "expected_time"):
-        assert names(both, criterion) == ["g2", "g1"]
+@pytest.mark.parametrize(
+    ("first", "second", "by", "best"),
+    [
+        # The criterion counts first.
+        *(((1.0, 0.5, 20.0, 3.0), (0.2, 0.9, 10.0, 1.0), by, "g1" if by == "q_eoi" else "g2") for by in CRITERIA),
+        # Ties go by Q_avg, then time, then the worst delay, then parameters.
+        ((1.0, 0.5, 9.0), (1.0, 0.6, 9.0), "q_eoi", "g2"),
+        ((1.0, 0.5, 9.0), (1.0, 0.5, 8.0), "q_eoi", "g2"),
+        ((1.0, 0.5, 9.0, 2.0), (1.0, 0.5, 9.0, 1.0), "q_eoi", "g2"),
+        ((1.0, 0.5, 9.0), (1.0, 0.5, 9.0), "q_eoi", "g1"),
+        # Qualities that round to the same tenth of a point are a tie.
+        ((0.90004, 0.5, 9.0), (0.90001, 0.5, 8.0), "q_eoi", "g2"),
+        ((0.902, 0.5, 9.0), (0.900, 0.5, 8.0), "q_eoi", "g1"),
+        # A criterion that is null is ignored.
+        ((None, 0.5, 9.0), (None, 0.6, 20.0), "q_eoi", "g2"),
+    ],
+)
+def test_candidates_are_in_the_defined_order(first: Any, second: Any, by: Criterion, best: str) -> None:
+    one, other = assessed(0, *first), assessed(1, *second)
+    assert names([one, other], by)[0] == names([other, one], by)[0] == best
 
 
 def test_what_may_never_be_noticed_comes_after_every_delay() -> None:
     never = FaultMetrics(0.01, None, 0.0, 0.02, None)
-    missed, late = (
-        dataclasses.replace(assessed(0, 1.0, 0.5, 9.0), faults={"slip": never}),
-        assessed(1, 1.0, 0.5, 9.0, 9),
-    )
+    late = assessed(1, 1.0, 0.5, 9.0, 9)
+    missed = dataclasses.replace(assessed(0, 1.0, 0.5, 9.0), faults={"slip": never})
     for criterion in ("delay", "expected_time"):
         assert names([missed, late], criterion) == ["g2", "g1"]
     assert names([missed, late], "q_eoi") == ["g2", "g1"], "the worst delay breaks ties"
@@ -52,28 +66,11 @@ def test_what_may_never_be_noticed_comes_after_every_delay() -> None:
 
 def test_only_faults_that_are_retried_count_for_when_all_is_done() -> None:
     stops = FaultMetrics(1.0, 2.0, 1.0, 0.0, 99.0)
-    soon = dataclasses.replace(
-        assessed(0, 1.0, 0.5, 9.0), faults={**assessed(0, 1.0, 0.5, 9.0).faults, "broken": stops}
-    )
+    soon = assessed(0, 1.0, 0.5, 9.0)
+    soon = dataclasses.replace(soon, faults={**soon.faults, "broken": stops})
     late = assessed(1, 1.0, 0.5, 9.0, 3.0)
     assert "broken" not in soon.candidate.skill.retried_faults
     assert names([late, soon], "expected_time") == ["g1", "g2"]
-
-
-def test_ties_go_by_q_avg_then_time_then_worst_delay_then_parameters() -> None:
-    assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.6, 9.0)]) == ["g2", "g1"]
-    assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.5, 8.0)]) == ["g2", "g1"]
-    assert names([assessed(0, 1.0, 0.5, 9.0, 2.0), assessed(1, 1.0, 0.5, 9.0, 1.0)]) == ["g2", "g1"]
-    assert names([assessed(1, 1.0, 0.5, 9.0), assessed(0, 1.0, 0.5, 9.0)]) == ["g1", "g2"]
-
-
-def test_qualities_that_round_to_the_same_tenth_of_a_point_are_a_tie() -> None:
-    assert names([assessed(0, 0.90004, 0.5, 9.0), assessed(1, 0.90001, 0.5, 8.0)]) == ["g2", "g1"]
-    assert names([assessed(0, 0.902, 0.5, 9.0), assessed(1, 0.900, 0.5, 8.0)]) == ["g1", "g2"]
-
-
-def test_a_criterion_that_is_null_is_ignored() -> None:
-    assert names([assessed(0, None, 0.5, 9.0), assessed(1, None, 0.6, 20.0)]) == ["g2", "g1"]
 
 
 def test_a_quality_of_nothing_is_nought_and_has_no_sign() -> None:
@@ -82,11 +79,7 @@ def test_a_quality_of_nothing_is_nought_and_has_no_sign() -> None:
 
 def test_infeasible_candidates_come_last_without_a_rank() -> None:
     ranking = rank([infeasible(0), assessed(1, 0.1, 0.1, 9.0), infeasible(2)], "q_eoi")
-    assert [(ranked.candidate.name, ranked.rank) for ranked in ranking] == [
-        ("g2", 1),
-        ("g1", None),
-        ("g3", None),
-    ]
+    assert [(one.candidate.name, one.rank) for one in ranking] == [("g2", 1), ("g1", None), ("g3", None)]
     assert not any(ranked.pareto for ranked in ranking if ranked.rank is None)
 
 

@@ -12,13 +12,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.quality import qualities_over
-from sqrp_cli.study.robustness import (
-    DRAWS,
-    Calibration,
-    perturbed,
-    under_calibration_errors,
-    without_each_camera,
-)
+from sqrp_cli.study.robustness import DRAWS, Calibration, perturbed, under_calibration_errors, without_each_camera
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -43,17 +37,12 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
     for index, camera in enumerate(cell.observer.cameras):
         others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
-        candidate, world = found.candidate, cell.initial_world
-        again = study(smaller, candidate, world, SAMPLING, full=False)
+        again = study(smaller, found.candidate, cell.initial_world, SAMPLING, full=False)
         assert isinstance(again, Analysis)
         assert told[camera.name] == qualities_over(again.timeline)
-
-
-def test_losing_a_camera_never_helps_and_losing_some_hurts(cell: Cell, found: Analysis) -> None:
     now = qualities_over(found.timeline)
-    told = without_each_camera(cell, found).values()
-    assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told)
-    assert any(left.q_eoi < now.q_eoi for left in told)
+    assert all(left.q_avg <= now.q_avg and left.q_eoi <= now.q_eoi for left in told.values())
+    assert any(left.q_eoi < now.q_eoi for left in told.values()), "some cameras are needed"
 
 
 def test_an_exact_calibration_changes_nothing(cell: Cell, found: Analysis) -> None:
@@ -73,9 +62,8 @@ def test_the_errors_have_the_stated_spread(cell: Cell) -> None:
     calibration = Calibration(position=0.005, rotation=0.01, seed=3)
     moved, turned = [], []
     for draw in range(200):
-        for before, after in zip(
-            cell.observer.cameras, perturbed(cell.observer, calibration, draw).cameras, strict=True
-        ):
+        cameras = perturbed(cell.observer, calibration, draw).cameras
+        for before, after in zip(cell.observer.cameras, cameras, strict=True):
             X_CE = inverse(before.X_FC) @ after.X_FC
             moved.append(X_CE[:3, 3])
             turned.append(np.array([X_CE[2, 1], X_CE[0, 2], X_CE[1, 0]]))

@@ -40,7 +40,7 @@ from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.task.task import read_task
 from tests.conftest import TABLETOP
 from tests.sight.views import make_camera
-from tests.task.studies import HOLD, WatchedMotion, always, eventually, watched_motion
+from tests.task.studies import HOLD, WatchedMotion, always, watched_motion
 
 DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
 """Samples per primitive of the reference."""
@@ -232,14 +232,6 @@ def test_where_an_object_is_attached_the_instant_is_sampled_with_and_without_it(
     left, right = (timeline.pieces[number].primitive for number in timeline.samples.piece[at])
     assert [motion.stage.motion.primitives[index].held for index in (left, right)] == [None, "cube"]
     assert carry.start == grasp.end
-
-
-def test_a_formula_at_an_instant_is_sampled_there_and_has_no_quality(ur5: RobotModel) -> None:
-    motion = with_formulas(watched_motion(1, ur5), eventually(0.4, 0.4, Literal(HOLD)))
-    timeline = motion.timeline(Adaptive())
-    assert timeline.samples.t[timeline.monitored] == pytest.approx([0.4])
-    assert qualities_over(timeline).q_avg is None
-    assert qualities_over(timeline).q_eoi is None
 
 
 def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) -> None:
