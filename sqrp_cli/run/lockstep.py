@@ -280,23 +280,16 @@ class Lockstep:
             raise failure
         return self.collector.take_notice(arrived, self.now)
 
-    def stop(self, reason: str) -> None:
-        """Bring the arm to rest along its path, looking on."""
-        self._command_stop(reason)
-        stands = self.motion.stop(self.now)
-        while self.now < stands - 1e-9:
-            self.pass_time(stands)
-        self.last_stop = StopTimes(self.last_stop.told, self.now)
-
-    def halt(self, reason: str) -> None:
-        """Bring the arm to rest along its path as fast as it may, whatever becomes of cameras and perception."""
-        self._command_stop(reason)
-        self.now = self._truth.advance(max(self.now, self.motion.stop(self.now, protective=True)), self.motion)
-        self.last_stop = StopTimes(self.last_stop.told, self.now)
-
-    def _command_stop(self, reason: str) -> None:
+    def stop(self, reason: str, *, protective: bool = False) -> None:
+        """Bring the arm to rest along its path, looking on; protective: as fast as it may, whatever cameras do."""
         self.cancel("tool", "primitive")
         self.now = self.present
         self.last_stop = StopTimes(self.now)
         self.publisher.doing = "stops"
         self.publisher.publish("stopping", self.now, reason=reason)
+        stands = self.motion.stop(self.now, protective=protective)
+        if protective:
+            self.now = self._truth.advance(max(self.now, stands), self.motion)
+        while self.now < stands - 1e-9:
+            self.pass_time(stands)
+        self.last_stop = StopTimes(self.last_stop.told, self.now)

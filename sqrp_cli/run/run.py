@@ -15,7 +15,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, bad_input
 from sqrp_cli.logic.formula import Predicate, nested
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.ros_cell import RosCell
@@ -29,7 +29,6 @@ from sqrp_cli.run.monitor.step_monitor import (
     Attempt,
     PredictionCheck,
     StepMonitor,
-    condition_value,
     read_formula,
 )
 from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
@@ -120,7 +119,7 @@ class Run:
             except Stopped as stopped:
                 outcome, reason = "stopped", str(stopped)
                 tracker.stopped(lockstep.now, stopped)
-                lockstep.halt(str(stopped))
+                lockstep.stop(str(stopped), protective=True)
             self._truth.publish()
         if outcome == "done" and (truth := self._cell.truth()) is not None:
             meant = self._program.steps[-1].after.X_WO
@@ -270,18 +269,20 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
     on first, without any command to the tool. It stands then until the condition is seen, and all cameras have said
     where objects are. Raises Stopped where the condition is not seen or no motion is found.
     """
+    condition = None if alarm.response.when is None else read_formula(alarm.response.when)
     collector, motion, when, before = lockstep.collector, lockstep.motion, alarm.response.when, attempt.step.before
 
     def is_seen() -> bool:
-        return when is None or condition_value(when, collector.values) == Truth.TRUE
+        known = {Atom.of(atom): value for atom, value in collector.values.items()}
+        return condition is None or evaluate(condition, Trace(((0.0, known),), 0.0, 0.0)).at(0) == Truth.TRUE
 
     attempt.failed, attempt.undisturbed = True, False
     lockstep.cancel("tool")
     where = ""  # it looks, for the reason why it stops
-    if when is not None and not is_seen():
+    if when is not None and condition is not None and not is_seen():
         # The next place along the motion from which all atoms of the condition are predicted to be seen, else its end.
         tau, end, nominal = motion.step_time(lockstep.now), attempt.step.time, attempt.nominal
-        atoms = {str(part.atom) for part in nested(read_formula(when)) if isinstance(part, Predicate)}
+        atoms = {str(part.atom) for part in nested(condition) if isinstance(part, Predicate)}
         stop_at, cameras = end, list[str]()
         for begin in np.arange(min(tau, end), end, SPACING).tolist():
             stands = motion.standing_time(begin)

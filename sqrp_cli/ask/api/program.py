@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sqrp_cli.run.faults import InjectedFault
     from sqrp_cli.run.record.bag_recorder import BagRecorder
     from sqrp_cli.run.record.events import Event, Listener, ProgramStep
-    from sqrp_cli.run.record.images import ImageRecorder, Screen
+    from sqrp_cli.run.record.images import ImageRecorder
     from sqrp_cli.run.record.report import RunReport, SweepDocument
     from sqrp_cli.run.run import Recording
     from sqrp_cli.run.start import Simulation
@@ -241,7 +241,7 @@ class OpenProgram:
         self,
         ask: RunRequest,
         *,
-        screen: Screen | None = None,
+        screen: Any = None,  # noqa: ANN401 - see `ImageRecorder`
         spectator: Any = None,  # noqa: ANN401 - see `Recording`
         elsewhere: Callable[[Recording], RunReport] | None = None,
     ) -> SimulatedRun:
@@ -444,7 +444,10 @@ class LazyReplanner:
 
 
 def _recorders(
-    workspace: Workspace, ask: RunRequest, screen: Screen | None, closing: ExitStack
+    workspace: Workspace,
+    ask: RunRequest,
+    screen: Any,  # noqa: ANN401
+    closing: ExitStack,
 ) -> tuple[BagRecorder | None, ImageRecorder | None]:
     """Writers of a run for ROS tools, if the film's name is that of a recording, and of its images.
 

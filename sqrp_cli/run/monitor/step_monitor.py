@@ -41,13 +41,6 @@ def read_formula(text: str) -> Formula:
     return grounded(parse_formula(text, Place(Path("program"))))
 
 
-def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
-    """The value of a formula without temporal operators, such as the condition of a retry."""
-    return evaluate(
-        read_formula(text), Trace(((0.0, {Atom.of(name): value for name, value in values.items()}),), 0.0, 0.0)
-    ).at(0)
-
-
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
     """Formulas that the plan contradicts, in words: monitors cannot judge them."""
     for number, step in enumerate(program.steps, 1):

@@ -28,9 +28,9 @@ from sqrp_cli.run.perception.vision import (
     direction,
     displacement,
     filled,
+    find_markers,
     inpainted,
     largest_blob,
-    markers_beside,
     same_color,
     shade_of,
 )
@@ -313,7 +313,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
         hiding = dilated(pieces_mask(crop, view.robot, outline, links=others), 1)
         if (hiding & filled(crop, [outline.corners])).any():
             if wanted is not None:
-                beside = markers_beside(view.image[crop], hiding, wanted.dictionary)
+                beside = find_markers(view.image[crop], wanted.dictionary, hiding)
                 found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
             because = MissReason.MASK if found is None else because
     share, evidence = 0.0 if found is None else 1.0, Truth.UNKNOWN

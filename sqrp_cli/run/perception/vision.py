@@ -188,8 +188,16 @@ def largest_blob(mask: Mask) -> tuple[int, Array] | None:
     return min(found, key=lambda blob: (-blob[0], *blob[1].tolist()), default=None)
 
 
-def find_markers(image: ImageArray, dictionary: str = ORIGINAL) -> list[FoundMarker]:
-    """The markers of a dictionary in an image, by id."""
+def find_markers(image: ImageArray, dictionary: str = ORIGINAL, beside: Mask | None = None) -> list[FoundMarker]:
+    """The markers of a dictionary in an image, by id.
+
+    beside: known parts that may cover some of a marker's margin, or a line of its black square. A dark part that
+    touches the square makes the two one shape, which is no square: so it is taken for margin.
+    """
+    if beside is not None:
+        painted = image.copy()
+        painted[beside] = np.percentile(image, BRIGHT)
+        image = painted
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     framed = cv2.copyMakeBorder(grey, _FRAME, _FRAME, _FRAME, _FRAME, cv2.BORDER_CONSTANT, value=255)
     corners, ids, _ = _marker_detector(dictionary).detectMarkers(framed)
@@ -204,16 +212,6 @@ _FRAME = 8
 """Width of a white frame around the image [pixels]: the margin of a marker at the edge."""
 BRIGHT = 90
 """Percentile of the pixels around a marker that is as bright as its margin."""
-
-
-def markers_beside(image: ImageArray, parts: Mask, dictionary: str) -> list[FoundMarker]:
-    """The markers in an image of which known parts cover some of the margin, or a line of the black square.
-
-    A dark part that touches the square makes the two one shape, which is no square: so it is taken for margin.
-    """
-    painted = image.copy()
-    painted[parts] = np.percentile(image, BRIGHT)
-    return find_markers(painted, dictionary)
 
 
 @cache

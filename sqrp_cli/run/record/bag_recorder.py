@@ -42,6 +42,7 @@ EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
 _PLAIN = (0.75, 0.74, 0.72)
 _SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
+_COLOR = "std_msgs/msg/ColorRGBA"
 _ALPHA = 0.35
 """Opacity of boxes."""
 _CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
@@ -180,7 +181,7 @@ class BagRecorder:
             )
             for marker in self._boxes.get(atom, ()):
                 marker.header = self._types.header(_at(event.t), marker.header.frame_id)
-                marker.color = self._color(_SHOWN[shown.value], _ALPHA)
+                marker.color = make(_COLOR, **dict(zip("rgba", (*_SHOWN[shown.value], _ALPHA), strict=True)))
         header = self._types.header(_at(event.exposed))
         self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
         self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
@@ -213,14 +214,10 @@ class BagRecorder:
             type=kind,
             pose=pose_message(self._types, X),
             scale=self._types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            color=self._color(color, alpha),
+            color=self._types.make(_COLOR, **dict(zip("rgba", (*color, alpha), strict=True))),
             mesh_resource=mesh,
             frame_locked=alpha < 1.0,  # boxes move with their frames, objects are where they are told to be
         )
-
-    def _color(self, rgb: Rgb, alpha: float) -> Message:
-        r, g, b = rgb
-        return self._types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
 
 
 def camera_info(types: MessageTypes, camera: Camera, ns: int) -> Message:

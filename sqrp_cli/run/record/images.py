@@ -13,7 +13,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -45,16 +45,6 @@ _SUBPIXEL = 4
 """Fractional bits of the corners of what is drawn."""
 Outlines = Iterable[tuple[Array, Truth]]
 """Outlines of boxes in an image (n, 2) [pixels], each with what the image shows of the box."""
-
-
-class Screen(Protocol):
-    """Shows images with what was seen in them: a film, or somebody who looks on."""
-
-    def add(self, frame: CameraImage, outlines: Outlines, caption: str) -> None:
-        """Show an image with what was seen in it."""
-
-    def close(self) -> None:
-        """There are no more."""
 
 
 class Film:
@@ -144,7 +134,8 @@ class FrameFolder:
 class ImageRecorder:
     """Passes the images of a run to a folder, a film and a recording."""
 
-    def __init__(self, folder: FrameFolder | None, film: Screen | None, bag: BagRecorder | None = None) -> None:
+    def __init__(self, folder: FrameFolder | None, film: Any, bag: BagRecorder | None = None) -> None:  # noqa: ANN401
+        """film: a `Film`, or somebody who looks on, with `add` and `close` as it has them; None if nobody does."""
         self._folder, self._film, self._bag = folder, film, bag
         self._waiting: dict[tuple[str, float], tuple[CameraImage, str]] = {}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.run.image import ImageArray
-from sqrp_cli.run.perception.vision import find_markers, markers_beside
+from sqrp_cli.run.perception.vision import find_markers
 
 SIDE, EDGE = 56, 40
 """Of the black square, and where it begins [pixels]."""
@@ -28,7 +28,7 @@ def with_a_part(covered: float) -> tuple[ImageArray, np.ndarray]:
 def test_a_marker_beside_a_part_is_found(covered: int) -> None:
     image, part = with_a_part(covered)
     assert not find_markers(image)
-    (found,) = markers_beside(image, part, "aruco_original")
+    (found,) = find_markers(image, "aruco_original", part)
     assert found.id == 7
     middle = EDGE + (SIDE - 1) / 2
     assert np.abs(found.corners.mean(axis=0) - middle).max() <= 1.0 + covered / 2
@@ -36,7 +36,7 @@ def test_a_marker_beside_a_part_is_found(covered: int) -> None:
 
 def test_a_marker_behind_a_part_is_not_found() -> None:
     image, part = with_a_part(SIDE / 3)
-    assert not markers_beside(image, part, "aruco_original")
+    assert not find_markers(image, "aruco_original", part)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 0.7])
