@@ -37,11 +37,11 @@ ROOMS = {
     "study": ("study", 4_456),
     "search": ("search", 4_491),
     "checks": ("checks", 1_242),
-    "run": ("run", 7_653),
+    "run": ("run", 7_626),
     "field": ("field ros", 3_102),
     "score": ("score", 2_387),
     "show": ("show", 4_932),
-    "ask": ("ask cli __init__ __main__", 5_225),
+    "ask": ("ask cli __init__ __main__", 5_228),
     "studio": ("studio", 1_887),
     "starter, platform": ("starter platform", 1_781),
 }
