@@ -19,7 +19,7 @@ from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.checks import ReportedProblem
 from sqrp_cli.show.pages.assembly import assembled, asset, tidy
-from sqrp_cli.studio.moves import Move, aim, way_up
+from sqrp_cli.studio.moves import Move, aim
 from sqrp_cli.task.task import in_words
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def handles(workspace: Workspace) -> dict[str, Any]:
             kind="camera",
             name=name,
             position=camera.X_FC[:3, 3].tolist(),
-            look_at=aim(workspace, camera).tolist(),
+            look_at=aim(workspace, camera)[0].tolist(),
             fov=2.0 * math.atan(0.5 * camera.width / float(camera.matrix[0, 0])),
         )
         for name, camera in workspace.cameras.items()
@@ -76,7 +76,7 @@ def handles(workspace: Workspace) -> dict[str, Any]:
     X_WB = workspace.robot.X_WB
     base = Move(kind="base", name="", position=X_WB[:3, 3].tolist(), yaw=matrix_to_rpy(X_WB[:3, :3])[2])
     frames = {name: camera.frame for name, camera in workspace.cameras.items()}
-    ups = {name: way_up(workspace, camera).tolist() for name, camera in workspace.cameras.items()}
+    ups = {name: aim(workspace, camera)[1].tolist() for name, camera in workspace.cameras.items()}
     return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
 
 

@@ -90,9 +90,9 @@ def moved_camera(workspace: Workspace, move: Move) -> Camera:
         message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
         raise bad_input("unknown-camera", message)
     camera = workspace.cameras[move.name]
-    point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)
+    point, up = aim(workspace, camera)
     try:
-        X_FC = look_at(move.position, point, way_up(workspace, camera))
+        X_FC = look_at(move.position, point if move.look_at is None else np.array(move.look_at), up)
     except ValueError as error:
         raise bad_option(f"`{move.name}` cannot look at its own lens") from error
     matrix = camera.matrix.copy()
@@ -107,17 +107,12 @@ def moved_camera(workspace: Workspace, move: Move) -> Camera:
 
 
 def aim(workspace: Workspace, camera: Camera) -> Array:
-    """The point that a camera looks at, in the frame that carries it, shape (3,) [m]; 1 m ahead if none is stated."""
-    stated = stated_look_at(workspace, camera.name)
-    ahead: Array = camera.X_FC[:3, 3] + camera.X_FC[:3, 2]
-    return ahead if stated is None else stated[0]
+    """The point that a camera looks at [m] over what is up in its image, in the frame that carries it, (2, 3).
 
-
-def way_up(workspace: Workspace, camera: Camera) -> Array:
-    """What is up in a camera's image, in the frame that carries it, shape (3,)."""
-    stated = stated_look_at(workspace, camera.name)
-    up: Array = -camera.X_FC[:3, 1]
-    return up if stated is None else stated[1]
+    The point is 1 m ahead if none is stated.
+    """
+    stated, X_FC = stated_look_at(workspace, camera.name), camera.X_FC
+    return np.array([X_FC[:3, 3] + X_FC[:3, 2], -X_FC[:3, 1]]) if stated is None else stated
 
 
 def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes:
@@ -125,7 +120,7 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
     after = moved(workspace, move)
     if move.kind == "camera":
         camera = after.cameras[move.name]
-        point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)
+        point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)[0]
         return with_camera(document, workspace.cameras[move.name], camera, point)
     if move.kind == "base":
         return with_base(document, after.robot.X_WB)

@@ -122,51 +122,36 @@ class Sketch(SampledScene):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """The sketches of the steps of a task, which follow each other without a pause; one of a task of one step."""
-
-    sketches: Sequence[Sketch]
-
-    @cached_property
-    def shown(self) -> CoverageShown:
-        """What the cameras of their own cell see."""
-        return self._joined([sketch.shown for sketch in self.sketches])
-
-    def seen_by(self, cell: Cell, camera: str) -> CoverageShown:
-        """What the cameras of a cell see. camera: the only one that is not as in the sketches' own cell."""
-        return self._joined([sketch.seen_by(cell, camera) for sketch in self.sketches])
-
-    def _joined(self, parts: Sequence[CoverageShown]) -> CoverageShown:
-        """What is seen of all steps; atoms are called as pages call them."""
-        if len(parts) == 1:
-            return parts[0]
-        scenes = [sketch.scene for sketch in self.sketches]
-        starts = accumulate((sketch.scene.motion.time for sketch in self.sketches[:-1]), initial=0.0)
-        verdicts: list[Verdict] = []
-        atoms: dict[str, AtomShown] = {}
-        before, count = 0, sum(len(part.t) for part in parts)
-        for number, part in enumerate(parts, 1):
-            after = count - before - len(part.t)
-            for atom, shown in part.atoms.items():
-                atoms[f"{number}.{atom}"] = AtomShown(
-                    covered=[None] * before + shown.covered + [None] * after,
-                    cameras={
-                        name: [0] * before + [len(verdicts) + row for row in rows] + [0] * after
-                        for name, rows in shown.cameras.items()
-                    },
-                )
-            verdicts += part.verdicts
-            before += len(part.t)
-        return CoverageShown(
-            t=[start + t for start, part in zip(starts, parts, strict=True) for t in part.t],
-            covered=[value for part in parts for value in part.covered],
-            verdicts=verdicts,
-            atoms=atoms,
-            q_avg=mean_quality([(part.q_avg, scene.T) for part, scene in zip(parts, scenes, strict=True)]),
-            q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
-            blind=sum(part.blind for part in parts),
-        )
+def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> CoverageShown:
+    """What is seen of the steps of a task, which follow each other without a pause; atoms are called as pages do."""
+    if len(parts) == 1:
+        return parts[0]
+    scenes = [sketch.scene for sketch in sketches]
+    starts = accumulate((sketch.scene.motion.time for sketch in sketches[:-1]), initial=0.0)
+    verdicts: list[Verdict] = []
+    atoms: dict[str, AtomShown] = {}
+    before, count = 0, sum(len(part.t) for part in parts)
+    for number, part in enumerate(parts, 1):
+        after = count - before - len(part.t)
+        for atom, shown in part.atoms.items():
+            atoms[f"{number}.{atom}"] = AtomShown(
+                covered=[None] * before + shown.covered + [None] * after,
+                cameras={
+                    name: [0] * before + [len(verdicts) + row for row in rows] + [0] * after
+                    for name, rows in shown.cameras.items()
+                },
+            )
+        verdicts += part.verdicts
+        before += len(part.t)
+    return CoverageShown(
+        t=[start + t for start, part in zip(starts, parts, strict=True) for t in part.t],
+        covered=[value for part in parts for value in part.covered],
+        verdicts=verdicts,
+        atoms=atoms,
+        q_avg=mean_quality([(part.q_avg, scene.T) for part, scene in zip(parts, scenes, strict=True)]),
+        q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
+        blind=sum(part.blind for part in parts),
+    )
 
 
 def _where(values: Mask, asked: Mask) -> list[bool | None]:

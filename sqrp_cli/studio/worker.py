@@ -34,7 +34,7 @@ from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Hold, Question, Rank, findings, message
 from sqrp_cli.studio.moves import moved
-from sqrp_cli.studio.sketch import Sketch, Steps
+from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
 from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.find import Plans, WantedWay
 from sqrp_cli.study.pipeline import RankJob, described
@@ -144,7 +144,7 @@ class _Worker:
         self._session: Session | None = None
         self._chosen = ""
         self._explaining: Worker[str, str] | None = None
-        self._sketches: dict[str, Steps] = {}
+        self._sketches: dict[str, tuple[list[Sketch], CoverageShown]] = {}  # of the chosen candidate, by its name
 
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
@@ -209,8 +209,18 @@ class _Worker:
     # A ranking
 
     def _begin(self, asked: Rank) -> None:
+        """Rank in the cell of a text; what depends on no camera is reused."""
         self.drop()
-        session = self._opened(asked)
+        cell, wanted = self._read(asked), WantedWay(asked.by)
+        if self._task is not None and self._task[0] == asked.task:
+            before = self._task[1]
+            session = Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
+        else:
+            session = Session.begin(cell, TaskRequest(asked.task))
+            assignment, keeps = replace(session.assignment, wanted=wanted), len(session.task.candidates) <= KEPT_PLANS
+            session = Session(session.task, replace(assignment, plans=Plans()) if keeps else assignment)
+            if keeps:
+                self._task = asked.task, session
         keep_all_so_far()
         plans = session.assignment.plans
         for candidate in session.task.candidates:
@@ -219,19 +229,6 @@ class _Worker:
             if not candidate.steps:
                 plans.of(session.cell, candidate, session.assignment.world, fastest=False)
         self._run = RankingRun(asked, session, self._jobs, self._memory)
-
-    def _opened(self, asked: Rank) -> Session:
-        """The task in the cell of a text; what depends on no camera is reused."""
-        cell, wanted = self._read(asked), WantedWay(asked.by)
-        if self._task is not None and self._task[0] == asked.task:
-            before = self._task[1]
-            return Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
-        session = Session.begin(cell, TaskRequest(asked.task))
-        assignment, keeps = replace(session.assignment, wanted=wanted), len(session.task.candidates) <= KEPT_PLANS
-        session = Session(session.task, replace(assignment, plans=Plans()) if keeps else assignment)
-        if keeps:
-            self._task = asked.task, session
-        return session
 
     def _read(self, asked: Rank) -> Cell:
         """The cell of a text, of which browsers are told; only its cameras are new if nothing else is."""
@@ -288,31 +285,30 @@ class _Worker:
         self._explaining = Worker(forked(), _explainer, self._session.assignment, chosen)
         self._explaining.send(self._chosen)
 
-    def _base(self) -> Steps | None:
-        """The chosen candidate's motions with all verdicts of the cell as it is written."""
+    def _base(self) -> tuple[list[Sketch], CoverageShown] | None:
+        """The chosen candidate's motions, and what is seen of them in the cell as it is written."""
         chosen = self._find(self._chosen)
         if self._chosen not in self._sketches and self._session is not None and chosen is not None and chosen.feasible:
-            if (found := _steps(self._session.cell, chosen)) is None:
-                return None
-            self._sketches = {self._chosen: found}
-            found.shown  # noqa: B018 - computed now
+            found = sketches_of(self._session.cell, chosen)
+            self._sketches = {self._chosen: (found, joined(found, [one.shown for one in found]))} if found else {}
         return self._sketches.get(self._chosen)
 
     def _sketch(self, asked: Hold) -> None:
         """Answer what the chosen candidate would be with something elsewhere."""
         self.drop()
         session, base = self._session, self._base()
-        if session is None or base is None or (asked.move.kind != "camera" and len(base.sketches) > 1):
+        if session is None or base is None or (asked.move.kind != "camera" and len(base[0]) > 1):
             self.say("held", number=asked.number)
             return
-        workspace, shown = moved(session.workspace, asked.move), base.shown
+        workspace, (sketches, shown) = moved(session.workspace, asked.move), base
         was = {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}  # as the cell is, at the same instants
         if asked.move.kind == "camera":
-            seen = base.seen_by(session.cell.seen_by(workspace), asked.move.name)
+            cell = session.cell.seen_by(workspace)
+            seen = joined(sketches, [one.seen_by(cell, asked.move.name) for one in sketches])
             self.say("sketch", name=self._chosen, seen=seen, was=was, number=asked.number)
             return
         cell = Cell.load(workspace, self._seed)
-        found = _sketched(cell, base.sketches[0].scene.candidate, cell.initial_world)
+        found = _sketched(cell, sketches[0].scene.candidate, cell.initial_world)
         if isinstance(found, Infeasible):
             self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
             return
@@ -331,16 +327,16 @@ def _explainer(assignment: RankJob, ranked: CandidateResult) -> Callable[[str], 
     return explain
 
 
-def _steps(cell: Cell, assessment: CandidateResult) -> Steps | None:
-    """The motions of a feasible candidate in a cell; None if it has none there."""
+def sketches_of(cell: Cell, assessment: CandidateResult) -> list[Sketch]:
+    """The motions of a feasible candidate in a cell, a sketch for each step; none if it has none there."""
     world, sketches = cell.initial_world, list[Sketch]()
     for step in assessment.steps or (assessment,):
         found = _sketched(cell, step.way, world)
         if isinstance(found, Infeasible):
-            return None
+            return []
         sketches.append(found)
         world = world_after(step.way, found.scene.motion, world)
-    return Steps(sketches)
+    return sketches
 
 
 def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:

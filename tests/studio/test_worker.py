@@ -11,8 +11,8 @@ from sqrp_cli.show.pages.assembly import tidy
 from sqrp_cli.show.pages.candidate_page import played
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.session import program_file
-from sqrp_cli.studio.sketch import SHORTEST, Sketch
-from sqrp_cli.studio.worker import _steps
+from sqrp_cli.studio.sketch import SHORTEST, Sketch, joined
+from sqrp_cli.studio.worker import sketches_of
 from sqrp_cli.study.sampling import FixedStep
 from tests.studio.started import ROOT
 
@@ -59,9 +59,11 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
     assignment = ranking.session.assignment
     whole = assignment.explain(ranking.candidates[0])
     assert len(whole.steps) == 2
-    sketch = _steps(assignment.cell, ranking.candidates[0])
-    assert sketch is not None
-    shown, exact = sketch.shown, tidy(played(assignment, whole, brief=True), digits=None)["samples"]
+    sketches = sketches_of(assignment.cell, ranking.candidates[0])
+    shown, exact = (
+        joined(sketches, [one.shown for one in sketches]),
+        tidy(played(assignment, whole, brief=True), digits=None)["samples"],
+    )
     assert shown.t == pytest.approx([sample["t"] for sample in exact])
     assert shown.covered == [sample["covered"] for sample in exact]
     assert shown.q_avg == pytest.approx(whole.result.q_avg)

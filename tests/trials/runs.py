@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli import open_cell, open_program
-from sqrp_cli.ask.api.program import LazyReplanner
+from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program
 from sqrp_cli.run.faults import InjectedFault
@@ -44,7 +44,7 @@ def _programs(folder: Path) -> list[Path]:
 
 def _simulation(program: Path, seed: int = 0) -> Simulation:
     opened = open_program(program)
-    return Simulation(opened.program, opened.workspace, LazyReplanner(opened.workspace).replan, seed)
+    return Simulation(opened.program, opened.workspace, late_replanner(opened.workspace), seed)
 
 
 def _ran(program: Path, seed: int, faults: Sequence[InjectedFault], said: str) -> dict[str, Any]:

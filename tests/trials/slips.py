@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.ask.api.program import LazyReplanner
+from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
@@ -52,7 +52,7 @@ def slips(number: int, folder: Path, n: int = 20) -> dict[str, Any] | None:
     ways = [one.study for one in found if isinstance(one, BestWay) and one.study.windows[FAULT]]
     if not ways:
         return None
-    simulations = [Simulation(_program(cell, way), workspace, LazyReplanner(workspace).replan, 0) for way in ways]
+    simulations = [Simulation(_program(cell, way), workspace, late_replanner(workspace), 0) for way in ways]
     compared, rng = [], np.random.default_rng(number)
     with simulations[0].cell() as simulated:
         for turn in range(n):

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -350,7 +350,7 @@ class OpenProgram:
         check_simulator()
         from sqrp_cli.run.start import Simulation
 
-        return Simulation(self.program, self.workspace, LazyReplanner(self.workspace).replan, self.seed)
+        return Simulation(self.program, self.workspace, late_replanner(self.workspace), self.seed)
 
 
 def read_run(log: str | Path) -> SimulatedRun:
@@ -426,21 +426,17 @@ def _shown_again(log: Path) -> str:
     return shlex.join(["sqrp", "run", "--replay", str(log)])
 
 
-class LazyReplanner:
-    """A replanner that loads the planning code only when a step is planned again."""
+def late_replanner(workspace: Workspace) -> Callable[[Step, World], Step | None]:
+    """Plans a step again, see `StepReplanner.replan`; loads the planning code only when the first one is."""
 
-    def __init__(self, workspace: Workspace) -> None:
-        self._workspace = workspace
-        self._planner: StepReplanner | None = None
-
-    def replan(self, step: Step, world: World) -> Step | None:
-        """As `Replanner` says."""
+    @cache
+    def planner() -> StepReplanner:
         from sqrp_cli.motion.cell import Cell
         from sqrp_cli.study.program_update import StepReplanner
 
-        if self._planner is None:
-            self._planner = StepReplanner(Cell.load(self._workspace))
-        return self._planner.replan(step, world)
+        return StepReplanner(Cell.load(workspace))
+
+    return lambda step, world: planner().replan(step, world)
 
 
 def _recorders(

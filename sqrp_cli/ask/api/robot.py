@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
-from sqrp_cli.ask.api.program import LazyReplanner, OpenProgram
+from sqrp_cli.ask.api.program import OpenProgram, late_replanner
 from sqrp_cli.errors import bad_input, bad_option
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def connected_robot(opened: OpenProgram, path: Path, speed: float) -> Iterator[C
 
 def run_on_robot(opened: OpenProgram, robot: ConnectedRobot, ask: RunRequest) -> SimulatedRun:
     """Run the robot's program: it moves where poses are witnessed, else images are looked at where it starts."""
-    perform = partial(robot.run, LazyReplanner(opened.workspace).replan, moves=ask.witnessed)
+    perform = partial(robot.run, late_replanner(opened.workspace), moves=ask.witnessed)
     return opened.run_into(ask, elsewhere=perform)
 
 
