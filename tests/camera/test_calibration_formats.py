@@ -120,66 +120,47 @@ NAMED = dict(zip(("fx", "fy", "cx", "cy"), PINHOLE, strict=True))
 COLMAP = f"{PINHOLE[0]} {PINHOLE[1]} {PINHOLE[2] + 0.5} {PINHOLE[3] + 0.5}"
 KALIBR = {"cam0": kalibr("equidistant", FISHEYE), "cam1": kalibr("radtan", RADTAN[:4])}
 
+INFO = "ROS camera_info (YAML)"
+FISHEYE_LENS, RATIONAL_LENS = ("equidistant", FISHEYE), ("rational_polynomial", RATIONAL)
+PLUMB_BOB_LENS, RADTAN_LENS, NO_LENS = ("plumb_bob", PLUMB_BOB), ("plumb_bob", RADTAN), ("none", ())
 FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
-    "OpenCV YAML": (file_storage("yaml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
-    "OpenCV XML": (file_storage("xml"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (XML)"),
-    "OpenCV JSON": (file_storage("json"), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (JSON)"),
-    "OpenCV's sample": (SAMPLE_OF_OPENCV, "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
-    "OpenCV without size": (file_storage("yaml", size=False), "plumb_bob", PLUMB_BOB, "OpenCV FileStorage (YAML)"),
-    "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), "rational_polynomial", RATIONAL, "OpenCV FileStorage (XML)"),
-    "OpenCV, 14 with zeros": (
-        file_storage("json", D=(*RATIONAL, *[0.0] * 6)), "rational_polynomial", RATIONAL, "OpenCV FileStorage (JSON)",
-    ),
-    "a model with 14, zeros": (
-        dumped(camera_info("rational_polynomial", (*RATIONAL, *[0.0] * 6))), "rational_polynomial", RATIONAL,
-        "ROS camera_info (YAML)",
-    ),
-    "no coefficients": (dumped(camera_info("", ())), "none", (), "ROS camera_info (YAML)"),
-    "OpenCV fisheye": (
-        file_storage("yml", D=FISHEYE, distortion_model="fisheye"), "equidistant", FISHEYE, "OpenCV FileStorage (YAML)",
-    ),
-    "VINS pinhole": (
-        vins("PINHOLE", NAMED, dict(zip(("k1", "k2", "p1", "p2"), RADTAN, strict=False))), "plumb_bob", RADTAN, "VINS",
-    ),
-    "VINS fisheye": (
-        vins("KANNALA_BRANDT", dict(zip(FISHEYE_NAMES, FISHEYE + PINHOLE, strict=True)), {}),
-        "equidistant", FISHEYE, "VINS",
-    ),
-    "Kalibr": (dumped(KALIBR, camera="cam0"), "equidistant", FISHEYE, "Kalibr camchain: cam0"),
-    "Kalibr, the other": (dumped(KALIBR, camera="cam1"), "plumb_bob", RADTAN, "Kalibr camchain: cam1"),
-    "Kalibr, one": (
-        dumped({"cam0": kalibr("none", ())}), "none", (), "Kalibr camchain: cam0",
-    ),
-    "message": (dumped(camera_info("plumb_bob", PLUMB_BOB)), "plumb_bob", PLUMB_BOB, "ROS camera_info (YAML)"),
-    "message of ROS 1": (
-        dumped(camera_info("rational_polynomial", RATIONAL, "K", "D")), "rational_polynomial", RATIONAL,
-        "ROS camera_info (YAML)",
-    ),
-    "fisheye": (dumped(camera_info("fisheye", FISHEYE)), "equidistant", FISHEYE, "ROS camera_info (YAML)"),
-    "COLMAP's name": (dumped(camera_info("OPENCV_FISHEYE", FISHEYE)), "equidistant", FISHEYE, "ROS camera_info (YAML)"),
-    "several": (
-        dumped({"left": camera_info("plumb_bob", RADTAN), "right": camera_info("fisheye", FISHEYE)}, camera="right"),
-        "equidistant", FISHEYE, "ROS camera_info (YAML): right",
-    ),
-    "several in a list": (
-        dumped({"cameras": [{**camera_info("fisheye", FISHEYE), "camera_name": name} for name in "ab"]}, camera="b"),
-        "equidistant", FISHEYE, "ROS camera_info (YAML): b",
-    ),
-    "nothing distorts": (dumped(camera_info("none", ())), "none", (), "ROS camera_info (YAML)"),
-    "ost.txt": (typed(ost()), "plumb_bob", PLUMB_BOB, "ROS camera_info (INI): narrow_stereo"),
-    "ost.txt of two": (
-        typed(ost("narrow_stereo/left", RADTAN) + ost("narrow_stereo/right"), camera="narrow_stereo/right"),
-        "plumb_bob", PLUMB_BOB, "ROS camera_info (INI): narrow_stereo/right",
-    ),
-    "COLMAP": (
-        typed(f"# Cameras\n1 PINHOLE 640 480 5 5 3 2\n7 OPENCV 1280 720 {COLMAP} {words(RADTAN[:4])}\n", camera="7"),
-        "plumb_bob", RADTAN, "COLMAP cameras.txt: 7",
-    ),
-    "COLMAP in lower case": (typed(f"1 pinhole 1280 720 {COLMAP}\n"), "none", (), "COLMAP cameras.txt: 1"),
-    "COLMAP fisheye": (
-        typed(f"1 OPENCV_FISHEYE 1280 720 {COLMAP} {words(FISHEYE)}\n"), "equidistant", FISHEYE,
-        "COLMAP cameras.txt: 1",
-    ),
+    "OpenCV YAML": (file_storage("yaml"), *PLUMB_BOB_LENS, "OpenCV FileStorage (YAML)"),
+    "OpenCV XML": (file_storage("xml"), *PLUMB_BOB_LENS, "OpenCV FileStorage (XML)"),
+    "OpenCV JSON": (file_storage("json"), *PLUMB_BOB_LENS, "OpenCV FileStorage (JSON)"),
+    "OpenCV's sample": (SAMPLE_OF_OPENCV, *PLUMB_BOB_LENS, "OpenCV FileStorage (YAML)"),
+    "OpenCV without size": (file_storage("yaml", size=False), *PLUMB_BOB_LENS, "OpenCV FileStorage (YAML)"),
+    "OpenCV XML, 8": (file_storage("xml", D=RATIONAL), *RATIONAL_LENS, "OpenCV FileStorage (XML)"),
+    "OpenCV, 14 with zeros": (file_storage("json", D=(*RATIONAL, *[0.0] * 6)), *RATIONAL_LENS,
+        "OpenCV FileStorage (JSON)"),
+    "a model with 14, zeros": (dumped(camera_info("rational_polynomial", (*RATIONAL, *[0.0] * 6))),
+        *RATIONAL_LENS, INFO),
+    "no coefficients": (dumped(camera_info("", ())), *NO_LENS, INFO),
+    "OpenCV fisheye": (file_storage("yml", D=FISHEYE, distortion_model="fisheye"), *FISHEYE_LENS,
+        "OpenCV FileStorage (YAML)"),
+    "VINS pinhole": (vins("PINHOLE", NAMED, dict(zip(("k1", "k2", "p1", "p2"), RADTAN, strict=False))),
+        *RADTAN_LENS, "VINS"),
+    "VINS fisheye": (vins("KANNALA_BRANDT", dict(zip(FISHEYE_NAMES, FISHEYE + PINHOLE, strict=True)), {}),
+        *FISHEYE_LENS, "VINS"),
+    "Kalibr": (dumped(KALIBR, camera="cam0"), *FISHEYE_LENS, "Kalibr camchain: cam0"),
+    "Kalibr, the other": (dumped(KALIBR, camera="cam1"), *RADTAN_LENS, "Kalibr camchain: cam1"),
+    "Kalibr, one": (dumped({"cam0": kalibr(*NO_LENS)}), *NO_LENS, "Kalibr camchain: cam0"),
+    "message": (dumped(camera_info(*PLUMB_BOB_LENS)), *PLUMB_BOB_LENS, INFO),
+    "message of ROS 1": (dumped(camera_info(*RATIONAL_LENS, "K", "D")), *RATIONAL_LENS, INFO),
+    "fisheye": (dumped(camera_info("fisheye", FISHEYE)), *FISHEYE_LENS, INFO),
+    "COLMAP's name": (dumped(camera_info("OPENCV_FISHEYE", FISHEYE)), *FISHEYE_LENS, INFO),
+    "several": (dumped({"left": camera_info(*RADTAN_LENS), "right": camera_info("fisheye", FISHEYE)},
+        camera="right"), *FISHEYE_LENS, "ROS camera_info (YAML): right"),
+    "several in a list": (dumped({"cameras": [{**camera_info("fisheye", FISHEYE),
+        "camera_name": name} for name in "ab"]}, camera="b"), *FISHEYE_LENS, "ROS camera_info (YAML): b"),
+    "nothing distorts": (dumped(camera_info(*NO_LENS)), *NO_LENS, INFO),
+    "ost.txt": (typed(ost()), *PLUMB_BOB_LENS, "ROS camera_info (INI): narrow_stereo"),
+    "ost.txt of two": (typed(ost("narrow_stereo/left", RADTAN) + ost("narrow_stereo/right"),
+        camera="narrow_stereo/right"), *PLUMB_BOB_LENS, "ROS camera_info (INI): narrow_stereo/right"),
+    "COLMAP": (typed(f"# Cameras\n1 PINHOLE 640 480 5 5 3 2\n7 OPENCV 1280 720 {COLMAP} {words(RADTAN[:4])}\n",
+        camera="7"), *RADTAN_LENS, "COLMAP cameras.txt: 7"),
+    "COLMAP in lower case": (typed(f"1 pinhole 1280 720 {COLMAP}\n"), *NO_LENS, "COLMAP cameras.txt: 1"),
+    "COLMAP fisheye": (typed(f"1 OPENCV_FISHEYE 1280 720 {COLMAP} {words(FISHEYE)}\n"), *FISHEYE_LENS,
+        "COLMAP cameras.txt: 1"),
 }  # fmt: skip
 
 

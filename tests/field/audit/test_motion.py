@@ -86,18 +86,11 @@ def test_of_a_recording_that_was_interrupted_it_is_said_that_it_ends_too_early(e
         found_steps(PROGRAM, ARM, recorded([(0.05, OUT, 1.0)], end=end), Path("run.mcap"))
 
 
-@pytest.mark.parametrize(
-    ("runs", "arm", "says"),
-    [
-        ([], ["shoulder", "wrist"], "lack wrist; they have `elbow`, `shoulder`"),
-        ([(5.0, OUT, 1.0)], ARM, "the motion of step 2, pickup g1, is not in the joint states"),
-        (
-            [(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)],
-            ARM,
-            "step 1, .* it fits; expected at least the first 35% of",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("runs", "arm", "says"), [
+    ([], ["shoulder", "wrist"], "lack wrist; they have `elbow`, `shoulder`"),
+    ([(5.0, OUT, 1.0)], ARM, "the motion of step 2, pickup g1, is not in the joint states"),
+    ([(5.0, moved([0.0, 0.0], [0.6, -0.4], 9.0), 1.0)], ARM, "step 1, .* it fits; expected at least the first 35% of"),
+])  # fmt: skip
 def test_what_is_not_there_is_said(runs: Any, arm: list[str], says: str) -> None:
     with pytest.raises(InputError, match=says):
         found_steps(PROGRAM, arm, recorded(runs), Path("run.mcap"))
