@@ -225,11 +225,9 @@ class Spot:
 class Mounts:
     """Where cameras may go, and which."""
 
-    path: Path  # of the file that says so
     spots: tuple[Spot, ...]
     lenses: tuple[LensChoice, ...]
     weights: dict[str, float]
-    content: bytes  # of the file
 
 
 def place_file(workspace: Workspace, given: Path | None) -> Path:
@@ -290,8 +288,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     for task in file.weights:
         if listed and task not in listed:
             raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
-    weights, chosen = dict(file.weights), tuple(lenses.values())
-    return Mounts(path=path, spots=tuple(spots), lenses=chosen, weights=weights, content=document.content)
+    return Mounts(spots=tuple(spots), lenses=tuple(lenses.values()), weights=dict(file.weights))
 
 
 def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:
