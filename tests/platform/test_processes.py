@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.platform.processes import Pool, Worker, WorkerDied, forked, in_processes
 from sqrp_cli.run.image import NEEDED
+from tests.cells import ROOT
 
 PATIENCE = 60.0
 """How long anything may take before it counts as hanging [s]."""
@@ -35,22 +35,22 @@ if __name__ == "__main__":
 """
 
 
-def started(folder: Path, temporary: Path) -> str:
-    """How a process is started that has its temporary files in a folder, and what it sends."""
-    (folder / "probe.py").write_text(PROBE, encoding="utf-8")
-    command, environment = [sys.executable, str(folder / "probe.py")], {**os.environ, "TMPDIR": str(temporary)}
-    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+def ran(script: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """What comes of a script in a folder."""
+    (folder / "script.py").write_text(script, encoding="utf-8")
+    command, whole = [sys.executable, str(folder / "script.py")], {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    return subprocess.run(command, env=whole, check=True, capture_output=True, text=True)
 
 
 @pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="not on this system")
 def test_processes_come_from_one_that_has_imported_what_they_need(tmp_path: Path) -> None:
-    assert started(tmp_path, Path(tempfile.gettempdir())) == "forkserver started\n"
+    assert ran(PROBE, tmp_path).stdout == "forkserver started\n"
 
 
 def test_processes_are_started_where_the_name_of_the_temporary_folder_is_too_long_for_a_socket(tmp_path: Path) -> None:
     temporary = tmp_path / ("long" * 30)
     temporary.mkdir()
-    assert started(tmp_path, temporary) == "spawn started\n"
+    assert ran(PROBE, tmp_path, TMPDIR=str(temporary)).stdout == "spawn started\n"
 
 
 def test_what_the_processes_of_a_run_import_is_there() -> None:
@@ -75,9 +75,7 @@ if __name__ == "__main__":
 
 
 def test_a_process_whose_message_was_torn_off_by_ctrl_c_ends_silently(tmp_path: Path) -> None:
-    (tmp_path / "torn.py").write_text(TORN, encoding="utf-8")
-    found = subprocess.run([sys.executable, str(tmp_path / "torn.py")], check=True, capture_output=True, text=True)
-    assert found.stderr == ""
+    assert ran(TORN, tmp_path).stderr == ""
 
 
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
@@ -215,12 +213,10 @@ pool.close()
 
 
 def test_workers_do_not_run_a_script_without_a_guard_again(tmp_path: Path) -> None:
-    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
-    for command in ([sys.executable, str(tmp_path / "script.py")], [sys.executable, "-"]):
-        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-        run = subprocess.run(command, input=SCRIPT, env=environment, capture_output=True, text=True, check=True)
-        assert run.stdout == "begins\n[2, 4, 6]\n"
-        assert not run.stderr
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    typed = subprocess.run([sys.executable, "-"], input=SCRIPT, env=environment, capture_output=True, text=True)
+    for run in (ran(SCRIPT, tmp_path), typed):
+        assert (run.stdout, run.stderr) == ("begins\n[2, 4, 6]\n", "")
 
 
 KILLED_SERVER = """
@@ -242,7 +238,6 @@ except InputError as error:
 """
 
 
-def test_the_end_of_the_server_that_forks_workers_is_an_error_with_a_reason() -> None:
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    run = subprocess.run([sys.executable, "-c", KILLED_SERVER], env=environment, capture_output=True, text=True)
+def test_the_end_of_the_server_that_forks_workers_is_an_error_with_a_reason(tmp_path: Path) -> None:
+    run = ran(KILLED_SERVER, tmp_path)
     assert (run.stdout, run.stderr) == ("worker-died\n", "")
