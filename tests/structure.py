@@ -28,7 +28,7 @@ ROOMS = {
     "files": ("files", 2_088),
     "robot": ("robot", 2_750),
     "camera": ("camera", 1_936),
-    "cell": ("cell", 3_239),
+    "cell": ("cell", 3_236),
     "logic": ("logic", 2_406),
     "skill, program": ("skill program", 1_854),
     "task": ("task", 979),
