@@ -13,8 +13,7 @@ from sqrp_cli.cell.workspace_file import workspace_file
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.platform.processes import Progress
-from sqrp_cli.score.baseline import Baseline, TaskRecord, WayRecord, seen
-from sqrp_cli.score.changes import workspace_changes
+from sqrp_cli.score.baseline import Baseline, TaskRecord, WayRecord, seen, workspace_changes
 from sqrp_cli.score.compute import Computer
 from sqrp_cli.score.result import (
     METRICS,

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.score.baseline import Baseline
-from sqrp_cli.score.changes import workspace_changes
+from sqrp_cli.score.baseline import Baseline, workspace_changes
 from sqrp_cli.score.compute import Means, open_computer
 from sqrp_cli.score.score import content_digest, read_cell
 from sqrp_cli.study.sampling import Adaptive
