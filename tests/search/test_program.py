@@ -11,14 +11,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.search.goal import Goal
-from sqrp_cli.search.placing_problem import (
-    CoveredWay,
-    FaultIntervals,
-    Problem,
-    Requirements,
-    Rows,
-    Selection,
-)
+from sqrp_cli.search.placing_problem import CoveredWay, FaultIntervals, Problem, Requirements, Rows, Selection
 from sqrp_cli.search.placing_program import LinearProgram, PlacementProgram
 
 
