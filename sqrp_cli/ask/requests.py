@@ -230,7 +230,8 @@ class ScoreRequest(Request):
         from sqrp_cli.score.compute import Means
         from sqrp_cli.study.sampling import Adaptive
 
-        return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)
+        cluster = None if workers is None else workers.answers
+        return Means(self.sampling or Adaptive(), self.jobs, cluster, self.out, seed)
 
 
 class PlaceRequest(ScoreRequest):

@@ -10,7 +10,6 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible, InputError, Problem
@@ -93,11 +92,9 @@ _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()  # a cell has working memory of its own, and a cluster may run threads
 
 
-class Workers(Protocol):
-    """Those that do jobs elsewhere, as a `cluster.Cluster` does, which imports this module."""
-
-    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
-        """The answer to each job, by number, as they come; none of those that are not done once it is enough."""
+Workers = Callable[[Sequence[Job], Callable[[], bool]], Iterator[tuple[int, Answer]]]
+"""Those that do jobs elsewhere, as `cluster.Cluster.answers`: the answer to each job, by number, as they come; none of
+those that are not done once it is enough."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +183,7 @@ class Computer:
     def _answers(self, jobs: Sequence[Job], interrupted: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
         """The answers of jobs, by number, as they come; none of those that are not begun once it is interrupted."""
         if self._means.cluster is not None:
-            yield from self._means.cluster.answers(jobs, interrupted)
+            yield from self._means.cluster(jobs, interrupted)
         elif self._means.jobs < 2:
             yield from enumerate(map(run_job, jobs))
         elif jobs:

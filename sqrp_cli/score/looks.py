@@ -43,7 +43,7 @@ def cluster_verdicts(
         work = partial(verdicts_as_text, task=way.task, samples=way.samples, places=places)
         jobs.append(Job(packed, seed, way.scene.candidate, work))
     with interrupts_later(second_raises=True) as interrupted:
-        for index, answer in cluster.answers(jobs, interrupted):
+        for index, answer in cluster(jobs, interrupted):
             if not isinstance(answer, str):
                 raise InputError(*answer)
             try:

@@ -226,13 +226,9 @@ class CameraPlacer:
         """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
         table, problem, selection = self.table, result.problem, result.selection
         wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
-        found: dict[str, Any] = {
-            "proven": result.proven,
-            "objective": result.value,
-            "bound": result.bound,
-            "fewest": result.fewest if result.requirements.goal is not None else None,
-            "met": selection is not None and not table.too_slow,
-        }
+        found: dict[str, Any] = {"proven": result.proven, "objective": result.value, "bound": result.bound}
+        found["fewest"] = result.fewest if result.requirements.goal is not None else None
+        found["met"] = selection is not None and not table.too_slow
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             pairs = zip(firsts, table.with_delays(stay, table.watched(stay, firsts)), strict=True)
