@@ -34,7 +34,6 @@ def outcome() -> Outcome:
     with open_computer(Means(Adaptive())) as computer:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)
-        assert best is not None
         way = replace(first, candidate=best.assessment.way, coverage=True)
         computer.compute([way], lambda _: None)
         found = computer.outcome(way)
@@ -49,7 +48,6 @@ def compared() -> Scorecard:
 
 
 def test_the_time_in_which_every_literal_of_every_step_is_covered_is_q_avg(outcome: Outcome) -> None:
-    assert outcome.coverage is not None
     targets = outcome.coverage.targets.values()
     length = union_length(stretch for target in targets for stretch in target.required)
     lost = [stretch for target in targets for stretch in difference(target.required, target.covered)]
@@ -68,7 +66,6 @@ def test_kept_results_have_the_figures_of_each_step(outcome: Outcome) -> None:
 
 def test_what_a_narrower_camera_no_longer_sees_is_said_with_the_step(compared: Scorecard) -> None:
     (result,) = compared.results
-    assert result.baseline is not None
     change = next(one for one in result.baseline.ways if one.way == "peg2 then peg2 socket")
     losses = {(loss.literal, loss.camera): loss for loss in change.lost}
     assert ("2.inserted(peg2)", "left") in losses

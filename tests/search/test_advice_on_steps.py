@@ -67,7 +67,6 @@ def test_the_advised_lens_meets_the_goal_and_one_a_little_narrower_does_not(advi
 
 def test_figures_before_are_those_of_rank(cell: OpenCell, advice: AdviceDocument) -> None:
     ranked = cell.rank(TASK, ways="fastest").best
-    assert ranked is not None
     before = advice.before
     assert (before.q_eoi, before.q_avg, before.time) == (ranked.q_eoi, ranked.q_avg, ranked.time)
 
@@ -106,7 +105,6 @@ def test_the_task_that_says_a_way_has_that_way_alone(advice: AdviceDocument) -> 
     changed = load_workspace(CELL, content)
     assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
     (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
-    assert change.parameters is not None
     assert {**candidate.all_parameters, **change.parameters} == candidate.all_parameters
 
 
