@@ -49,7 +49,9 @@ def test_steps_that_are_kept_for_a_cell_go_with_it(tabletop):
     """Another cell may stand at the same address later, with other cameras."""
     cell = Cell.load(tabletop)
     world = cell.initial_world
-    candidate = read_task("pickup g2 then place g2 crate", tabletop, world.facts).candidates[0]
+    candidate = read_task(f"pickup g2 {STATED} then place g2 crate along=0 across=0", tabletop, world.facts).candidates[
+        0
+    ]
     name, camera = next(iter(tabletop.cameras.items()))
     other = cell.seen_by(replace(tabletop, cameras={name: camera}))
     RankJob(cell=other, world=world, sampling=FixedCount(5), wanted=WantedWay(fastest=True)).assess(candidate)

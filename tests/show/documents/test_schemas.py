@@ -1,18 +1,23 @@
-"""JSON Schemas of workspace and skill files, asked by a validator that knows nothing of the program."""
+"""Fields of documents are defined in the reference; schemas of files are asked by a validator that knows no program."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
 from jsonschema import Draft202012Validator
 
+from sqrp_cli.document import LIVE
 from sqrp_cli.files.yaml_file import read_yaml
+from sqrp_cli.score.result import Scorecard, Sweep
+from sqrp_cli.show.documents.checks import Check
 from sqrp_cli.show.documents.schemas import FILES, schema_of
+from sqrp_cli.study.result import CandidateResult
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])
@@ -53,3 +58,21 @@ def test_shipped_files_are_valid_and_a_key_too_many_is_not_anywhere(file: Path) 
         changed = copy.deepcopy(content)
         list(mappings(changed))[place]["nonsense"] = {}
         assert not validator.is_valid(changed)
+
+
+def names(kind: Any, known: set[Any]) -> Iterator[str]:
+    """The fields of a record, and of the records in it."""
+    if is_dataclass(kind) and kind not in known:
+        known.add(kind)
+        hints = get_type_hints(kind)
+        for part in (part for part in fields(kind) if part.metadata != LIVE):
+            yield part.name
+            yield from names(hints[part.name], known)
+    for part in get_args(kind):
+        yield from names(part, known)
+
+
+@pytest.mark.parametrize("record", [CandidateResult, Check, Scorecard, Sweep])
+def test_every_field_is_defined_in_the_reference(record: type) -> None:
+    text = (ROOT / "docs" / "reference" / "numbers.md").read_text(encoding="utf-8")
+    assert [name for name in names(record, set()) if f"`{name}`" not in text] == []
