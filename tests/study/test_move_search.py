@@ -1,4 +1,4 @@
-"""The search for paths: quick figures agree with the exact study, and evolution finds minima, the same way each time."""
+"""The search for paths: its quick figures agree with the exact study, and evolution finds the same minima each time."""
 
 from __future__ import annotations
 
