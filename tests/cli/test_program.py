@@ -178,7 +178,9 @@ def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is
     monkeypatch.setattr(session, "make_step", made_too_late)
     outcome = sqrp("rank", tabletop, "pickup g5", "--program", path)
     assert (outcome.code, outcome.out) == (2, "")
-    assert "has changed meanwhile" in outcome.err
+    told = " ".join(outcome.err.split())
+    assert "another command has changed this program meanwhile: it ends with step 1, pickup g2, and `pickup g5`" in told
+    assert "with another file after --program both are kept" in told
     assert path.read_text() == other.read_text()
 
 
