@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,3 +59,24 @@ def refusal(folder: Path) -> Problem:
     with pytest.raises(InputError) as caught:
         load_workspace(folder)
     return caught.value.problems[0]
+
+
+def edit(file: str | Path, *pairs: str) -> None:
+    """Replace texts in a file, or in that of the workspace in a folder; each stands there once."""
+    path = Path(file) / "workspace.yaml" if Path(file).is_dir() else Path(file)
+    text = path.read_text(encoding="utf-8")
+    for old, new in zip(pairs[::2], pairs[1::2], strict=True):
+        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {path}"
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+
+
+def copied(folder: Path, name: str = "tabletop", camera: str | None = None) -> Path:
+    """A copy of a shipped workspace with all that it names; of its cameras those before one, if that is named."""
+    for part in ("workspaces", "skills"):
+        shutil.copytree(ROOT / part, folder / part, dirs_exist_ok=True)
+    file = folder / "workspaces" / name / "workspace.yaml"
+    if camera is not None:
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text[: text.index(f"  {camera}:")] + text[text.index("skills:") :], encoding="utf-8")
+    return file.parent

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 from sqrp_cli.show.terminal import progress_lines
-from tests.cells import ROOT
+from tests.cells import ROOT, edit
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
 PLACES = {sysconfig.get_path("purelib"): "SITE", str(ROOT): "ROOT"}
@@ -58,15 +58,6 @@ def sections(name: str) -> list[Section]:
             if line.startswith("$ "):
                 found[-1].commands.append(line[2:])
     return found
-
-
-def edit(file: str, *pairs: str) -> None:
-    """Replace texts, each of which stands in the file once."""
-    text = Path(file).read_text(encoding="utf-8")
-    for old, new in zip(pairs[::2], pairs[1::2], strict=True):
-        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {file}"
-        text = text.replace(old, new)
-    Path(file).write_text(text, encoding="utf-8")
 
 
 WORDS: dict[str, Callable[..., Any]] = {

@@ -10,9 +10,10 @@ from typing import Any
 from PIL import Image
 
 from sqrp_cli.cli.main import run
+from tests.cells import copied
 from tests.cli.browser import Opened, chromium
 from tests.studio.hand import Hand
-from tests.studio.started import Started, copied
+from tests.studio.started import Started
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "pictures"
@@ -47,7 +48,7 @@ def shown(browser: Any, page: Path, script: str) -> Image.Image:
 
 def studio(browser: Any, folder: Path) -> Image.Image:
     """The studio after a camera was dragged."""
-    started = Started(copied("tabletop", folder).relative_to(folder), TASK, cwd=folder)
+    started = Started(copied(folder).relative_to(folder), TASK, cwd=folder)
     hand = Hand(browser, started.address)
     hand.wait("return sqrp.settled")
     hand.take("camera", "cam3")

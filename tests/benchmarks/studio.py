@@ -14,10 +14,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.cells import read_cell, write_cell
+from tests.cells import copied, read_cell, write_cell
 from tests.cli.browser import chromium
 from tests.studio.hand import WHERE, Hand
-from tests.studio.started import Started, copied
+from tests.studio.started import Started
 
 STEPS = 100
 
@@ -75,8 +75,8 @@ def measured(browser: object, cell: Path, task: str) -> dict[str, float]:
 def main() -> None:
     """Print the figures of the cells: `tabletop`, `crowded`, both by default."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        small = copied("tabletop", Path(folder) / "small")
-        large = crowded(copied("tabletop", Path(folder) / "large"), 24, 200)
+        small = copied(Path(folder) / "small", "tabletop")
+        large = crowded(copied(Path(folder) / "large"), 24, 200)
         cells = {"tabletop": small, "crowded": large}
         for name, cell in ((name, cells[name]) for name in sys.argv[1:] or cells):
             figures = measured(browser, cell, "pickup green")

@@ -29,6 +29,7 @@ from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
+from tests.cells import copied, edit
 from tests.cli.browser import Opened
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.pages import carried
@@ -42,20 +43,13 @@ TASK = "pickup g1"
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     """The tabletop with its first three cameras, and all that it names."""
-    folder = tmp_path_factory.mktemp("cells")
-    for name in ("workspaces", "skills"):
-        shutil.copytree(ROOT / name, folder / name)
-    file = folder / "workspaces" / "tabletop" / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    file.write_text(text[: text.index("  cam4:")] + text[text.index("skills:") :], encoding="utf-8")
-    return file.parent
+    return copied(tmp_path_factory.mktemp("cells"), camera="cam4")
 
 
 @pytest.fixture
 def own(small, tmp_path):
     """A copy of that, to be changed."""
-    shutil.copytree(small.parents[1], tmp_path, dirs_exist_ok=True)
-    return tmp_path / "workspaces" / "tabletop"
+    return shutil.copytree(small.parents[1], tmp_path, dirs_exist_ok=True) / "workspaces" / "tabletop"
 
 
 @pytest.fixture(scope="module")
@@ -196,10 +190,7 @@ def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
 
 
 def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_the_way(sqrp, own):
-    file = own / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    start, end = text.index("  cam3:"), text.index("skills:")
-    file.write_text(text[:start] + text[end:], encoding="utf-8")
+    copied(own.parents[1], camera="cam3")
     kept = own.parent / "kept"
     command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
     outcome = sqrp(*command)
@@ -272,8 +263,7 @@ def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, ow
 
 def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_goal_and_is_added_once(sqrp, own):
     file = own / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    file.write_text(text.replace("task: pickup green,", 'task: "pickup object=g3,g4",'), encoding="utf-8")
+    edit(file, "task: pickup green,", 'task: "pickup object=g3,g4",')
     command = ("advise", own, "pickup object=g3,g4", "--choose", "g3", "--want", "time 12 s", "--kinds", "way")
     outcome = sqrp(*command, "--apply", 1)
     assert outcome.code == 0
@@ -292,10 +282,7 @@ def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_goal_a
 
 
 def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
-    file = own / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    listed = "{task: pickup object=g3 lift=120mm, min_q_eoi: 0.5}"
-    file.write_text(text.replace("{task: pickup green, min_q_eoi: 0.5}", listed), encoding="utf-8")
+    edit(own, "{task: pickup green, min_q_eoi: 0.5}", "{task: pickup object=g3 lift=120mm, min_q_eoi: 0.5}")
     command = ("advise", own, "pickup g3 lift=120mm", "--want", "time 12 s", "--kinds", "way", "--apply", 1)
     assert sqrp(*command).code == 0
     (task,) = load_workspace(own).tasks
@@ -469,9 +456,9 @@ def test_no_command_contradicts_an_advice(sqrp, own):
 
 def test_the_page_says_where_its_finer_timeline_misses_a_goal_that_is_met(sqrp, own, tmp_path):
     """Against the share of the timeline that the page plays."""
-    page, file = tmp_path / "page.html", own / "workspace.yaml"
-    text = (TABLETOP / "workspace.yaml").read_text(encoding="utf-8")
-    file.write_text(text.replace(LOOK_AT_OF_CAM6, TOO_LITTLE), encoding="utf-8")
+    page = tmp_path / "page.html"
+    shutil.copy(TABLETOP / "workspace.yaml", own)
+    edit(own, LOOK_AT_OF_CAM6, TOO_LITTLE)
     outcome = sqrp("advise", own, "pickup g3", "--ways", "fastest", "--want", "q_eoi 100 %", "--report", page)
     assert "nothing has to change" in outcome.out
     (row,) = carried(page, "overview")["entries"]
@@ -639,9 +626,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
 
 @pytest.mark.slow
 def test_the_place_of_an_object_that_a_program_moved_is_not_written_as_its_place_at_the_start(sqrp, tmp_path):
-    for name in ("workspaces", "skills"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    tower, program = tmp_path / "workspaces" / "tower", tmp_path / "tower.yaml"
+    tower, program = copied(tmp_path, "tower"), tmp_path / "tower.yaml"
     before = (tower / "workspace.yaml").read_bytes()
     assert sqrp("check", tower, "pickup blue", "--program", program).code == 0
     options = (

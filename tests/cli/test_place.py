@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.cells import copied, edit
+
 MOUNTS = """
 mounts:
   ceiling: {grid: {from: [-0.9, -1, 1.4], to: [0.6, 1, 1.4], step: 1 m}}
@@ -21,21 +21,12 @@ lenses:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def cell(tmp_path_factory):
     """Two candidates of `tabletop`, with few mounts."""
-    folder = tmp_path_factory.mktemp("place")
-    for name in ("workspaces", "skills"):
-        shutil.copytree(ROOT / name, folder / name)
-    cell = folder / "workspaces" / "tabletop"
-    text = (cell / "workspace.yaml").read_text()
-    (cell / "workspace.yaml").write_text(text.replace("{task: pickup green,", "{task: 'pickup object=g2,g3',"))
+    cell = copied(tmp_path_factory.mktemp("place"))
+    edit(cell, "{task: pickup green,", "{task: 'pickup object=g2,g3',")
     (cell / "place.yaml").write_text(MOUNTS)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def cell(folder):
-    return folder / "workspaces" / "tabletop"
+    return cell
 
 
 def test_score_of_the_patched_workspace_says_the_same(sqrp, cell, tmp_path, monkeypatch):
@@ -90,15 +81,10 @@ lenses:
 @pytest.fixture
 def occupied(tmp_path):
     """`tabletop` with a camera on a rail that looks away."""
-    for name in ("workspaces", "skills"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    file = tmp_path / "workspaces" / "tabletop" / "workspace.yaml"
-    old = "position: [-0.099, 0.711, 1.162], look_at: [-0.31, -0.027, 0.245]"
-    text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, "position: [-0.112, 1.15, 0.9], look_at: [-0.112, 3, 0.9]"))
-    (file.parent / "place.yaml").write_text(RAILS)
-    return file.parent
+    cell, looks = copied(tmp_path), "look_at: [-0.31, -0.027, 0.245]"
+    edit(cell, f"position: [-0.099, 0.711, 1.162], {looks}", "position: [-0.112, 1.15, 0.9], look_at: [-0.112, 3, 0.9]")
+    (cell / "place.yaml").write_text(RAILS)
+    return cell
 
 
 @pytest.mark.parametrize("most", [pytest.param(3.0, marks=pytest.mark.trial), 0.586])

@@ -17,16 +17,10 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.show.terminal.search_tables import column_titles
 from sqrp_cli.study.pipeline import RankJob
+from tests.cells import edit
 from tests.cli.ctrl_c import press_ctrl_c
 
 ROOT = Path(__file__).parents[2]
-
-
-def edit(workspace: Path, old: str, new: str) -> None:
-    file = workspace / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def computed(outcome) -> int:
@@ -333,8 +327,7 @@ def test_columns_of_a_sweep_say_whose_values_they_are(paths, titles):
 
 
 def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_watch, tmp_path):
-    skill = own_watch / "watch" / "skill.yaml"
-    skill.write_text(skill.read_text(encoding="utf-8").replace("[w1.start, w1.end]", "[100, 200]"), encoding="utf-8")
+    edit(own_watch / "watch" / "skill.yaml", "[w1.start, w1.end]", "[100, 200]")
     arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / "best.patch")
     outcome = sqrp("score", own_watch, *arguments)
     assert outcome.code == 0

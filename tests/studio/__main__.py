@@ -20,9 +20,10 @@ from pathlib import Path
 
 import psutil
 
+from tests.cells import copied
 from tests.cli.browser import chromium
 from tests.studio.hand import Hand
-from tests.studio.started import Started, copied
+from tests.studio.started import Started
 
 MINUTES = 30.0
 LONG = "place"
@@ -186,7 +187,7 @@ def main(minutes: float) -> int:
     counts: dict[str, int] = {}
     sizes: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        cell = copied("tabletop", Path(folder))
+        cell = copied(Path(folder), "tabletop")
         good = (cell / "workspace.yaml").read_bytes()
         started = Started(cell, "pickup object=g2,g6")
         hand = Hand(browser, started.address)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.studio.started import Started, copied
+from tests.cells import copied
+from tests.studio.started import Started
 
 TASK = "pickup object=g2,g6"
 """One candidate that can be done, and one that cannot."""
@@ -13,7 +14,7 @@ TASK = "pickup object=g2,g6"
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
     """A copy of the tabletop that a test may change."""
-    return copied("tabletop", tmp_path_factory.mktemp("studio"))
+    return copied(tmp_path_factory.mktemp("studio"), "tabletop")
 
 
 @pytest.fixture(scope="module")

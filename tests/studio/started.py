@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -39,10 +38,3 @@ class Started:
 def _heed_ctrl_c() -> None:
     """Ctrl-C ends it, even where a shell that runs tests in the background ignores it."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def copied(name: str, folder: Path) -> Path:
-    """A copy of a workspace, with the skills and robots beside it."""
-    shutil.copytree(ROOT / "skills", folder / "skills", dirs_exist_ok=True)
-    shutil.copytree(ROOT / "workspaces" / "robots", folder / "workspaces" / "robots", dirs_exist_ok=True)
-    return Path(shutil.copytree(ROOT / "workspaces" / name, folder / "workspaces" / name))
