@@ -149,13 +149,6 @@ class PlacedScene:
         found = self._kernel.first_contact(*pieces, self.fingers, resolution)
         return None if found is None else self._contact(*found)
 
-    def motion_bounds(self, q: Array, variation: Array) -> Array:
-        """How far the solids of each pair can move against each other, at most [m], shape (P,).
-
-        q: joint positions, (n,), from which each may differ by as much as the variation says, (n,).
-        """
-        return self._kernel.motion_bounds(self.model.with_fingers(q, self.fingers), variation)
-
     def _contact(self, k: int, s: float = 0.0) -> Contact:
         """That of a pair, by its index."""
         first, second = (self.solids[index[k]].part.parent for index in (self.outer, self.inner))

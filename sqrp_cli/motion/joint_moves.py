@@ -5,8 +5,9 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -105,6 +106,9 @@ class FoundMove:
     around: str | None = None
 
 
+_How = Literal["direct", "through", "around"]
+
+
 class JointMoves:
     """Makes and checks moves, and the primitives tied to their ends, on demand; notes what touches, and when.
 
@@ -115,78 +119,68 @@ class JointMoves:
     def __init__(self, problem: MotionProblem, sections: Sequence[Section], ways: Sequence[Ways]) -> None:
         """ways: those through each section."""
         self._problem, self._sections, self._ways = problem, sections, ways
-        self._tied_is_free, self._direct = cache(self._check_tied), cache(self._make_direct)
-        self._through, self._around = cache(self._make_through), cache(self._make_around)
+        self._tied_is_free, self._move = cache(self._check_tied), cache(self._find)
         self.tries = 0
         """Straight pieces that searches for ways around have checked."""
         self.durations: list[Array] = []
         """Of the direct moves from each way through a section to each of the next, shape (k_i, k_i+1) each [s]."""
         for before, after, section in zip(ways[:-1], ways[1:], sections[1:], strict=True):
-            index, home = section.first - 1, problem.model.home
-            q0, q1, limits = before.q_end[:, None], after.q_start[None], self._limits(index)
-            stops = (q0, home, q1) if problem.primitives[index].via_home else (q0, q1)
-            self.durations.append(
-                np.asarray(sum(joint_move_duration(one, two, limits) for one, two in pairwise(stops)))
-            )
+            primitive, home = problem.primitives[section.first - 1], problem.model.home
+            q0, q1, limits = before.q_end[:, None], after.q_start[None], MotionLimits.of(problem.model, primitive.speed)
+            stops = pairwise((q0, home, q1) if primitive.via_home else (q0, q1))
+            self.durations.append(np.asarray(sum(joint_move_duration(one, two, limits) for one, two in stops)))
 
     def direct_works(self, i: int, previous: int, chosen: int) -> bool:
         """Whether a way through section i and the direct move to it are free."""
         if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
-        return self._sections[i].move is None or isinstance(self._direct(i, previous, chosen), FoundMove)
+        return self._sections[i].move is None or isinstance(self._move(i, previous, chosen, "direct"), FoundMove)
 
     def way_works(self, i: int, previous: int, chosen: int) -> bool:
         """Whether there is a way around the obstacle of that move, first by its vias; none for moves by home."""
         if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
         has_vias = self._problem.primitives[self._sections[i].first - 1].vias is not None
-        if has_vias and isinstance(self._through(i, previous, chosen), FoundMove):
-            return True
-        return self._around(i, previous, chosen) is not None
+        hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",)
+        return any(isinstance(self._move(i, previous, chosen, how), FoundMove) for how in hows)
 
     def along(self, chosen: Sequence[int]) -> list[FoundMove] | Infeasible:
         """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
         moves: list[FoundMove] = []
         for i in range(1, len(chosen)):
-            asked = i, chosen[i - 1], chosen[i]
             has_vias = self._problem.primitives[self._sections[i].first - 1].vias is not None
-            move = self._through(*asked) if has_vias else self._direct(*asked)
+            move = self._move(i, chosen[i - 1], chosen[i], "through" if has_vias else "direct")
             if isinstance(move, Infeasible):
                 return move
-            found = self._around(*asked) if isinstance(move, Contact) else move
-            moves += [] if found is None else [found]
+            if isinstance(move, Contact):
+                move = self._move(i, chosen[i - 1], chosen[i], "around")
+            moves += [move] if isinstance(move, FoundMove) else []
         return moves
 
-    def _make_direct(self, i: int, previous: int, chosen: int) -> FoundMove | Contact:
-        """The direct move, or the one by home, unless something is in its way."""
-        index, (q0, q1), home = self._sections[i].first - 1, self._ends(i, previous, chosen), self._problem.model.home
-        limits = self._limits(index)
-        if self._problem.primitives[index].via_home:
-            trajectory = joint_move(q0, home, limits).followed_by(joint_move(home, q1, limits))
-        else:
-            trajectory = joint_move(q0, q1, limits)
-        return self._contact(index, trajectory) or FoundMove(trajectory)
-
-    def _make_through(self, i: int, previous: int, chosen: int) -> FoundMove | Infeasible:
-        """The move around its vias."""
-        index, (q0, q1) = self._sections[i].first - 1, self._ends(i, previous, chosen)
-        vias = self._problem.primitives[index].vias
-        trajectory = motion_through(q0, np.zeros((0, len(q0))) if vias is None else vias, q1, self._limits(index))
-        if (contact := self._problem.scenes[index].check_path(trajectory.path)) is not None:
-            return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
-        direct = self._direct(i, previous, chosen)
-        return FoundMove(trajectory, direct.second if isinstance(direct, Contact) else None)
-
-    def _make_around(self, i: int, previous: int, chosen: int) -> FoundMove | None:
-        """A way around what is in the way of the direct move; None if none is found."""
-        problem, index, direct = self._problem, self._sections[i].first - 1, self._direct(i, previous, chosen)
+    def _find(self, i: int, previous: int, chosen: int, how: _How) -> FoundMove | Contact | Infeasible | None:
+        """The direct move, or the one by home, unless something is in its way; the one through its vias; one around."""
+        problem, index = self._problem, self._sections[i].first - 1
+        primitive, scene = problem.primitives[index], problem.scenes[index]
+        q0, q1 = self._ways[i - 1].q_end[previous], self._ways[i].q_start[chosen]
+        limits = MotionLimits.of(problem.model, primitive.speed)
+        if how == "direct":
+            stops = pairwise((q0, problem.model.home, q1) if primitive.via_home else (q0, q1))
+            trajectory = reduce(Trajectory.followed_by, (joint_move(one, two, limits) for one, two in stops))
+            return self._contact(index, trajectory) or FoundMove(trajectory)
+        direct = self._move(i, previous, chosen, "direct")
+        obstacle = direct.second if isinstance(direct, Contact) else None
+        if how == "through":
+            vias = np.zeros((0, len(q0))) if primitive.vias is None else primitive.vias
+            trajectory = motion_through(q0, vias, q1, limits)
+            if (contact := scene.check_path(trajectory.path)) is not None:
+                return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
+            return FoundMove(trajectory, obstacle)
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
-        if tries == 0 or problem.primitives[index].via_home or isinstance(direct, FoundMove):
+        if tries == 0 or primitive.via_home or obstacle is None:
             return None
-        ends, limits, scene = self._ends(i, previous, chosen), self._limits(index), problem.scenes[index]
-        trajectory, checked = find_way(scene, *ends, problem.bounds, limits, tries, problem.seed)
+        found, checked = find_way(scene, q0, q1, problem.bounds, limits, tries, problem.seed)
         self.tries += checked
-        return None if trajectory is None else FoundMove(trajectory, direct.second)
+        return None if found is None else FoundMove(found, obstacle)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""
@@ -216,9 +210,3 @@ class JointMoves:
         """What touches, and when."""
         share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
         return f"{contact} at {100 * share:.0f} % of {self._problem.primitives[index].name}"
-
-    def _ends(self, i: int, previous: int, chosen: int) -> tuple[Array, Array]:
-        return self._ways[i - 1].q_end[previous], self._ways[i].q_start[chosen]
-
-    def _limits(self, index: int) -> MotionLimits:
-        return MotionLimits.of(self._problem.model, self._problem.primitives[index].speed)

@@ -320,7 +320,7 @@ class Balls:
         directions = rng.normal(size=(30, 3))
         points = RADIUS * directions / np.linalg.norm(directions, axis=1)[:, None]
         shares = [0.0]
-        for (i, j), bound in zip(self.pairs, self.scene.motion_bounds(q, variation), strict=True):
+        for (i, j), bound in zip(self.pairs, self.scene._kernel.motion_bounds(q, variation), strict=True):
             inner, outer = self.links[i], self.links[j]
             here, there = (
                 np.linalg.norm(transform(X[outer], points) - transform(X[inner], points[::-1]), axis=-1)
