@@ -113,11 +113,6 @@ class PlacedScene:
         """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
         return tuple(self._contact(int(row.nonzero()[0][-1])) if row.any() else None for row in self._touching(q))
 
-    def touching_pairs(self, q: Array) -> tuple[NamePairs, ...]:
-        """All pairs of names that touch at each of m joint positions, shape (m, n)."""
-        contacts = ([self._contact(k) for k in row.nonzero()[0].tolist()] for row in self._touching(q, every=True))
-        return tuple(frozenset(pair(contact.first, contact.second) for contact in row) for row in contacts)
-
     def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
         """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are found sooner.
 
@@ -352,7 +347,10 @@ def find_self_contacts(model: RobotModel, seed: int) -> SelfContacts:
     lower = np.where(np.isfinite(model.lower), model.lower, model.home - half)
     upper = np.where(np.isfinite(model.upper), model.upper, model.home + half)
     drawn = lower + (upper - lower) * np.random.default_rng(seed).random((SAMPLES, len(model.arm)))
-    home, *touching = placed.touching_pairs(np.concatenate([model.home[None], drawn]))
+    q = placed.model.with_fingers(np.concatenate([model.home[None], drawn]), placed.fingers)
+    names = [solid.part.parent for solid in placed.solids]
+    each = [pair(names[i], names[j]) for i, j in zip(placed.inner.tolist(), placed.outer.tolist(), strict=True)]
+    home, *touching = (frozenset(compress(each, row.tolist())) for row in placed._kernel.touching(q, every=True))
     pairs = frozenset(pair(scene.solids[i].part.parent, scene.solids[j].part.parent) for i, j in scene.self_pairs)
     counts = {names: sum(names in found for found in touching) for names in pairs}
     return SelfContacts(

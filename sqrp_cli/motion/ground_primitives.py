@@ -28,9 +28,9 @@ from sqrp_cli.skill.skill import (
     PrimitiveAction,
     Release,
     SkillChoice,
-    StillAction,
     StraightMove,
     ToolMove,
+    Wait,
 )
 from sqrp_cli.trajectory import Trajectory
 
@@ -166,7 +166,7 @@ def _ground(primitive: PrimitiveAction, waypoints: WaypointGrounder, ground: Gro
                 turn_speed=None if primitive.turn_speed is None else number(primitive.turn_speed),
                 touching=frozenset(waypoints.binding[name] for name in touched if name is not None),
             )
-        case StillAction():
+        case FingerMove() | Grasp() | Release() | Wait():
             return replace(ground, hold=number(primitive.duration))
 
 

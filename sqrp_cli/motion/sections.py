@@ -249,8 +249,22 @@ class MotionProblem:
         Only 0 where the section's end is given, and of joints that slide. A joint without limits goes at most one turn
         beyond where it is at the start and at home. Where there are none, the first limit that fails is recorded.
         """
-        bounds = self.bounds
-        fewest, most = whole_turns(*_passed(branches, bounds), *bounds)
+        # Positions that each branch passes: sampled, but exact where the motion between samples could decide on turns.
+        low = np.stack([q for q, _ in branches])
+        high, unknown = low.copy(), np.zeros_like(low)
+        for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
+            for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
+                if path.coefficients.shape[1] > 1:
+                    q = path.positions(np.linspace(0.0, 1.0, LIMIT_SAMPLES)).reshape(LIMIT_SAMPLES, len(rows), -1)
+                    low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
+                    curvature = path.derivative_bounds(2).max(axis=0).reshape(len(rows), -1)
+                    unknown[rows] = np.maximum(unknown[rows], curvature / (8 * (LIMIT_SAMPLES - 1) ** 2))
+        sampled, widest = whole_turns(low, high, *self.bounds), whole_turns(low - unknown, high + unknown, *self.bounds)
+        for row, joint in np.argwhere((sampled[0] != widest[0]) | (sampled[1] != widest[1])).tolist():
+            for trajectory in branches[row][1]:
+                least, greatest = trajectory.path.extremes(joint)
+                low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
+        fewest, most = whole_turns(low, high, *self.bounds)
         still = ~self.model.turns | section.is_fixed
         fewest[:, still], most[:, still] = np.maximum(fewest[:, still], 0.0), np.minimum(most[:, still], 0.0)
         turns: list[Array] = []
@@ -269,25 +283,3 @@ class MotionProblem:
                     self.note(section.first + k, f"{primitive.name}: {reason}")
                     break
         return turns
-
-
-def _passed(branches: Sequence[_Begun], limits: JointSpan) -> JointSpan:
-    """The least and the greatest joint positions of each branch, shape (b, n).
-
-    Sampled, but exact where the motion between samples could decide which whole turns keep the limits, (n,) each.
-    """
-    low = np.stack([q for q, _ in branches])
-    high, unknown = low.copy(), np.zeros_like(low)
-    for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
-        for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
-            if path.coefficients.shape[1] > 1:
-                q = path.positions(np.linspace(0.0, 1.0, LIMIT_SAMPLES)).reshape(LIMIT_SAMPLES, len(rows), -1)
-                low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
-                curvature = path.derivative_bounds(2).max(axis=0).reshape(len(rows), -1)
-                unknown[rows] = np.maximum(unknown[rows], curvature / (8 * (LIMIT_SAMPLES - 1) ** 2))
-    sampled, widest = whole_turns(low, high, *limits), whole_turns(low - unknown, high + unknown, *limits)
-    for row, joint in np.argwhere((sampled[0] != widest[0]) | (sampled[1] != widest[1])).tolist():
-        for trajectory in branches[row][1]:
-            least, greatest = trajectory.path.extremes(joint)
-            low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
-    return JointSpan(low, high)

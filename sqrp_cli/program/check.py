@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, pairwise
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,15 +24,19 @@ LARGEST_SKEW = 1e-6  # largest deviation of the axes of a pose from unit length 
 Keys = tuple[str | int, ...]
 
 
-Flaw: TypeAlias = tuple[str, Keys, str]
-"""A contradiction in a program: its code, the keys from the top of the file to its place, and the message."""
+class Flaw(NamedTuple):
+    """A contradiction in a program; at: the keys from the top of the file to its place."""
+
+    code: str
+    at: Keys
+    message: str
 
 
 def flaws(program: Program) -> Iterator[Flaw]:
     """The contradictions of a program in itself, in the order of its steps."""
     joints = program.joints
     if not joints or len(set(joints)) < len(joints):
-        yield "program-joints", ("joints",), "expected the name of every joint that moves, each once"
+        yield Flaw("program-joints", ("joints",), "expected the name of every joint that moves, each once")
         return
     for number, step in enumerate(program.steps):
         at: Keys = ("steps", number)
@@ -51,14 +55,14 @@ def flaws(program: Program) -> Iterator[Flaw]:
                 edges = list(chain.from_iterable(intervals))
                 if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > step.time + SAME_TIME):
                     message = f"expected times in order from 0 to {step.time:g} s"
-                    found.append(("program-times", (*inside, field, camera), message))
+                    found.append(Flaw("program-times", (*inside, field, camera), message))
         yield from found
         if number and not found:  # a step must start in the final world of the step before it
             left, start = (one.model_dump(by_alias=True) for one in (program.steps[number - 1], step))
             for field in left["after"]:
                 if left["after"][field] != start["before"][field]:
                     message = f"differs from `steps.{number - 1}.after.{field}`, where this step should start"
-                    yield "program-worlds", (*at, "before", field), message
+                    yield Flaw("program-worlds", (*at, "before", field), message)
 
 
 def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
@@ -66,7 +70,7 @@ def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
     joints = workspace.stated_world.joints
     if set(program.joints) != set(joints):
         message = f"the joints that the workspace's robot moves are {', '.join(joints)}"
-        yield "program-joints", ("joints",), message
+        yield Flaw("program-joints", ("joints",), message)
     known: dict[str, Mapping[str, object]] = {
         "skill": workspace.skills,
         "object": workspace.objects,
@@ -83,7 +87,7 @@ def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
         for kind, name, place in names:
             if name not in known[kind]:
                 message = f"the workspace has no {kind} `{name}`; {expected_names(name, known[kind])}"
-                yield f"unknown-{kind}", place, message
+                yield Flaw(f"unknown-{kind}", place, message)
 
 
 def _sights(target: ProgramTarget) -> Iterator[tuple[str, str, Spans]]:
@@ -104,30 +108,30 @@ def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
         if primitive.held is not None and primitive.held not in step.before.X_WO:
             expected = expected_names(primitive.held, step.before.X_WO)
             message = f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}"
-            yield "program-object", inside, message
+            yield Flaw("program-object", inside, message)
             return
         if primitive.held != held:
             message = f"`{primitive.name}` holds {named(primitive.held)}, but the tool then holds {named(held)}"
-            yield "program-held", inside, message
+            yield Flaw("program-held", inside, message)
             return
         held = then if primitive.action == "Grasp" else None if primitive.action == "Release" else held
     if step.after.held != held:
         message = f"found {named(step.after.held)}, but the tool then holds {named(held)}"
-        yield "program-held", (*at, "after", "held"), message
+        yield Flaw("program-held", (*at, "after", "held"), message)
 
 
 def _world_flaws(world: World, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     missing = [joint for joint in joints if joint not in world.joints]
     unknown = [joint for joint in world.joints if joint not in joints]
     if missing:
-        yield "program-joints", (*at, "joints"), f"the position of joint `{missing[0]}` is missing"
+        yield Flaw("program-joints", (*at, "joints"), f"the position of joint `{missing[0]}` is missing")
     elif unknown:
         message = f"there is no joint `{unknown[0]}`; {expected_names(unknown[0], joints)}"
-        yield "program-joints", (*at, "joints", unknown[0]), message
+        yield Flaw("program-joints", (*at, "joints", unknown[0]), message)
     for name, X_WO in world.X_WO.items():
         yield from _pose_flaws(X_WO, (*at, "objects", name))
     if (world.held is None) != (world.X_TO is None):
-        yield "program-held", (*at, "held"), "`held` and `held_pose` go together: both, or both `null`"
+        yield Flaw("program-held", (*at, "held"), "`held` and `held_pose` go together: both, or both `null`")
     if world.X_TO is not None:
         yield from _pose_flaws(world.X_TO, (*at, "held_pose"))
 
@@ -137,38 +141,38 @@ def _pose_flaws(X: Array, at: Keys) -> Iterator[Flaw]:
     with np.errstate(over="ignore", invalid="ignore"):
         rigid = np.abs(R @ R.T - np.eye(3)).max() < LARGEST_SKEW and np.linalg.det(R) > 0
     if not rigid or not np.array_equal(X[3], [0, 0, 0, 1]):
-        yield "program-pose", at, "this is no pose: expected a rotation and a position over the row 0, 0, 0, 1"
+        yield Flaw("program-pose", at, "this is no pose: expected a rotation and a position over the row 0, 0, 0, 1")
 
 
 def _motion_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
     """Primitives must follow each other from 0 to the step's time, each as long as its trajectory of all joints."""
     if not step.primitives:
-        yield "program-times", (*at, "primitives"), "expected at least one primitive action"
+        yield Flaw("program-times", (*at, "primitives"), "expected at least one primitive action")
     now = 0.0
     for index, primitive in enumerate(step.primitives):
         inside, name = (*at, "primitives", index), f"`{primitive.name}`"
         path, law = primitive.trajectory.path, primitive.trajectory.law
         if abs(primitive.start - now) > SAME_TIME:
             message = f"{name} starts at {primitive.start:g} s, expected {now:g} s"
-            yield "program-times", (*inside, "start"), message
+            yield Flaw("program-times", (*inside, "start"), message)
         duration, moving, now = primitive.end - primitive.start, law.breaks[-1], primitive.end
         if duration < 0:
-            yield "program-times", (*inside, "end"), f"{name} ends before it starts"
+            yield Flaw("program-times", (*inside, "end"), f"{name} ends before it starts")
         elif abs(moving - duration) > SAME_TIME:
             message = f"{name} lasts {duration:g} s, but its trajectory {moving:g} s"
-            yield "program-times", (*inside, "end"), message
+            yield Flaw("program-times", (*inside, "end"), message)
         if (found := len(path.coefficients[0][0])) != count:
             message = f"the trajectory of {name} moves {found} joints, expected {count}"
-            yield "program-joints", (*inside, "trajectory", "path", "coefficients"), message
+            yield Flaw("program-joints", (*inside, "trajectory", "path", "coefficients"), message)
         if path.breaks[0] != 0 or path.breaks[-1] != 1:
             message = "expected breaks that rise from 0 to 1"
-            yield "program-motion", (*inside, "trajectory", "path", "breaks"), message
+            yield Flaw("program-motion", (*inside, "trajectory", "path", "breaks"), message)
         if law.breaks[0] != 0:
             message = "expected breaks that rise from 0"
-            yield "program-motion", (*inside, "trajectory", "law", "breaks"), message
+            yield Flaw("program-motion", (*inside, "trajectory", "law", "breaks"), message)
     if step.primitives and abs(now - step.time) > SAME_TIME:
         message = f"found {step.time:g} s, but the last primitive action ends at {now:g} s"
-        yield "program-times", (*at, "time"), message
+        yield Flaw("program-times", (*at, "time"), message)
 
 
 def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
@@ -184,7 +188,7 @@ def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
             jumps = np.abs(right - left)
             if not jumps.max() <= most:  # NaN counts as a jump, too
                 joint = joints[int(jumps.argmax())]
-                yield "program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}"
+                yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
                 return
 
     last = [np.array([step.before.joints[joint] for joint in joints]), rest, rest]

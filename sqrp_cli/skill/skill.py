@@ -243,13 +243,7 @@ class HelixMove(ToolMove):
     """Whether the tool does not turn while it goes round."""
 
 
-class StillAction(Primitive):
-    """What actions have in common during which the tool stands still."""
-
-    duration: settings.Duration = Field(description="How long that takes.")
-
-
-class FingerMove(StillAction):
+class FingerMove(Primitive):
     """The fingers move to a width between them, and the tool stands still; not while it holds something."""
 
     _kind = "fingers"
@@ -257,14 +251,15 @@ class FingerMove(StillAction):
     duration: settings.Duration = Field(default=0.5, description="How long that takes at least.")
 
 
-class Grasp(StillAction):
+class Grasp(Primitive):
     """The tool takes hold of an object, at the end of `duration`."""
 
     _kind = "grasp"
+    duration: settings.Duration = Field(description="How long that takes.")
     object: ParameterName = Field(alias="grasp", description="The skill parameter that names the object.")
 
 
-class Release(StillAction):
+class Release(Primitive):
     """The tool lets go of what it holds, at the end of the duration."""
 
     _kind = "let go"
@@ -273,7 +268,7 @@ class Release(StillAction):
     """Clear width to which fingers open; by default as far as they do."""
 
 
-class Wait(StillAction):
+class Wait(Primitive):
     """The robot stands still."""
 
     _kind = "wait"

@@ -47,6 +47,8 @@ def test_inherited_fields_are_described_as_where_they_are_declared():
     assert explained["CandidateStudy"]["properties"]["t_eoi"]["description"].startswith("T_eoi, ")
     assert explained["Explanation"]["properties"]["task"]["description"] == "As it was asked for."
     assert explained["Qualities"]["properties"]["q_avg"]["description"].startswith("Q_avg in 0..1")
+    side = schema_of("skill")["$defs"]["GraspWaypoint"]["properties"]["side"]
+    assert side["description"].startswith("Outward axis"), "what the field means, not what its type does"
 
 
 COMMANDS = [

@@ -81,8 +81,6 @@ def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
         for hidden in (part.name for part in fields(record) if part.metadata.get("live")):
             schema["properties"].pop(hidden)
     for name, value in schema.get("properties", {}).items():
-        if "description" in value:
-            continue
         owners = [base for base in record.__mro__ if name in inspect.get_annotations(base)]
         text = next((texts[name] for texts in map(_texts, owners) if name in texts), None)
         if text is not None:
@@ -92,10 +90,14 @@ def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
 
 @cache
 def _texts(record: type) -> Mapping[str, str]:
-    """The text under each field of a class, by the field's name."""
+    """The text under each field of a class, by the field's name; none of a class that is made at run time."""
+    try:
+        source = inspect.getsource(record)
+    except OSError:
+        return {}
     return {
         field.target.id: inspect.cleandoc(text.value.value)
-        for statement in ast.parse(dedent(inspect.getsource(record))).body
+        for statement in ast.parse(dedent(source)).body
         if isinstance(statement, ast.ClassDef)
         for field, text in pairwise(statement.body)
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
