@@ -111,7 +111,7 @@ struct Grid {
         G.map = {{c.x, c.y, c.z, -dot(c, o), r.x, r.y, r.z, -dot(r, o), z.x, z.y, z.z, -dot(z, o)}};
         for (auto& face : BOX_FACES) {
             V3 p[4] = {H.point[face[0]], H.point[face[1]], H.point[face[2]], H.point[face[3]]};
-            G.silhouette.add(G.map, p, 4);
+            if (dot(cross(p[1] - p[0], p[3] - p[0]), o - p[0]) > 0) G.silhouette.add(G.map, p, 4);  // turned to the eye
         }
         G.total = G.silhouette.count_without({});
         return G;

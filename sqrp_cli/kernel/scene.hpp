@@ -72,28 +72,27 @@ struct Scene : Request {
         ::block(rays, solids[near.solid]->surface, near.hull, grid.map * pose_of(near.solid, state), scratch);
     }
 
-    // Near solids in the order of their parts.
-    void by_part(const List<Near>& near, List<const Near*>& all) const {
+    // Calls `each(begin, end)` for the near solids of each part, in the order of parts and solids.
+    template <class Each> void by_part(const List<Near>& near, Each each) const {
+        List<const Near*> all;
+        auto part = [&](const Near* n) { return solid_part[n->solid]; };
         for (const Near& n : near) all.add(&n);
-        sort(all.begin(), all.end(), [&](const Near* a, const Near* b) {
-            int64_t p = solid_part[a->solid], q = solid_part[b->solid];
-            return p != q ? p < q : a->solid < b->solid;
-        });
+        sort(all.begin(), all.end(), [&](const Near* a, const Near* b) { return part(a) != part(b) ? part(a) < part(b) : a->solid < b->solid; });
+        for (int i = 0, end = 0; i < all.size(); i = end) {
+            while (end < all.size() && part(all[end]) == part(all[i])) end++;
+            each(all.begin() + i, all.begin() + end);
+        }
     }
 
     // The first solid of the part that by itself hides most of a box: the first part of equals; -1 of none.
     int largest(const Grid& grid, const List<Near>& near, int64_t state) {
-        List<const Near*> all;
-        by_part(near, all);
-        auto part = [&](int i) { return solid_part[all[i]->solid]; };
         int by = -1;
         double best = 2;
-        for (int i = 0, first = 0; i < all.size(); first = i) {
+        by_part(near, [&](const Near** begin, const Near** end) {
             Rays blocked;
-            for (; i < all.size() && part(i) == part(first); i++) block(blocked, grid, *all[i], state);
-            double seen = grid.seen(blocked);
-            if (seen < best) best = seen, by = all[first]->solid;
-        }
+            for (const Near** n = begin; n < end; n++) block(blocked, grid, **n, state);
+            if (double seen = grid.seen(blocked); seen < best) best = seen, by = (*begin)->solid;
+        });
         return by;
     }
 };

@@ -31,28 +31,21 @@ void cover(const Request* request, int questions, const int64_t* state, const in
            const int64_t* needed, int tier_count, const int64_t* tier_ends, const int64_t* tier_cameras, int bar_count,
            const double* bars, const double* steps, int8_t* sights) {
     Scene scene(*request);
-    List<View> views;   // of the boxes of the present target, (cameras, its boxes)
+    List<View> views;   // (cameras, boxes)
     List<LitBox> lit;
-    List<uint8_t> saw;  // whether each camera saw all of them when it was asked last
-    double lost[2];
+    List<uint8_t> saw;  // whether each camera saw the present target when it was asked last
+    double lost[2];     // by the present target
     bool was_unseen = false;
+    views.resize(int(request->camera_count * request->box_count)), lit.resize(int(request->box_count));
     for (int q = 0; q < questions; q++) {
-        int boxes = int(count[q]), first_box = int(first[q]);
-        if (!q || first[q] != first[q - 1] || count[q] != count[q - 1]) {
-            views.resize(most(views.size(), int(request->camera_count) * boxes));
-            lit.resize(most(lit.size(), boxes));
-            for (View& view : views) view.forget();
-            saw.clear(), saw.resize(int(request->camera_count));
-            was_unseen = false, lost[0] = lost[1] = 0;
-        }
+        if (!q || first[q] != first[q - 1] || count[q] != count[q - 1])
+            saw.clear(), saw.resize(int(request->camera_count)), was_unseen = false, lost[0] = lost[1] = 0;
         int64_t seen = 0, left = 0;  // how many cameras see it, and may
         auto sight = [&](int c) -> int8_t& { return sights[size_t(c) * questions + q]; };
-        auto view = [&](int c, int b) -> View& { return views[c * boxes + b]; };
         auto ask = [&](int c) {
             const Camera& camera = request->cameras[c];
-            bool sees = true;
-            for (int b = 0; sees && b < boxes; b++) view(c, b).look(scene, camera, camera.X_FC, first_box + b, state[q]), sees = view(c, b).limit.cause == NONE;
-            for (int b = 0; sees && b < boxes; b++) sees = view(c, b).sees(scene, lit[b]);
+            View* own = views.begin() + c * request->box_count + first[q];
+            bool sees = sees_all(scene, camera, camera.X_FC, int(first[q]), int(count[q]), state[q], own, lit.begin() + first[q], false);
             sight(c) = sees ? SEEN : UNSEEN, saw[c] = sees, seen += sees, left -= !sees;
         };
         auto is_open = [&] { return seen < needed[q] && left >= needed[q]; };
@@ -63,9 +56,8 @@ void cover(const Request* request, int questions, const int64_t* state, const in
                 for (int i = from; i < tier_ends[t] && is_open(); i++)
                     if (int c = int(tier_cameras[i]); sight(c) == UNKNOWN && (pass || saw[c])) ask(c);
         }
-        bool unseen = seen < needed[q];
-        for (int k = 0; bar_count && unseen && was_unseen && k < 2; k++) lost[k] += steps[2 * state[q] + k];
-        was_unseen = unseen;
+        for (int k = 0; bar_count && was_unseen && seen < needed[q] && k < 2; k++) lost[k] += steps[2 * state[q] + k];
+        was_unseen = seen < needed[q];
         for (int b = 0; b < bar_count; b++)
             if (lost[0] >= bars[2 * b] && lost[1] >= bars[2 * b + 1]) return;
     }
@@ -109,41 +101,25 @@ void occluders(const Request* request, int n, const int64_t* box, const int64_t*
     }
 }
 
-// Which items lenses see from poses of one camera: (lenses, poses, items), 1 or 0; the lenses are the request's cameras,
-// all of one frame, in which the poses X_FC (poses, 4, 4) are. An item: `count` boxes from `first` on, in a state.
-// decisive: (items,), 1 where a pose from which no lens sees the item is given up: what follows then comes out unseen. Null:
-// nowhere. limits_only: whether occlusion and light count not.
+// Which items lenses, the request's cameras, see from poses X_FC (poses, 4, 4) in their common frame: (lenses, poses, items),
+// 1 or 0. An item: `count` boxes from `first` on, in a state. decisive: (items,) or null, 1 where a pose from which no lens
+// sees the item is given up: what follows then comes out unseen. limits_only: whether occlusion and light count not.
 void look_from(const Request* request, int poses, const double* X_FC, int items, const int64_t* state, const int64_t* first,
                const int64_t* count, const uint8_t* decisive, int limits_only, uint8_t* sees) {
     Scene scene(*request);
     int lenses = int(request->camera_count);
     List<View> views;    // (lenses, boxes) of the present pose
     List<LitBox> lit;
-    List<uint8_t> within;  // the limits of each lens
-    views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count)), within.resize(lenses);
+    views.resize(lenses * int(request->box_count)), lit.resize(int(request->box_count));
     for (int p = 0; p < poses; p++) {
         for (View& view : views) view.forget();
         bool given_up = false;
         for (int i = 0; i < items && !given_up; i++) {
-            int last = int(first[i] + count[i]);
-            auto view = [&](int lens, int b) -> View& { return views[lens * int(request->box_count) + b]; };
-            auto found = [&](int lens) -> uint8_t& { return sees[(size_t(lens) * poses + p) * items + i]; };
             given_up = decisive && decisive[i];
             for (int lens = 0; lens < lenses; lens++) {
-                const Camera& camera = request->cameras[lens];
-                bool good = true;
-                int same = -1;  // another lens from which the same hides it
-                for (int b = int(first[i]); good && b < last; b++) {
-                    view(lens, b).look(scene, camera, Pose::of(X_FC + 16 * p), b, state[i]);
-                    good = view(lens, b).limit.cause == NONE;
-                }
-                within[lens] = good;
-                // What hides a box does not depend on the lens; what light and the image's edge leave of it does.
-                for (int other = 0; good && !limits_only && same < 0 && other < lens; other++)
-                    same = within[other] && (!request->light_count || request->cameras[other].gain == camera.gain) ? other : -1;
-                for (int b = int(first[i]); b < last; b++) same = request->boxes[b].allows_truncation ? -1 : same;
-                for (int b = int(first[i]); good && same < 0 && !limits_only && b < last; b++) good = view(lens, b).sees(scene, lit[b]);
-                found(lens) = same < 0 ? good : found(same), given_up = given_up && !found(lens);
+                View* own = views.begin() + lens * request->box_count + first[i];
+                bool good = sees_all(scene, request->cameras[lens], Pose::of(X_FC + 16 * p), int(first[i]), int(count[i]), state[i], own, lit.begin() + first[i], limits_only);
+                sees[(size_t(lens) * poses + p) * items + i] = good, given_up = given_up && !good;
             }
         }
     }

@@ -104,22 +104,19 @@ public:
     // How much of the box each part hides: as the first on a ray, and as the only one on it, shares of the silhouette.
     // (docs/reference/numbers.md, "Who is in the way"; of parts at the same place the first owns the ray.)
     void share_out(Scene& scene, double* first, double* alone) {
-        List<const Near*> all;
-        scene.by_part(near, all);
-        auto part = [&](int i) { return scene.solid_part[all[i]->solid]; };
         const Grid& grid = rays();
         Depths nearest;
         int owner[ROWS][COLUMNS] = {}, blocking[ROWS][COLUMNS] = {};
-        for (int i = 0, begin = 0; i < all.size(); begin = i) {
+        scene.by_part(near, [&](const Near** begin, const Near** end) {
             Depths own;
-            for (; i < all.size() && part(i) == part(begin); i++)
-                block(own, grid, scene.solids[all[i]->solid]->surface, all[i]->hull, grid.map * scene.pose_of(all[i]->solid, state));
+            for (const Near** n = begin; n < end; n++)
+                block(own, grid, scene.solids[(*n)->solid]->surface, (*n)->hull, grid.map * scene.pose_of((*n)->solid, state));
             for (int k = 0; k < ROWS; k++)
                 for (int c = 0; c < COLUMNS; c++) {
                     blocking[k][c] += own.of[k][c] < ENDLESS;
-                    if (own.of[k][c] < nearest.of[k][c]) nearest.of[k][c] = own.of[k][c], owner[k][c] = int(part(begin));
+                    if (own.of[k][c] < nearest.of[k][c]) nearest.of[k][c] = own.of[k][c], owner[k][c] = int(scene.solid_part[(*begin)->solid]);
                 }
-        }
+        });
         double one = 1.0 / most(grid.total, 1);
         for (int k = 0; k < ROWS; k++)
             for (int c = 0; c < COLUMNS; c++)
@@ -294,3 +291,11 @@ private:
         behind = double(total) / most(inside, 1);
     }
 };
+
+// Whether a camera at a pose in its frame sees boxes in a state; views, lit: of each, to be kept for the next one.
+inline bool sees_all(Scene& scene, const Camera& camera, const Pose& X_FC, int first, int count, int64_t state, View* views, LitBox* lit, bool limits_only) {
+    bool sees = true;
+    for (int b = 0; sees && b < count; b++) views[b].look(scene, camera, X_FC, first + b, state), sees = views[b].limit.cause == NONE;
+    for (int b = 0; sees && !limits_only && b < count; b++) sees = views[b].sees(scene, lit[b]);
+    return sees;
+}
