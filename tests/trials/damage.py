@@ -31,7 +31,7 @@ _PLACES = (
         r":? [`\w-]"
     ),
     re.compile(
-        r"expected a file|there is no|not found|is a folder|is a file|not a folder|is empty|no triangles|UTF-8"
+        r"expected a file|there is no|no such file|not found|is a folder|is a file|not a folder|is empty|no triangles|UTF-8"
         r"|the limit is|this folder|be written|[\d,]+ bytes|:\d+:\d+ names this file"
     ),
 )
