@@ -31,8 +31,8 @@ _PLACES = (
         r":? [`\w-]"
     ),
     re.compile(
-        r"expected a file|there is no|no such file|not found|is a folder|is a file|not a folder|is empty|no triangles|UTF-8"
-        r"|the limit is|this folder|be written|[\d,]+ bytes|:\d+:\d+ names this file"
+        r"expected a file|there is no|no such file|not found|is a folder|is a file|not a folder|is empty|no triangles"
+        r"|UTF-8|the limit is|this folder|be written|[\d,]+ bytes|:\d+:\d+ names this file"
     ),
 )
 """A line, a key, a part, or what the file itself is or is not."""
