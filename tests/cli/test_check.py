@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.program.file import load_program
+from tests.cells import edit
 from tests.cli.conftest import ROOT, Outcome
 
 SHIPPED = sorted(path.parent for path in (ROOT / "workspaces").glob("*/workspace.yaml"))
@@ -32,10 +33,7 @@ def test_a_new_cell_works_as_it_is_meant(sqrp, tmp_path):
 
 def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
     assert sqrp("init", folder / "new", "--no-run").code == 0
-    path = folder / "new" / "workspace.yaml"
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    edit(folder / "new", old, new)
     return folder / "new"
 
 
@@ -77,10 +75,7 @@ def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hide
 def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp, tmp_path):
     cell = Path(shutil.copytree(ROOT / "tests" / "cases" / "cell", tmp_path / "cell"))
     stated = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
-    text = (cell / "workspace.yaml").read_text(encoding="utf-8")
-    early = ROOT / "tests" / "cases" / "cameras" / "easy_handeye_early.yaml"
-    assert stated in text
-    (cell / "workspace.yaml").write_text(text.replace(stated, f"    hand_eye: {early}\n"), encoding="utf-8")
+    edit(cell, stated, f"    hand_eye: {ROOT / 'tests' / 'cases' / 'cameras' / 'easy_handeye_early.yaml'}\n")
     for command in ("check", "show"):
         assert "does not sound like an optical frame" in sqrp(command, cell).err.replace("\n", " "), command
 

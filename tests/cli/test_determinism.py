@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.cells import copied, edit
 from tests.random_cell import Crowd, random_cell
 
 ROOT = Path(__file__).parents[2]
@@ -81,15 +81,8 @@ def held_by_two_facts(tmp_path):
 @pytest.fixture
 def place_first(tmp_path):
     """The tabletop with two of its cameras and a task that needs others first."""
-    for name in ("workspaces", "skills"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    folder = tmp_path / "workspaces" / "tabletop"
-    text = (folder / "workspace.yaml").read_text(encoding="utf-8")
-    listed = "{task: pickup green, min_q_eoi: 0.5}"
-    assert listed in text
-    text = text.replace(listed, "{task: place g2 tray, feasible: false}")
-    text = text[: text.index("  cam3:")] + text[text.index("skills:") :]
-    (folder / "workspace.yaml").write_text(text, encoding="utf-8")
+    folder = copied(tmp_path, camera="cam3")
+    edit(folder, "{task: pickup green, min_q_eoi: 0.5}", "{task: place g2 tray, feasible: false}")
     return folder
 
 

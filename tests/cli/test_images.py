@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.cells import edit
+
 GREEN, RED = (42, 157, 111), (208, 58, 75)
 
 
@@ -73,9 +75,7 @@ def test_the_target_that_is_covered_is_outlined_in_green(turned):
 
 
 def test_a_lens_bends_the_picture_as_it_bends_the_verdicts(sqrp, own_watch, tmp_path):
-    text = (own_watch / "workspace.yaml").read_text()
-    lens = "fx: 400, distortion: {model: plumb_bob, coefficients: [-0.3, 0.1, 0, 0, 0]}}"
-    (own_watch / "workspace.yaml").write_text(text.replace("fx: 400}", lens))
+    edit(own_watch, "fx: 400}", "fx: 400, distortion: {model: plumb_bob, coefficients: [-0.3, 0.1, 0, 0, 0]}}")
     assert sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "bent").code == 0
     face = read(tmp_path / "bent" / "01_0.5s-1.5s_eye.png").astype(int)[240, :320]
     x = 0.35 / 1.95
@@ -140,10 +140,8 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
 
 @pytest.mark.parametrize(("width", "height"), [(12_000, 9_000), (100_000, 1), (1, 100_000)])
 def test_the_picture_of_a_large_camera_is_drawn_smaller_with_the_same_view(sqrp, own_watch, tmp_path, width, height):
-    path = own_watch / "workspace.yaml"
-    text = path.read_text(encoding="utf-8")
     image = f"image: {{width: {width}, height: {height}, fx: {400 * width / 641}, fy: {400 * height / 481}}}"
-    path.write_text(text.replace("image: {width: 641, height: 481, fx: 400}", image), encoding="utf-8")
+    edit(own_watch, "image: {width: 641, height: 481, fx: 400}", image)
     outcome = sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "pictures")
     assert outcome.code == 0, outcome.err
     assert ("pictures have at most 1,000,000 pixels; those of `eye` are smaller" in outcome.err) == (width == 12_000)

@@ -8,7 +8,7 @@ from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.record.events import ShownAtom, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, StepRecord
-from sqrp_cli.show.pages.assembly import PageContent, PageRow, page
+from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
 from sqrp_cli.show.pages.run_page import RunCell, story, write_run
 from sqrp_cli.study.result import CandidateResult
 from tests.cli.browser import Opened, walk
@@ -37,7 +37,7 @@ def wide(tmp_path, labels: int):
         for rank, (name, time) in enumerate([("g1", 9.0), ("g2", 12.0)], 1)
     ]
     path = tmp_path / "wide.html"
-    path.write_text(page(PageContent("Wide", "", "Candidates", [("command", "sqrp " + 40 * "word ")], rows, [])))
+    write_page(PageContent("Wide", "", "Candidates", [("command", "sqrp " + 40 * "word ")], rows, []), path)
     return path
 
 

@@ -10,6 +10,7 @@ import yaml
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program, save_program
+from tests.cells import edit
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +27,9 @@ def folder(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "own"))
 
 
-def replaced(file: Path, old: str, new: str) -> None:
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new), encoding="utf-8")
-
-
 def test_what_a_program_keeps_of_its_workspace_is_believed_only_as_it_was_written(sqrp, folder):
-    replaced(folder / "watch" / "workspace.yaml", "near: 50 cm", "near: 51 cm")
-    replaced(folder / "program.yaml", "near: 0.5", "near: 0.51")
+    edit(folder / "watch", "near: 50 cm", "near: 51 cm")
+    edit(folder / "program.yaml", "near: 0.5", "near: 0.51")
     assert sqrp("program", folder / "program.yaml", "--json").document["stale"] is True
 
 
@@ -50,7 +45,7 @@ def earlier(folder):
 
 def test_a_program_of_an_earlier_version_holds_until_a_byte_changes(sqrp, folder, earlier):
     assert sqrp("program", earlier, "--json").document["stale"] is False
-    replaced(folder / "watch" / "workspace.yaml", "detectors:", "# what sees\ndetectors:")
+    edit(folder / "watch", "detectors:", "# what sees\ndetectors:")
     outcome = sqrp("program", earlier, "--json", columns=500)
     assert outcome.document["stale"] is True
     assert "an earlier version wrote it" in outcome.err
