@@ -1,4 +1,7 @@
-"""The best way of doing what a candidate says: all are planned and observed, and none is judged by less."""
+"""The best way of doing what a candidate says: all are planned and observed, and none is judged by less.
+
+A way is no longer looked at once another one, which takes no longer, surely sees as much in every respect.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,7 @@ class WantedWay:
 def find_way(
     cell: Cell, candidate: Candidate, world: World, sampling: Sampling, wanted: WantedWay, plans: Plans | None = None
 ) -> BestWay | Infeasible:
-    """The wanted way of doing what a candidate says: every way is planned and observed, none is left out.
+    """The wanted way of doing what a candidate says: every way is planned, and observed as far as it may be the best.
 
     plans: what is known of motions already, and is added to.
     """
