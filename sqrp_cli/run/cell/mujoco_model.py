@@ -100,8 +100,8 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
         body = spec.worldbody.add_body(name=name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
         color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
         for part in obj.parts:
-            _add_part(spec, body, part, DRAWN, color)
-            _add_part(spec, body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
+            _add_part(spec, body, part, color)
+            _add_part(spec, body, part, color, (_FIXED if obj.fixed else _MOVABLE, DENSITY))
         if obj.printed_marker is not None:
             _add_marker(spec, body, obj.printed_marker, pose(position=(0.0, 0.0, obj.size[2] / 2)))
         if obj.fixed:
@@ -151,26 +151,24 @@ def _add_urdf(spec: mujoco.MjSpec, urdf: UrdfModel, robot: Robot, parent: mujoco
             added.actfrclimited, added.actfrcrange[:] = True, (-joint.effort, joint.effort)
     resolve = partial(resolve_mesh, robot.package_roots)
     for part in urdf.parts("visual", resolve):
-        _add_part(spec, bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
+        _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR)
     for part in urdf.parts("collision", resolve):
         inertial = urdf.links[part.parent].inertial
         density = DENSITY if inertial is None or inertial.mass <= 0.0 else 0.0
-        _add_part(spec, bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
+        _add_part(spec, bodies[part.parent], part, _ROBOT_COLOR, (_ROBOT, density))
     for name, body in bodies.items():
         _set_inertia(body, urdf.links[name])
 
 
 def _add_part(
-    spec: mujoco.MjSpec,
-    body: mujoco.MjsBody,
-    part: Part,
-    group: int,
-    color: Rgb,
-    *,
-    touches: int = 0,
-    density: float = 0.0,
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Part, color: Rgb, felt: tuple[int, float] | None = None
 ) -> None:
-    """Add a part of a link or an object, to be drawn or felt; every mesh file is one asset for each."""
+    """Add a part of a link or an object, to be drawn; or to be felt, by what it touches and its density [kg/m^3].
+
+    Every mesh file is one asset for each.
+    """
+    touches, density = felt or (0, 0.0)
+    group = DRAWN if felt is None else FELT
     kinds, inertias, mesh = mujoco.mjtGeom, mujoco.mjtMeshInertia, part.shape
     geom = body.add_geom(pos=part.X_PG[:3, 3], quat=quaternion(part.X_PG), rgba=(*color, 1.0))
     match mesh:

@@ -90,9 +90,7 @@ class Renderer:
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
         camera, optics = self._cameras[name], self._optics[name]
-        picture, area = self._rendered(self._camera_pose(camera), optics, camera.brightness)
-        mujoco.mjr_readPixels(picture, None, area, self._context)
-        image = cv2.flip(picture, 0)
+        image = self._rendered(self._camera_pose(camera), optics, camera.brightness)
         if optics.maps is not None:  # black where the lens does not look
             image = cv2.remap(image, *optics.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return self._with_noise(image, camera, t)
@@ -109,14 +107,13 @@ class Renderer:
         optics, scene = self._optics[name], self._scene
         X_WC = self._camera_pose(replace(self._cameras[name], X_FC=X_FC))
         flags = [flag.value for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)]
+        buffer = np.empty((optics.height, optics.width), dtype=np.float32)
         scene.flags[flags] = 1
         try:
-            picture, area = self._rendered(X_WC, optics)
+            picture = self._rendered(X_WC, optics, depth=buffer)
         finally:
             scene.flags[flags] = 0
-        buffer = np.empty((optics.height, optics.width), dtype=np.float32)
-        mujoco.mjr_readPixels(picture, buffer, area, self._context)
-        low, middle, high = (channel.astype(np.int64) for channel in cv2.split(cv2.flip(picture, 0)))
+        low, middle, high = (channel.astype(np.int64) for channel in cv2.split(picture))
         bodies = np.zeros(scene.ngeom + 1, dtype=np.int64)
         for geom in scene.geoms[: scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
@@ -128,8 +125,10 @@ class Renderer:
         y = top + (np.arange(optics.height) + 0.5) / optics.height * (bottom - top)
         return PixelSolids(body, z, x, y)
 
-    def _rendered(self, X_WC: Array, optics: Optics, gain: float = 1.0) -> tuple[NDArray[np.uint8], mujoco.MjrRect]:
-        """Draw what an eye sees; returns memory for the picture, and where the picture is."""
+    def _rendered(
+        self, X_WC: Array, optics: Optics, gain: float = 1.0, depth: NDArray[np.float32] | None = None
+    ) -> NDArray[np.uint8]:
+        """The picture that an eye sees; depth: takes its depths, upside down."""
         if not self._shadows:
             self._leave_out_unseen(X_WC, optics)
         mujoco.mjv_updateScene(
@@ -150,7 +149,9 @@ class Renderer:
         area = mujoco.MjrRect(0, 0, optics.width, optics.height)
         picture = np.empty((optics.height, optics.width, 3), dtype=np.uint8)
         mujoco.mjr_render(area, self._scene, self._context)
-        return picture, area
+        mujoco.mjr_readPixels(picture, depth, area, self._context)
+        picture[:] = cv2.flip(picture, 0)
+        return picture
 
     def close(self) -> None:
         """Give the OpenGL context back."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +15,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names
 from sqrp_cli.files.entries import Angle, Distance, Entry, FileRecord, In, Name, Number, Share, Text, Time
 from sqrp_cli.files.input_file import missing_file
-from sqrp_cli.files.source import SourceDocument, describe
+from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import TIME
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import read_yaml
@@ -152,42 +151,44 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
     if other is not None:
         message = f"this is {other}, expected a file that says how to reach a robot"
         raise bad_input("wrong-type", message, Place(path), mend="see what it holds: sqrp schema robot")
-    file = validate(document, RobotFile)
-    problems = list(_problems(file, workspace, program, document))
-    if problems:
-        raise InputError(*problems)
-    return file
+    file, problems = validate(document, RobotFile), list[Problem]()
 
+    def wrong(code: str, message: str, keys: tuple[str, ...], mend: str | None = None) -> None:
+        problems.append(Problem(code, message, document.key_place(keys), mend=mend))
 
-def _problems(file: RobotFile, workspace: Workspace, program: Program, document: SourceDocument) -> Iterator[Problem]:
-    """What does not fit: `joints` names every joint that trajectories move, but fingers may be left to the tool."""
+    # `joints` names every joint that trajectories move, but fingers may be left to the tool.
     cameras, joints, fingers = workspace.cameras, file.joints, workspace.robot.fingers
     for name in file.cameras:
         if name not in cameras:
             message = f"there is no camera `{name}`; {expected_names(name, cameras)}"
-            yield Problem("unknown-camera", message, document.key_place(("cameras", name)))
+            wrong("unknown-camera", message, ("cameras", name))
     if missing := [name for name in cameras if name not in file.cameras]:
         names = ", ".join(f"`{name}`" for name in missing)
-        yield Problem("missing-key", f"`cameras` lacks {names} of the workspace", document.key_place(("cameras",)))
+        wrong("missing-key", f"`cameras` lacks {names} of the workspace", ("cameras",))
     for name in joints or ():
         if name not in program.joints:
             message = f"the program has no joint `{name}`; {expected_names(name, program.joints)}"
-            yield Problem("unknown-joint", message, document.key_place(("joints", name)))
+            wrong("unknown-joint", message, ("joints", name))
     named = program.joints if joints is None else joints
     if left_out := [n for n in program.joints if n not in named and (fingers is None or n not in fingers.open)]:
         names = ", ".join(f"`{name}`" for name in left_out)
         message = f"`joints` lacks {names}, which the program moves"
-        yield Problem("missing-key", message, document.key_place(("joints",)))
+        wrong("missing-key", message, ("joints",))
     for wire, count in Counter((joints or {}).values()).items():
         if count > 1:
-            yield document.problem("duplicate-name", ("joints",), f"{count} joints are called `{wire}` in messages")
+            problems.append(
+                document.problem("duplicate-name", ("joints",), f"{count} joints are called `{wire}` in messages")
+            )
     primitives = [primitive for step in program.steps for primitive in step.primitives]
     if file.tool is None and any(one.action in ("Grasp", "Release") for one in primitives):
         message = "the program grasps, but the file has no `tool` that can be told to"
-        yield Problem("missing-key", message, document.key_place(()), mend="tool: {topic: /suction}")
+        wrong("missing-key", message, (), "tool: {topic: /suction}")
     if file.force is None and any(one.guard is not None for one in primitives):
         message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
-        yield Problem("missing-key", message, document.key_place(()), mend="force: /wrench")
+        wrong("missing-key", message, (), "force: /wrench")
+    if problems:
+        raise InputError(*problems)
+    return file
 
 
 def as_yaml(file: RobotFile) -> str:
