@@ -37,7 +37,7 @@ ROOMS = {
     "study": ("study", 4_456),
     "search": ("search", 4_487),
     "checks": ("checks", 1_242),
-    "run": ("run", 7_626),
+    "run": ("run", 7_618),
     "field": ("field ros", 3_102),
     "score": ("score", 2_372),
     "show": ("show", 4_934),

@@ -115,7 +115,7 @@ class Run:
                 for index, step in enumerate(self._program.steps if moves else ()):
                     self._run_step(index, step)
                 if not moves:
-                    self._look_at_start(self._prepared(0, self._program.steps[0], first=True), 1)
+                    self._began(0, self._program.steps[0], first=True)
             except Stopped as stopped:
                 outcome, reason = "stopped", str(stopped)
                 tracker.stopped(lockstep.now, stopped)
@@ -153,12 +153,7 @@ class Run:
         lockstep.command_hold(holding=step.before.held is not None)
         while True:
             first, retries = record.attempts == 1, record.attempts - 1
-            attempt = self._prepared(index, step, first=first)
-            if first:  # predictions are checked while all goes as planned
-                report.prediction.append(attempt.check.counts)
-                report.usual.append(attempt.check.usual)
-                attempt.check.disagreements = report.disagreements
-            self._look_at_start(attempt, index + 1)
+            attempt = self._began(index, step, first=first)
             alarm = self._move(attempt, index + 1)
             if alarm is None:
                 break
@@ -179,17 +174,19 @@ class Run:
         tracker.note(recovered=lockstep.now)
         tracker.open.clear()
 
-    def _prepared(self, index: int, step: Step, *, first: bool) -> Attempt:
-        """An attempt at a step, before it begins."""
-        nominal = NominalStep(step, self._program.joints, self._body)
+    def _began(self, index: int, step: Step, *, first: bool) -> Attempt:
+        """An attempt at a step, begun by a look. Raises Stopped where something is not as it should be."""
+        nominal, report = NominalStep(step, self._program.joints, self._body), self._report
         check = PredictionCheck(index, nominal, list(self._streams.cameras))
-        return Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
-
-    def _look_at_start(self, attempt: Attempt, number: int) -> None:
-        """Begin an attempt at the step of a number by a look. Raises Stopped where something is not as it should be."""
-        self._lockstep.begin(attempt, number)
+        attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
+        if first and report.steps:  # predictions are checked while all goes as planned, and not by a mere look
+            report.prediction.append(check.counts)
+            report.usual.append(check.usual)
+            check.disagreements = report.disagreements
+        self._lockstep.begin(attempt, index + 1)
         if (wrong := self._look(attempt, 0.0)) is not None:
             raise Stopped(f"wrong start: {wrong.text}")
+        return attempt
 
     def _move(self, attempt: Attempt, number: int) -> Alarm | None:
         """Play the motion of an attempt at the step of a number, then look at what came of it.

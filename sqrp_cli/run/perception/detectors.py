@@ -198,7 +198,7 @@ def _resting(
     rests: the boxes that do not move with the tool, with their poses. In none of them it is the largest new patch of
     its colour (news), if that is big enough, at the height of a box.
     """
-    X_WC = view.posed_camera.X_WC
+    X_WC = view.X_WC
 
     def at_height(pixel: Array, height: float) -> Array | None:
         """Where the ray of a pixel is at a height [m]; None if it never is."""
@@ -278,7 +278,7 @@ def _place(view: ExpectedView, background: Background, obj: SceneObject, colored
 
 def marker_detection(view: ExpectedView, background: Background, atom: str, box: TargetBox) -> BoxDetection:
     """What is seen of a box with an ArUco marker, on an object or on a finger."""
-    outline = view.posed_camera.outline(view.pose(box), box.size)
+    outline = view.outline(view.pose(box), box.size)
     if outline is None:
         return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
     wanted, robot, on_finger = view.marker(atom, box), view.cell.robot, box.frame in view.cell.markers
@@ -287,7 +287,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
     opened, step, centers = outline.center, np.zeros(2), list[Array]()
     for fingers in (robot.fingers.open, robot.fingers.closed) if on_finger and robot.fingers is not None else ():
         X_WL = robot.link_poses(robot.with_fingers(view.believed.joints, fingers))
-        end = view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
+        end = view.outline(X_WL[box.frame] @ box.X_FB, box.size)
         centers += [] if end is None else [end.center]
     if len(centers) == 2:
         opened, step = centers[0], centers[1] - centers[0]

@@ -80,7 +80,7 @@ class ImageDetector:
         background = self._background
         if background is None:
             objects = [(self._cell.objects[name], X) for name, X in believed.X_WO.items()]
-            outlines = [view.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed]
+            outlines = [view.outline(X, obj.size) for obj, X in objects if not obj.fixed]
             movables = filled(view.whole, [outline.corners for outline in outlines if outline is not None])
             masks = (pieces_mask(view.whole, view.robot), view.sought_mask(), movables)
             moving = self._camera.frame != WORLD
@@ -146,7 +146,7 @@ def plugin_detections(
 
 def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion | None:
     """The question about a box; None where it is not in the image."""
-    outline = view.posed_camera.outline(view.pose(box), box.size)
+    outline = view.outline(view.pose(box), box.size)
     if outline is None or view.crop(outline.polygon, 0) is None:
         return None
     obj = view.object_of(atom, box)
@@ -158,7 +158,7 @@ def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion
         color=None if obj is None else obj.color,
         marker=view.marker(atom, box),
         size=box.size,
-        X_CB=inverse(view.posed_camera.X_WC) @ view.pose(box),
+        X_CB=inverse(view.X_WC) @ view.pose(box),
         outline=outline.polygon,
         clear=filled(view.whole, [outline.corners]) & ~robot,
     )

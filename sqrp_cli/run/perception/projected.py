@@ -117,6 +117,7 @@ class PosedCamera:
         self.projection, self.X_WC, self._X_CW = projection, X_WC, inverse(X_WC)
         self.camera = projection.camera
         self.whole = Crop.whole(self.camera.height, self.camera.width)
+        """All of the image."""
 
     def outline(self, X_WB: Array, size: Sequence[float]) -> ProjectedBox | None:
         """A box of full extents `size` [m]; None where some of it is behind or beyond what the lens shows."""
@@ -249,7 +250,7 @@ class ProjectedObject:
         return filled(crop, [self.box.corners]) & pieces_mask(crop, self.parts)
 
 
-class ExpectedView:
+class ExpectedView(PosedCamera):
     """One image of one camera, with what is expected in it: where the robot stood, and where boxes would be."""
 
     def __init__(
@@ -260,20 +261,16 @@ class ExpectedView:
         image: ImageArray,
         believed: BelievedState,
     ) -> None:
-        camera = projection.camera
-        self.camera, self.cell, self.sought = camera, cell, sought
-        self.image, self.believed = image, believed
-        self.boxes = [(atom, box) for atom, target in sought.targets.items() for box in target.boxes]
-        """All boxes to look at, each with its atom."""
         self.X_WL = cell.robot.link_poses(believed.joints)
         """Where the links of the robot stood, by its encoders, (4, 4)."""
+        self._X_WF = frame_poses(self.X_WL, believed.X_WO, sought.starts)
+        super().__init__(projection, self._X_WF[projection.camera.frame] @ projection.camera.X_FC)
+        self.cell, self.sought, self.image, self.believed = cell, sought, image, believed
+        self.boxes = [(atom, box) for atom, target in sought.targets.items() for box in target.boxes]
+        """All boxes to look at, each with its atom."""
         self.markers: Callable[[str], list[FoundMarker]] = cache(partial(find_markers, image))
         """The markers of a dictionary in the image."""
-        self._X_WF = frame_poses(self.X_WL, believed.X_WO, sought.starts)
-        self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
-        self.whole = self.posed_camera.whole
-        """All of the image."""
-        self.robot = self.posed_camera.silhouette(cell.robot.surfaces, self.X_WL)
+        self.robot = self.silhouette(cell.robot.surfaces, self.X_WL)
         """The silhouette that the robot has in it, by its encoders."""
 
     def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
@@ -293,12 +290,10 @@ class ExpectedView:
 
     def projected(self, name: str, X_WO: Array) -> ProjectedObject | None:
         """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""
-        box = self.posed_camera.outline(X_WO, self.cell.objects[name].size)
+        box = self.outline(X_WO, self.cell.objects[name].size)
         if box is None or box.area <= 0.0:
             return None
-        return ProjectedObject.of(
-            box, self.posed_camera.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True)
-        )
+        return ProjectedObject.of(box, self.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
 
     def blocking(self, name: str, points_W: Array) -> list[ProjectedPart] | None:
         """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
@@ -310,16 +305,16 @@ class ExpectedView:
         for part, surface in zip(obj.parts, self.cell.surfaces[name], strict=True):
             X_WB, size = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
             X_BW = inverse(X_WB)
-            start = transform(X_BW, self.posed_camera.X_WC[:3, 3][None])[0]
+            start = transform(X_BW, self.X_WC[:3, 3][None])[0]
             steps = transform(X_BW, points_W) - start
             with np.errstate(divide="ignore", invalid="ignore"):
                 bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
             enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
             if ((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any():
                 found.append(surface)
-        if found and self.posed_camera.outline(X_WO, obj.size) is None:
+        if found and self.outline(X_WO, obj.size) is None:
             return None
-        return self.posed_camera.silhouette(found, {name: X_WO})
+        return self.silhouette(found, {name: X_WO})
 
     def crop(self, polygon: Array, margin: int) -> Crop | None:
         """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
@@ -337,7 +332,7 @@ class ExpectedView:
         anyway, of_tool = list[Corners](), dict[str, list[Corners]]()
         for atom, box in self.boxes:
             obj = self.object_of(atom, box)
-            outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
+            outline = self.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:
                 empty = obj is not None and box.frame in self.X_WL and not self.believed.holding
                 color = obj.color if obj is not None and empty else None

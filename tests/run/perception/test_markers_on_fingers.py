@@ -55,7 +55,7 @@ def detected(
         with_fingers=lambda _, fingers: fingers,
     )  # fmt: skip
     view: Any = SimpleNamespace(
-        image=np.zeros((100, 400, 3), dtype=np.uint8), posed_camera=SimpleNamespace(outline=outline),
+        image=np.zeros((100, 400, 3), dtype=np.uint8), outline=outline,
         robot=(),
         pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
         marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers,
