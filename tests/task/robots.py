@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot import JointLimits, Robot, Tool
+from tests.cells import read_cases
 
 SUCTION_CUP = Path(__file__).parents[2] / "workspaces" / "robots" / "suction_cup.urdf"
 
@@ -149,46 +151,20 @@ def turning(name: str, parent: str, child: str, xyz: str, axis: str, mimics: str
     return joint(name, parent, child, "revolute", xyz, axis, limit + follow)
 
 
-SIX_AXES = (
-    turning("joint_1", "base", "link_1", "0 0 0.4", "0 0 1"),
-    turning("joint_2", "link_1", "link_2", "0.3 0 0.3", "0 1 0"),
-    turning("joint_3", "link_2", "link_3", "0 0 1", "0 1 0"),
-    turning("joint_4", "link_3", "link_4", "0.6 0 0.2", "1 0 0"),
-    turning("joint_5", "link_4", "link_5", "0.5 0 0", "0 1 0"),
-    turning("joint_6", "link_5", "link_6", "0.2 0 0", "1 0 0"),
-    joint("end", "link_6", "tool0", "fixed", "0 0 0", "0 0 1"),
-)
-"""A large industrial arm."""
+def _stated(row: Sequence[Any]) -> str:
+    """A joint of tests/cases/small_arms.yaml."""
+    name, parent, child, xyz, axis, how = *row[:5], dict(row[5]) if len(row) > 5 else {}
+    if "kind" not in how and "limits" not in how:
+        return turning(name, parent, child, xyz, axis, how.get("mimics", ""))
+    limits = '<limit lower="{}" upper="{}" velocity="1"/>'.format(*how["limits"]) if "limits" in how else ""
+    return joint(name, parent, child, how.get("kind", "revolute"), xyz, axis, limits)
 
-FEW_AXES = {
-    "five axes": (
-        turning("waist", "base", "l1", "0 0 0.1", "0 0 1"),
-        turning("shoulder", "l1", "l2", "0 0 0.1", "0 1 0"),
-        turning("elbow", "l2", "l3", "0 0 0.4", "0 1 0"),
-        turning("pitch", "l3", "l4", "0.4 0 0", "0 1 0"),
-        joint("roll", "l4", "l5", "continuous", "0.1 0 0", "1 0 0"),
-        joint("end", "l5", "tool0", "fixed", "0.05 0 0", "0 0 1"),
-    ),
-    "four axes": (
-        turning("waist", "base", "l1", "0 0 0.1", "0 0 1"),
-        turning("shoulder", "l1", "l2", "0 0 0.1", "0 1 0"),
-        turning("elbow", "l2", "l3", "0 0 0.4", "0 1 0"),
-        turning("pitch", "l3", "l4", "0.4 0 0", "0 1 0"),
-        joint("end", "l4", "tool0", "fixed", "0.15 0 0", "0 0 1"),
-    ),
-    "SCARA": (
-        turning("j1", "base", "l1", "0 0 0.4", "0 0 1"),
-        turning("j2", "l1", "l2", "0.4 0 0", "0 0 1"),
-        joint("j3", "l2", "l3", "prismatic", "0.3 0 0", "0 0 1", '<limit lower="-0.3" upper="0" velocity="1"/>'),
-        joint("j4", "l3", "tool0", "continuous", "0 0 -0.05", "0 0 -1"),
-    ),
-    "gantry": (
-        joint("x", "base", "l1", "prismatic", "0 0 0.8", "1 0 0", '<limit lower="-0.5" upper="0.5" velocity="1"/>'),
-        joint("y", "l1", "l2", "prismatic", "0 0 0", "0 1 0", '<limit lower="-0.5" upper="0.5" velocity="1"/>'),
-        joint("z", "l2", "tool0", "prismatic", "0 0 0", "0 0 -1", '<limit lower="0" upper="0.7" velocity="1"/>'),
-    ),
-}
-"""Arms that cannot take every pose; exact ones."""
+
+_SMALL = read_cases("small_arms.yaml")
+SIX_AXES = tuple(map(_stated, _SMALL["six axes"]))
+FEW_AXES, LINKAGES, LIFTS = (
+    {name: tuple(map(_stated, rows)) for name, rows in _SMALL[of].items()} for of in ("few axes", "linkages", "lifts")
+)
 
 
 def rounded(joints: Sequence[str], by: float) -> tuple[str, ...]:
@@ -196,59 +172,3 @@ def rounded(joints: Sequence[str], by: float) -> tuple[str, ...]:
     return tuple(
         one.replace("<origin ", f'<origin rpy="{by:g} {-by:g} {by * (-1) ** k:g}" ', 1) for k, one in enumerate(joints)
     )
-
-
-LINKAGES = {
-    "rods beside the arm": (
-        *SIX_AXES,
-        turning("passive_1", "link_1", "crank", "0.3 0 0.3", "0 1 0", mimics="joint_3"),
-        turning("passive_2", "crank", "rod", "-0.4 0 0", "0 1 0", mimics="joint_2"),
-    ),
-    "a level flange": (
-        *SIX_AXES[:2],
-        turning("parallel", "link_2", "elbow", "0 0 1", "0 1 0", mimics="joint_2"),
-        turning("joint_3", "elbow", "link_3", "0 0 0", "0 1 0"),
-        turning("level", "link_3", "link_4", "1 0 0", "0 1 0", mimics="joint_3"),
-        turning("joint_4", "link_4", "tool0", "0 0 -0.1", "0 0 1"),
-    ),
-    "an elbow led by a rod": (
-        *SIX_AXES[:2],
-        turning("joint_3", "link_2", "link_3", "0 0 1", "0 1 0", mimics="motor_3"),
-        *SIX_AXES[3:],
-        turning("motor_3", "link_1", "crank", "0.3 0 0.3", "0 1 0"),
-    ),
-}
-"""Arms with a parallel linkage: passive joints mimic those of the arm."""
-
-
-_TELESCOPE = '<limit lower="0" upper="0.13" velocity="1" effort="1"/>'
-
-_WRIST = (
-    joint("yaw", "a4", "l1", "revolute", "0.083 -0.03 0", "0 0 -1", '<limit lower="-1.75" upper="4" velocity="1"/>'),
-    joint(
-        "pitch", "l1", "l2", "revolute", "0.02 -0.02 -0.03", "1 0 0", '<limit lower="-1.57" upper="0.56" velocity="1"/>'
-    ),
-    joint("roll", "l2", "l3", "revolute", "0 -0.01 0", "0 1 0", '<limit lower="-3.14" upper="3.14" velocity="1"/>'),
-    joint("end", "l3", "tip", "fixed", "0 -0.23 0", "0 0 1"),
-)
-
-LIFTS = {
-    "each part of the arm by itself": (
-        joint("lift", "base", "a0", "prismatic", "0 0.13 0.17", "0 0 1", '<limit lower="0" upper="1.1" velocity="1"/>'),
-        joint("part1", "a0", "a1", "prismatic", "0 -0.25 0", "0 -1 0", _TELESCOPE),
-        *(joint(f"part{k}", f"a{k - 1}", f"a{k}", "prismatic", "0 -0.013 0", "0 -1 0", _TELESCOPE) for k in (2, 3, 4)),
-        *_WRIST,
-    ),
-    "the arm as one joint": (
-        joint("lift", "base", "a0", "prismatic", "0 0.13 0.17", "0 0 1", '<limit lower="0" upper="1.1" velocity="1"/>'),
-        joint("arm", "a0", "a4", "prismatic", "0 -0.289 0", "0 -1 0", _TELESCOPE.replace("0.13", "0.52")),
-        *_WRIST,
-    ),
-}
-"""Arms on a lift with a telescope and a wrist of yaw, pitch and roll, which points straight down but for -1.57."""
-
-
-def jacobian(model: RobotModel, q: Array) -> Array:
-    """Velocity of the tool frame's origin over its angular velocity, per joint velocity, at positions (n,); (6, n)."""
-    J: Array = model.tool_poses_and_jacobians(q[None]).J[0]
-    return J

@@ -24,7 +24,7 @@ from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
-from tests.cells import write_cell
+from tests.cells import read_cases, write_cell
 from tests.motion.cells import PinocchioArm, assert_keeps_limits, even_steps
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"
@@ -40,69 +40,15 @@ class Arm:
     """
 
     urdf: str
-    srdf: str | None
     link: str
     home: dict[str, float]
     cube: tuple[float, float, float]
+    srdf: str | None = None
     height: float = 0.005
     tool: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0, 0, 0), (0, 0, 0))
 
 
-def ur(*home: float) -> dict[str, float]:
-    names = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-    return {f"{name}_joint": angle for name, angle in zip(names, home, strict=True)}
-
-
-def numbered(name: str, *home: float) -> dict[str, float]:
-    return {f"{name}{k}": angle for k, angle in enumerate(home, 1)}
-
-
-ARMS = {
-    "ur3": Arm("ur_description/urdf/ur3_robot", None, "tool0", ur(-21, -47, 35, 102, 90, 69), (0.28, 0, 0.03)),
-    "ur5": Arm("ur_description/urdf/ur5_robot", None, "tool0", ur(0, -110, 110, -90, -90, 0), (0.44, 0, 0.04)),
-    "ur10": Arm("ur_description/urdf/ur10_robot", None, "tool0", ur(-14, -70, 78, 82, 90, 76), (0.62, 0, 0.05)),
-    "panda": Arm(
-        "panda_description/urdf/panda",
-        "panda_description/srdf/panda.srdf",
-        "panda_hand_tcp",
-        numbered("panda_joint", 0, -9, 0, -113, 0, 104, 45),
-        (0.46, 0, 0.05),
-        tool=((0, 0, 0.0115), (0, 0, 0)),
-    ),
-    "xarm7": Arm(
-        "xarm_description/urdf/xarm7",
-        "xarm_description/srdf/xarm7.srdf",
-        "link_eef",
-        numbered("joint", 0, -10, 0, 50, 0, 60, 0),
-        (0.37, 0, 0.04),
-    ),
-    "kinova": Arm(
-        "kinova_description/robots/kinova",
-        "kinova_description/srdf/kinova.srdf",
-        "j2s6s200_end_effector",
-        numbered("j2s6s200_joint_", 89, 144, 215, 0, 71, 89),
-        (0.49, 0, 0.05),
-        tool=((0.0044, 0, 0), (90, 0, 90)),
-    ),
-    "z1": Arm(
-        "z1_description/urdf/z1",
-        None,
-        "gripperStator",
-        numbered("joint", 0, 112, -95, 73, 0, 90),
-        (0.39, 0, 0.04),
-        height=0.237,
-        tool=((0.151, 0, 0), (90, 0, 90)),
-    ),
-    "so100": Arm(
-        "so_arm_description/urdf/so100",
-        None,
-        "gripper",
-        {"shoulder_pan": 0, "shoulder_lift": 115, "elbow_flex": -89, "wrist_flex": 44, "wrist_roll": 0},
-        (0, -0.28, 0.02),
-        height=0.214,
-        tool=((0, -0.1084, 0), (90, -90, 0)),
-    ),
-}
+ARMS = {name: Arm(**stated) for name, stated in read_cases("arms.yaml").items()}
 
 
 ALIKE = ("ur3", "ur10")
