@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 979),
     "motion": ("motion", 2_753),
     "sight": ("kernel sight", 1_516),
-    "study": ("study", 4_456),
+    "study": ("study", 4_459),
     "search": ("search", 4_487),
     "checks": ("checks", 1_242),
     "run": ("run", 7_618),
