@@ -11,11 +11,10 @@ from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxViews, HidingPart, Observer
+from sqrp_cli.sight.observer import BoxViews, Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solid, load_solids
 from sqrp_cli.sight.targets import Target
-from tests.sight.test_laws import random_watch
 from tests.sight.views import box_part, make_box, make_camera, make_detector
 
 BOX = make_box((0.1, 0.1, 0.002), normal=(0.0, 0.0, 1.0), detector=make_detector(0.9))
@@ -70,32 +69,6 @@ def test_pieces_of_one_name_are_one_part() -> None:
 def test_what_is_beside_or_behind_the_box_hides_nothing() -> None:
     behind = box_part("behind", (1.0, 1.0, 0.01), pose(position=(0.0, 0.0, -0.1)))
     assert hiding(plate("beside", 0.5, 1.1, 2.0), behind) == {}
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_shares_add_up_to_what_is_hidden_and_a_part_alone_hides_what_is_seen_without_it(seed: int) -> None:
-    watch = random_watch(seed)
-    boxes = [replace(box, limits=replace(box.limits, min_visible=1.0)) for box in watch.target.boxes]
-    solids = load_solids(watch.parts)
-
-    def visible(*without: str) -> list[np.ndarray]:
-        left = tuple(solid for solid in solids if solid.name not in without)
-        target = replace(watch.target, boxes=tuple(boxes))
-        return [box.visible for box in Observer(watch.cameras, left).verdicts([target], watch.states)[0]]
-
-    def occluders(number: int) -> dict[tuple[int, int], tuple[HidingPart, ...]]:
-        camera, state = np.nonzero(~np.isnan(before[number]).T)
-        views = BoxViews(np.zeros(len(state), dtype=np.int64), camera, state)
-        found = Observer(watch.cameras, solids).occluders([boxes[number]], watch.states, views)
-        return dict(zip(zip(state.tolist(), camera.tolist(), strict=True), found, strict=True))
-
-    before, without = visible(), {solid.name: visible(solid.name) for solid in solids}
-    for number in range(len(boxes)):
-        for at, parts in occluders(number).items():
-            assert sum(part.share for part in parts) == pytest.approx(1.0 - before[number][at], abs=1e-12)
-            for part in parts:
-                assert part.alone <= part.share
-                assert part.alone == pytest.approx(without[part.name][number][at] - before[number][at], abs=1e-12)
 
 
 CUBE = make_box((0.1, 0.1, 0.1), detector=make_detector(0.9))
