@@ -224,6 +224,9 @@ class Detector(DetectorEntry):
     is_usual: bool = False
     """Whether the size at which markers are read counts, not `min_pixels`: see `usual`."""
 
+    def __post_init__(self) -> None:
+        """Accepts an empty range: that of markers which no camera of the cell can read."""
+
     @classmethod
     def of(cls, entry: DetectorEntry, cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]) -> Detector:
         """A detector as a file states it, in a cell with cameras and markers by name.

@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+from sqrp_cli.camera.camera import ImageEntry
+from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker, opencv_name
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
@@ -44,3 +46,10 @@ def test_a_marker_that_is_none_is_refused(marker: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         cell_with(marker)
     assert message in str(caught.value)
+
+
+def test_markers_that_no_camera_can_read_have_an_empty_range() -> None:
+    lens = ImageEntry(width=8, height=8, horizontal_fov=1.0).intrinsics()
+    entry, marker = DetectorEntry(kind="aruco", max_incidence=0.5), ObjectMarker(id=1).on((0.1, 0.1, 0.1))
+    near, far = Detector.of(entry, {"c": lens}, {"m": marker}).distance
+    assert far < near
