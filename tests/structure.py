@@ -27,7 +27,7 @@ ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_334),
     "files": ("files", 2_088),
     "robot": ("robot", 2_750),
-    "camera": ("camera", 1_936),
+    "camera": ("camera", 1_939),
     "cell": ("cell", 3_236),
     "logic": ("logic", 2_406),
     "skill, program": ("skill program", 1_853),
