@@ -172,3 +172,9 @@ def rounded(joints: Sequence[str], by: float) -> tuple[str, ...]:
     return tuple(
         one.replace("<origin ", f'<origin rpy="{by:g} {-by:g} {by * (-1) ** k:g}" ', 1) for k, one in enumerate(joints)
     )
+
+
+def jacobian(model: RobotModel, q: Array) -> Array:
+    """Velocity of the tool frame's origin over its angular velocity, per joint velocity, at positions (n,); (6, n)."""
+    J: Array = model.tool_poses_and_jacobians(q[None]).J[0]
+    return J
