@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_618),
     "field": ("field ros", 3_102),
     "score": ("score", 2_372),
-    "show": ("show", 4_934),
+    "show": ("show", 4_940),
     "ask": ("ask cli __init__ __main__", 5_225),
     "studio": ("studio", 1_863),
     "starter, platform": ("starter platform", 1_781),

@@ -76,7 +76,7 @@ def study_shown(
         formulas=[
             from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in study.formulas
         ],
-        cameras={one.name: CameraTiming(rate=one.rate, latency=one.lag) for one in cell.observer.cameras},
+        cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, study),
         recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
         sights=sights,
