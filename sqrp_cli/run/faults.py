@@ -32,21 +32,20 @@ Form: TypeAlias = tuple[str, re.Pattern[str], str]
 """How a kind of fault is written: examples, for messages; what follows the name of the kind; and that in words."""
 _AT, _BY = re.compile(r":(?P<camera>[^@=]+)@(?P<time>.+)"), re.compile(r":(?P<camera>[^@=]+)=(?P<delay>.+)")
 _SLIP = r"@(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*))"
-_FORMS: Mapping[FaultKind, Form] = {
-    "slip": ("slip@a4+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
-    "miss-pick": ("miss-pick", re.compile(""), "just `miss-pick`"),
-    "camera-loss": ("camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
-    "frozen": ("frozen:cam1@3", _AT, "the camera and when it happens"),
-    "latency": ("latency:cam3=0.5", _BY, "the camera and by how much it is late"),
-    "perception-crash": ("perception-crash:cam1@4", _AT, "the camera and when it happens"),
-}
 _JOINTS_AT, _JOINTS_BY = re.compile(r"@(?P<time>.*)", re.DOTALL), re.compile(r"=(?P<delay>.*)", re.DOTALL)
-_SERVED_FORMS: Mapping[FaultKind, Form] = {
-    **{kind: form for kind, form in _FORMS.items() if kind != "perception-crash"},
-    "joints-loss": ("joints-loss@5", _JOINTS_AT, "when it happens"),
-    "joints-frozen": ("joints-frozen@5", _JOINTS_AT, "when it happens"),
-    "joints-latency": ("joints-latency=0.5", _JOINTS_BY, "by how much joint states are late"),
-}
+_KINDS: tuple[tuple[FaultKind, str, re.Pattern[str], str], ...] = (
+    ("slip", "slip@a4+0.4, slip@a4:random or slip@7.2", re.compile(_SLIP), "when it slips"),
+    ("miss-pick", "miss-pick", re.compile(""), "just `miss-pick`"),
+    ("camera-loss", "camera-loss:cam2@5.0", _AT, "the camera and when it happens"),
+    ("frozen", "frozen:cam1@3", _AT, "the camera and when it happens"),
+    ("latency", "latency:cam3=0.5", _BY, "the camera and by how much it is late"),
+    ("perception-crash", "perception-crash:cam1@4", _AT, "the camera and when it happens"),
+    ("joints-loss", "joints-loss@5", _JOINTS_AT, "when it happens"),
+    ("joints-frozen", "joints-frozen@5", _JOINTS_AT, "when it happens"),
+    ("joints-latency", "joints-latency=0.5", _JOINTS_BY, "by how much joint states are late"),
+)
+_FORMS: Mapping[FaultKind, Form] = {one[0]: one[1:] for one in _KINDS if not one[0].startswith("joints")}
+_SERVED_FORMS: Mapping[FaultKind, Form] = {one[0]: one[1:] for one in _KINDS if one[0] != "perception-crash"}
 """Of a cell that is served: its joint states can fail, but the processes that look at its images are not its own."""
 PHYSICAL = ("slip", "miss-pick")
 """Faults of the step; the others are faults of cameras."""
