@@ -15,7 +15,7 @@ from tests.run.cell.scenes import camera
 
 SIZE = np.array([0.04, 0.05, 0.06])
 EYE = camera("near", (4.3, 0.4, 0.5), (4.0, 0.0, 0.02))
-AROUND = Crop.whole(EYE.height, EYE.width).wider(2000)
+AROUND = Crop.whole(EYE.height, EYE.width).wider(100)
 VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
