@@ -144,18 +144,14 @@ where_needed = kept(None, "True, False, or None for where it is needed", lambda 
 _A_PATH = "a path, as text or as a pathlib.Path"
 
 
-def _is_path(value: object) -> bool:
-    return isinstance(value, str | Path) and bool(str(value))
-
-
-path = kept(Path, _A_PATH, _is_path, make=Path)
+path = kept(Path, _A_PATH, lambda value: isinstance(value, str | Path) and bool(str(value)), make=Path)
 paths = kept(
     list[Path],
     "several paths, in a list",
     lambda value: _several(value, str | Path),
     make=lambda all_: tuple(map(Path, all_)),
 )
-urdf = kept(str, _A_PATH, _is_path)  # or the address of a package, as text
+urdf = kept(str, _A_PATH, lambda value: isinstance(value, str | Path) and bool(str(value)))  # or of a package
 choice = text("the name of a candidate, `best`, or None for all", or_none=True)
 
 

@@ -98,18 +98,16 @@ def open_to_write(
     return cell
 
 
-def read_program(path: Path, seed: int = 0) -> OpenProgram:
-    """Read a program that may no longer fit its workspace, and print the warnings about that."""
+def read_program(path: Path, seed: int = 0, *, check: bool = True) -> OpenProgram:
+    """Open a program and print the warnings about its workspace. Raises InputError where it cannot be run.
+
+    check: whether it must fit its workspace as that is now.
+    """
     program = OpenProgram.read(path, seed)
     keep_all_so_far()
     _print_warnings(program.cell)
-    return program
-
-
-def program_with_warnings(path: Path, seed: int = 0) -> OpenProgram:
-    """Open a program and print the warnings about its workspace. Raises InputError where it cannot be run."""
-    program = read_program(path, seed)
-    program.check()
+    if check:
+        program.check()
     return program
 
 
@@ -165,10 +163,3 @@ def page_is_written(file: Path, write: Callable[..., None], **how: object) -> bo
         return False
     note(f"open {file} in a browser")
     return True
-
-
-def note_late(text: str) -> None:
-    """Print a line about what a run waits for; loads the console only then."""
-    from sqrp_cli.show.terminal.console import note
-
-    note(text)

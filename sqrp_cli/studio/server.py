@@ -33,28 +33,24 @@ class _Browser:
     """A connection, and what waits to be sent."""
 
     def __init__(self, connection: Any) -> None:  # noqa: ANN401 - of websockets
-        self._connection, self._waiting, self._size = connection, asyncio.Queue[str | None](), 0
+        self._connection, self.waiting, self._size = connection, asyncio.Queue[str | None](), 0
         self._heard, self._since = 0.0, time.monotonic()
 
     def tell(self, text: str, *, passing: bool = False) -> None:
         """Send a message, see `Connections.tell`."""
-        if passing and self._waiting.qsize() >= MOST_WAITING:
+        if passing and self.waiting.qsize() >= MOST_WAITING:
             return
         self._size += len(text)
-        self._waiting.put_nowait(text)
+        self.waiting.put_nowait(text)
         if self._size > MOST_UNREAD:
             self._connection.transport.abort()
-
-    def leave(self) -> None:
-        """Close the connection once all is sent."""
-        self._waiting.put_nowait(None)
 
     async def send(self) -> None:
         """Send what waits, until it is to be closed."""
         from websockets.exceptions import ConnectionClosed
 
         with suppress(ConnectionClosed):
-            while (text := await self._waiting.get()) is not None:
+            while (text := await self.waiting.get()) is not None:
                 await self._connection.send(text)
                 self._size -= len(text)
             await self._connection.close(1001, "the studio was closed")
@@ -76,7 +72,7 @@ class Connections:
         self.kept: dict[str, str] = {}  # the messages that a new browser gets, by kind, in order
         self._token = secrets.token_urlsafe(24)
         self._browsers: set[_Browser] = set()
-        self._page = b""
+        self.page = ""  # what the address shows
         self._port = 0
         self._server: Any = None
 
@@ -110,14 +106,10 @@ class Connections:
             raise bad_option(message, mend="leave out --port: one that is free is taken") from None
         self._port = next(iter(self._server.sockets)).getsockname()[1]
 
-    def show(self, page: str) -> None:
-        """What the address shows."""
-        self._page = page.encode()
-
     async def close(self) -> None:
         """Close all connections."""
         for browser in self._browsers:
-            browser.leave()
+            browser.waiting.put_nowait(None)  # to be closed once all is sent
         self._server.close()
         with suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._server.wait_closed(), 1.0)
@@ -150,7 +142,7 @@ class Connections:
         if live and allowed and origins:
             return None
         page = allowed and hmac.compare_digest(path, f"/{self._token}/".encode())
-        status, body = (HTTPStatus.OK, self._page) if page else (HTTPStatus.NOT_FOUND, b"")
+        status, body = (HTTPStatus.OK, self.page.encode()) if page else (HTTPStatus.NOT_FOUND, b"")
         answered = {
             "Content-Type": "text/html; charset=utf-8",
             "Content-Length": str(len(body)),

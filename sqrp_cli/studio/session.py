@@ -105,7 +105,7 @@ class Studio:
         await self.connections.open(port)
         over = self._rankings.listen()
         self._rank()  # meanwhile the page is put together
-        self.connections.show(studio_page(f"{self._workspace.name}: studio", self.connections.socket))
+        self.connections.page = studio_page(f"{self._workspace.name}: studio", self.connections.socket)
         ready(self.connections.address)
         self._stamps = self._stamped()
         self._tell_state()

@@ -88,10 +88,6 @@ class RankingRun:
             self._memory.take(seen)
         self._hand_out(worker)
 
-    def ranking(self) -> list[CandidateResult]:
-        """All candidates, once they are assessed."""
-        return [*map(described, rank([self.found[index] for index in range(len(self.found))], self.asked.by))]
-
     def end(self) -> None:
         """End all processes at once."""
         for worker in self._workers:
@@ -257,7 +253,8 @@ class _Worker:
         return cell
 
     def _ranked(self, run: RankingRun) -> None:
-        ranking = run.ranking()
+        found = [run.found[index] for index in range(len(run.found))]
+        ranking = [*map(described, rank(found, run.asked.by))]
         details = ["" if one.feasible else None for one in ranking]
         rows = [row(one) for one in candidate_rows(ranking, details)]
         fields = {"task": run.asked.task, "by": run.asked.by, "number": run.asked.number, "entries": rows}

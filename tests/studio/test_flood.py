@@ -70,7 +70,7 @@ def test_what_the_next_message_replaces_does_not_wait_in_numbers():
         browser = _Browser(Connection())
         for _ in range(10 * MOST_WAITING):
             browser.tell("picture", passing=True)
-        assert browser._waiting.qsize() == MOST_WAITING
+        assert browser.waiting.qsize() == MOST_WAITING
 
     asyncio.run(tell())
 

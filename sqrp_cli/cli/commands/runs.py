@@ -25,7 +25,6 @@ from sqrp_cli.cli.options import (
     check_needed,
     check_outputs,
     open_with_warnings,
-    program_with_warnings,
     read_program,
 )
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad_option
@@ -91,7 +90,7 @@ def _run(
 
     if robot is not None and json and not dry_run and not yes:
         raise bad_option("--json leaves no room for a question; add --yes, or --dry-run")
-    opened = program_with_warnings(program, seed)
+    opened = read_program(program, seed)
     if robot is not None:
         ask.check_not_read([*opened.files, robot], report)
         print_problems(opened.warnings)
@@ -149,7 +148,7 @@ def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bo
     from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
 
     LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
-    opened = None if program is None else read_program(program)
+    opened = None if program is None else read_program(program, check=False)
     logged = LoggedRun.read(log, opened)
     check_not_read([report], [log, *([] if opened is None else opened.files)])
     finished = FinishedSteps([step.skill for step in logged.header.steps])
@@ -270,7 +269,7 @@ def _cell(
     if faults and program is None:
         raise bad_option("--fault needs --program: its times are those of a program")
     cell = open_with_warnings(workspace, seed)
-    opened = None if program is None else program_with_warnings(program, seed)
+    opened = None if program is None else read_program(program, seed)
 
     def check_new() -> None:
         """Raises InputError for a file that is there: it is removed at the end, and may be that of a real robot."""
@@ -323,7 +322,7 @@ def _audit(
         mend = shlex.join(["sqrp", "audit", str(ask.recording), str(program)])
         raise bad_option("this is a recording; expected a program here", Place(program), mend=mend)
     check_packages()
-    opened = program_with_warnings(program)
+    opened = read_program(program)
     check_outputs({"--patch": patch}, CAMERAS)
     check_not_read([patch], opened.files)
     found = audited(opened, ask.but(progress=progress))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import Patches, answer, check_needed, check_outputs, given, note_late, page_is_written
+from sqrp_cli.cli.options import Patches, answer, check_needed, check_outputs, given, page_is_written
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_not_read
@@ -67,6 +67,7 @@ def _score(
     Each task's best candidate is compared with the thresholds in its workspace, and with a baseline.
     """
     from sqrp_cli.score.cluster import connected
+    from sqrp_cli.show.terminal.console import note
 
     outputs = {"--junit": junit, "--summary": summary, "--save-baseline": save_baseline, "--report": report}
     if watch:
@@ -79,7 +80,7 @@ def _score(
     if vary and given({"--baseline": baseline, **outputs}):
         raise bad_option("--vary goes without baselines and reports")
     check_outputs(outputs)
-    with connected(cluster, note_late, tls) as workers:
+    with connected(cluster, note, tls) as workers:
         means = ask.means(seed, workers)
         if vary:
             return _vary(paths, vary, draws, patch, means, as_json=json)
@@ -266,8 +267,9 @@ def _diff(
     Show what differs, field by field, and which camera therefore no longer sees which literal, and when.
     """
     from sqrp_cli.score.cluster import connected
+    from sqrp_cli.show.terminal.console import note
 
-    with connected(cluster, note_late, tls) as workers:
+    with connected(cluster, note, tls) as workers:
         from sqrp_cli.score.comparison import compare_versions, read_version
         from sqrp_cli.score.compute import open_computer
         from sqrp_cli.score.result import Scorecard
