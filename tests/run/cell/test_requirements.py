@@ -127,7 +127,7 @@ def test_without_the_extra_only_what_needs_it_says_so(
     # The program itself is not what this is about.
     script = (
         f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import runs\n"
-        "runs.program_with_warnings = lambda *_: None\n"
+        "runs.read_program = lambda *_: None\n"
         "from sqrp_cli.cli.main import main\nmain()"
     )
     command = [sys.executable, "-c", script, *(word.format(log=log) for word in words)]
