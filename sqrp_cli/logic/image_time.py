@@ -148,7 +148,7 @@ def _phases(windows: Sequence[Window], onset: Onset, bends: Array) -> tuple[Arra
         return ((np.arange(_LATTICE)[:, None] + 0.5) * steps % 1.0)[:, which], np.full(_LATTICE, 1.0 / _LATTICE)
     times = [onset.shown, bends, *(bends - lag for lag in {window.lag for window in windows})]
     edges = np.concatenate([[w.start for w in windows], [w.end for w in windows], *times]) / rates[0] % 1.0
-    every = np.unique(np.concatenate([[0.0, 1.0], edges]))
+    every = np.sort(np.concatenate([[0.0, 1.0], edges]))
     widths = np.diff(every)
     kept = widths > _NARROW
     begin, width = every[:-1][kept], widths[kept]
@@ -183,7 +183,7 @@ def _latest(windows: Sequence[Window], onset: Onset) -> float:
         every = np.arange(np.floor(first / own[0].period) - 1, np.ceil(last / own[0].period) + 1) * own[0].period
         edges = (every[:, None] + _edges(own)[:-1]).ravel()
         cuts.append(np.interp(edges[(edges > first) & (edges < last)], onset.shown, onset.x))
-    x = np.unique(np.concatenate(cuts))
+    x = np.sort(np.concatenate(cuts))
     x = np.repeat(x, 2) if len(x) == 1 else x
     shown = np.interp(x, onset.x, onset.shown)
     inside = np.minimum(1e-10, 0.25 * np.diff(shown))
@@ -195,7 +195,7 @@ def _latest(windows: Sequence[Window], onset: Onset) -> float:
 def _edges(windows: Sequence[Window]) -> Array:
     """The phases of one rate between which it does not change which images fall into a window [s], from 0 on."""
     period = windows[0].period
-    edges = np.unique([0.0, *(edge % period for w in windows for edge in (w.start, w.end))])
+    edges = np.sort([0.0, *(edge % period for w in windows for edge in (w.start, w.end))])
     return np.append(edges[np.append(np.diff(edges) > _NARROW, period - edges[-1] > _NARROW)], period)
 
 

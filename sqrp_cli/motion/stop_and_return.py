@@ -40,7 +40,7 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     n = len(model.arm)
     q, velocity, acceleration = (np.empty((INSTANTS, n)) for _ in range(3))
     of_instant = np.searchsorted([primitive.end for primitive in motion.primitives[:-1]], t)
-    for index in np.unique(of_instant).tolist():
+    for index in sorted({*of_instant.tolist()}):
         rows = np.flatnonzero(of_instant == index)
         primitive = motion.primitives[index]
         motion_then = primitive.trajectory.motion(t[rows] - primitive.start, 2)

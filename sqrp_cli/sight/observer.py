@@ -201,7 +201,7 @@ class Observer:
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
         responses = np.array([camera.response for camera in self.cameras])
-        return [np.flatnonzero(responses == response) for response in np.unique(responses)]
+        return [np.flatnonzero(responses == response) for response in sorted({*responses.tolist()})]
 
     @cached_property
     def _projections(self) -> list[Projection]:

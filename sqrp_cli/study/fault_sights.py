@@ -70,7 +70,7 @@ def fault_windows(
     """
     seen, samples = timeline.observation, timeline.samples
     clocks = np.array([(1.0 / camera.rate, camera.lag) for camera in cameras]).reshape(-1, 2)
-    kinds = [(*clock, (clocks == clock).all(axis=1)) for clock in np.unique(clocks, axis=0).tolist()]
+    kinds = [(*clock, (clocks == clock).all(axis=1)) for clock in sorted({*map(tuple, clocks.tolist())})]
     several = len(kinds) > 1
     if several:
         kinds.append((*clocks.max(axis=0).tolist(), np.ones(len(clocks), dtype=bool)))

@@ -297,7 +297,7 @@ class _Loss(NamedTuple):
 def _worst_loss(cell: Cell, study: Analysis, rows: Indices) -> _Loss:
     """The target that is lost in most of a few samples of a run."""
     count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
-    few = rows[np.unique(np.linspace(0, len(rows) - 1, count).round().astype(np.int64))]
+    few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
     seen = study.timeline.observation
     uncovered = seen.required & ~seen.covered
     losses = []

@@ -108,7 +108,7 @@ print(own, code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=s
 
 HEAVY = (
     "pinocchio", "asyncio", "multiprocessing", "distributed", "mujoco", "cv2", "ompl", "rich.progress", "http.client",
-    "sqrp_cli.show.documents.scores", "sqrp_cli.score",
+    "numpy.ma", "sqrp_cli.show.documents.scores", "sqrp_cli.score", "sqrp_cli.program.file", "sqrp_cli.program.record",
 )  # fmt: skip
 """Modules that no ranking of cubes on a table needs."""
 
