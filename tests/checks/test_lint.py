@@ -1,4 +1,4 @@
-"""The lint: one case after the other from tests/cases/lint.yaml, and what it must leave alone."""
+"""The lint: the cases of tests/cases/lint.yaml one after the other, and those of lint_fine.yaml, which it leaves alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sqrp_cli.checks.lint import lint
 from sqrp_cli.files.units import shown_length
 from tests.cells import read_cases
 
-CASES = read_cases("lint.yaml")
+CASES, FINE = read_cases("lint.yaml"), read_cases("lint_fine.yaml")
 Damage = Callable[[dict[str, Any]], Path]
 
 
@@ -40,48 +40,10 @@ def test_the_undamaged_cell_has_no_findings(cell: Path) -> None:
     assert lint(load_workspace(cell)) == ()
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        {"a2.end] (not": "a4.start] (not"},  # touching instants
-        {"a2.end] (not": "a3.end] (not"},
-        {"a2.end] (not": "a3.start + 0.5] (not"},  # not decided by the order of the primitive actions
-        {"(hold and not on_table)": "(hold or not on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
-        {"(hold and not on_table)": "(not hold and on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
-    ],
-)
-def test_formulas_that_can_all_hold_are_no_contradiction(edit: dict[str, str], damaged: Damage) -> None:
-    findings = lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit})))
-    assert "contradictory-formulas" not in [finding.code for finding in findings]
-
-
-@pytest.mark.parametrize(
-    "fault",
-    [
-        "eventually[a3.start, a3.end] (hold)",  # nothing is demanded there
-        "eventually[a3.start, a4.start + 0.1] (hold)",  # not decided by the order of the primitive actions
-        "always[a3.start, a5.end] (hold)",
-        "eventually[a4.start, a4.end] (hold and on_table)",
-        "eventually[a4.start, a4.end] (hold -> on_table)",
-        "always[a4.start, a4.end] (not hold)",
-    ],
-)
-def test_faults_that_a_motion_as_planned_does_not_show_are_none_of_the_plan(fault: str, damaged: Damage) -> None:
-    edit = {"eventually[a4.start, a4.end] (not hold and on_table)": fault}
-    assert lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit}))) == ()
-
-
-@pytest.mark.parametrize(
-    "position",
-    [
-        "[0.4, 0, 1.95 cm]",  # it sinks in by less than a millimetre
-        "[0.4, 0, 2.4 cm]",  # it floats by less than five millimetres
-        "[0.7, -0.2, 3 cm]",  # inside a hollow one
-    ],
-)
-def test_an_object_that_stands_well_enough_is_left_alone(position: str, damaged: Damage) -> None:
-    edit = {"position: [0.4, 0, 2 cm]": f"position: {position}"}
-    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+@pytest.mark.parametrize("case", FINE, ids=[case["case"] for case in FINE])
+def test_what_is_no_mistake_is_left_alone(case: dict[str, Any], damaged: Damage) -> None:
+    codes = [finding.code for finding in lint(load_workspace(damaged(case)))]
+    assert case["not"] not in codes if "not" in case else not codes
 
 
 def test_overlaps_that_follow_from_a_size_in_millimetres_are_one_finding_that_names_the_size(damaged: Damage) -> None:

@@ -7,6 +7,7 @@ import pytest
 from sqrp_cli.logic.conditions import apply_effect, failing_literals
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 
 OBJECTS = {
     "g1": frozenset({"cube", "movable", "object"}),
@@ -32,32 +33,8 @@ def failing(precondition: str, facts: frozenset[Atom]) -> list[str]:
     return [str(failure) for failure in failing_literals(domain.actions["a"], binding, facts, objects, domain)]
 
 
-@pytest.mark.parametrize(
-    ("precondition", "facts", "expected"),
-    [
-        ("(and (hold ?x) (hand_empty))", (), ["hold(g1)", "hand_empty"]),
-        ("(and (hold ?x) (hand_empty))", ("hold g1",), ["hand_empty"]),
-        ("(and (hold ?x) (hold ?x))", (), ["hold(g1)"]),
-        ("(not (hold ?x))", ("hold g1",), ["not hold(g1)"]),
-        ("(not (hold ?x))", ("hold g2",), []),
-        ("(not (or (hold ?x) (hold ?y)))", ("hold g2",), ["not hold(g2)"]),
-        ("(= ?x ?y)", (), ["g1 = g2"]),
-        ("(not (= ?x ?y))", (), []),
-        ("(not (= ?x ?x))", (), ["not (g1 = g1)"]),
-        ("(forall (?m - movable) (not (on ?m ?t)))", ("on g2 t1",), ["not on(g2, t1)"]),
-        ("(exists (?m - movable) (on ?m ?t))", ("on g2 t1",), []),
-        ("(exists (?m - movable) (on ?m ?t))", ("on g2 bin",), ["for some ?m - movable: on(?m, t1)"]),
-        ("(not (exists (?m - movable) (hold ?m)))", ("hold g2",), ["not hold(g2)"]),
-        ("(not (forall (?m - movable) (hold ?m)))", ("hold g1", "hold g2"), ["not (for all ?m - movable: hold(?m))"]),
-        ("(or (hold ?x) (and (hold ?y) (hand_empty)))", ("hold g2",), ["hold(g1) or (hold(g2) and hand_empty)"]),
-        ("(imply (hold ?x) (hand_empty))", (), []),
-        ("(imply (hold ?x) (hand_empty))", ("hold g1",), ["not hold(g1) or hand_empty"]),
-        ("(forall (?tray - tray) (open ?tray))", ("open t1",), ["open(bin)"]),
-        ("(and (open bin))", (), ["open(bin)"]),
-        ("()", (), []),
-    ],
-)
-def test_what_fails_is_named(precondition: str, facts: tuple[str, ...], expected: list[str]) -> None:
+@pytest.mark.parametrize(("precondition", "facts", "expected"), read_cases("conditions.yaml"))
+def test_what_fails_is_named(precondition: str, facts: list[str], expected: list[str]) -> None:
     assert failing(precondition, atoms(*facts)) == expected
 
 
