@@ -1,4 +1,4 @@
-"""The lint: the cases of tests/cases/lint.yaml one after the other, and those of lint_fine.yaml, which it leaves alone."""
+"""The lint: cases of tests/cases/lint.yaml one after the other, and those of lint_fine.yaml that it leaves alone."""
 
 from __future__ import annotations
 
