@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_617),
     "field": ("field ros", 3_102),
     "score": ("score", 2_372),
-    "show": ("show", 4_940),
+    "show": ("show", 4_937),
     "ask": ("ask cli __init__ __main__", 5_213),
     "studio": ("studio", 1_852),
     "starter, platform": ("starter platform", 1_781),

@@ -17,6 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import RobotTraits
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+from sqrp_cli.show.documents.explanation import CameraTiming
 from sqrp_cli.task.grounding import on_robot
 
 
@@ -79,7 +80,7 @@ class RobotScene(RobotTraits, Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraScene(Record):
+class CameraScene(CameraTiming):
     """A calibrated camera. Pixel (0, 0) is the centre of the first pixel."""
 
     width: int
@@ -100,10 +101,6 @@ class CameraScene(Record):
     """Nearest depth at which it sees [m]."""
     far: float | None
     """Farthest depth at which it sees [m]; null if there is none."""
-    rate: float
-    """Images per second [Hz]."""
-    latency: float
-    """From exposure to the image being available [s]."""
     exposure: float | None = field(default=None, metadata=LEFT_OUT)
     """How long the shutter is open [s]; left out where nothing is said."""
     gain: float | None = field(default=None, metadata=LEFT_OUT)
@@ -309,6 +306,7 @@ def _camera(cell: Cell, one: Camera) -> CameraScene:
     return from_fields(
         CameraScene,
         one,
+        CameraTiming.of(one),
         K=one.matrix.tolist(),
         # ROS has no name for the absence of distortion; it writes five zeros.
         distortion_model="plumb_bob" if straight else one.distortion_model,
@@ -316,7 +314,6 @@ def _camera(cell: Cell, one: Camera) -> CameraScene:
         frame=frame,
         pose=X_FC.tolist(),
         far=_finite(one.far),
-        latency=one.lag,
         exposure=one.exposure or None,
     )
 
