@@ -179,9 +179,10 @@ def declared(node: ast.ClassDef) -> set[str]:
 
 
 def keys_with_values(node: ast.Dict) -> set[object]:
-    """The keys of a dict that is written out, where the value is no constant."""
+    """The keys of a dict that is written out, where the value is neither a constant nor a row of a table."""
     items = zip(node.keys, node.values, strict=True)
-    return {key.value for key, value in items if isinstance(key, ast.Constant) and not isinstance(value, ast.Constant)}
+    rows = (ast.Constant, ast.Tuple)
+    return {key.value for key, value in items if isinstance(key, ast.Constant) and not isinstance(value, rows)}
 
 
 def counted(names: Iterable[str]) -> Figure:
