@@ -1,4 +1,4 @@
-"""Figures of the code: `python -m tests.structure [--names]`."""
+"""Figures of the code: `python -m tests.structure [--names] [ANOTHER_CHECKOUT]`, whose figures stand before these."""
 
 from __future__ import annotations
 
@@ -85,6 +85,7 @@ class SourceTree:
         found: dict[str, Figure] = {
             "files": (len(lines), []),
             "lines": (sum(lines.values()), []),
+            "lines of tests": (sum(file.read_text().count("\n") for file in (self.root / "tests").rglob("*.py")), []),
             "longest file": (lines[longest], [longest]),
             "functions per 1,000 lines": (self._per_1000(ast.FunctionDef, ast.AsyncFunctionDef), []),
             "classes per 1,000 lines": (self._per_1000(ast.ClassDef), []),
@@ -191,15 +192,17 @@ def counted(names: Iterable[str]) -> Figure:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the figures and the rooms."""
-    now = SourceTree(ROOT)
-    for title, (value, names) in now.figures().items():
-        print(f"{title:52}{value:>9}")
+    """Print the figures and the rooms of this checkout, behind those of others that are named."""
+    trees = [*(SourceTree(Path(one).resolve()) for one in arguments if one != "--names"), SourceTree(ROOT)]
+    every, rooms = [tree.figures() for tree in trees], [tree.rooms() for tree in trees]
+    for title, (_, names) in every[-1].items():
+        print(f"{title:52}" + "".join(f"{figures[title][0]:>9}" for figures in every))
         if "--names" in arguments:
             print("".join(f"    {name}\n" for name in names), end="")
-    print(f"\n{'room':42}{'lines':>9}{'budget':>9}{'left':>9}")
-    for room, lines in now.rooms().items():
-        print(f"{room:42}{lines:>9}{ROOMS[room][1]:>9}{ROOMS[room][1] - lines:>9}")
+    print(f"\n{'room':52}{'lines':>{9 * len(trees)}}{'budget':>9}{'left':>9}")
+    for room, (_, budget) in ROOMS.items():
+        lines = [of[room] for of in rooms]
+        print(f"{room:52}" + "".join(f"{count:>9}" for count in (*lines, budget, budget - lines[-1])))
 
 
 if __name__ == "__main__":
