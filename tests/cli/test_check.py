@@ -33,7 +33,10 @@ def test_a_new_cell_works_as_it_is_meant(sqrp, tmp_path):
 
 def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
     assert sqrp("init", folder / "new", "--no-run").code == 0
-    edit(folder / "new", old, new)
+    path = folder / "new" / "workspace.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")  # several objects and cameras have the same entry
     return folder / "new"
 
 
