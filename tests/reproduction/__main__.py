@@ -6,13 +6,14 @@ Prints the tables and writes the same as a page with pictures to `build/reproduc
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Mapping
+from math import nan
 from pathlib import Path
-from typing import Any
 
-from sqrp_cli.motion.cell import Cell
-from sqrp_cli.study.sampling import FixedStep
-from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
+from tests.reproduction import cells, findings
+from tests.reproduction.cells import EVERY_SECOND, GREEN, SAMPLINGS, SCREW, feasible, figures_of
+from tests.reproduction.findings import DRAWS, Findings, failing
 from tests.reproduction.page import Page
 from tests.reproduction.paper import (
     COMPUTING_BY_SAMPLES,
@@ -20,103 +21,74 @@ from tests.reproduction.paper import (
     REAL_WORLD,
     RETRY_EARLIER,
     SIMULATION,
-    Reported,
+    Figures,
 )
-from tests.reproduction.runs import AFTER_A_SLIP, SLIP, Run, earlier, runs_with_slip
-from tests.reproduction.screws import Screws, pick_screws, screws_cell
-from tests.reproduction.simulation import (
-    SAMPLINGS,
-    Picking,
-    Simulation,
-    computing_times,
-    coverage_of_g1,
-    simulate,
-    tabletop,
-)
-from tests.reproduction.summary import Summary
+from tests.reproduction.runs import SLIP, Run, earlier, runs_with_slip
 
 FOLDER = Path("build/reproduction")
 
 
 def main(arguments: list[str]) -> int:
     """Exit code 0 if all findings hold."""
-    page = Page(FOLDER)
-    cell = tabletop()
-    simulated, real = simulate(cell), pick_screws(screws_cell())
+    page, tabletop, screws = Page(FOLDER), cells.shipped(cells.TABLETOP), cells.shipped(cells.SCREWS)
+    pick_green = cells.pick_green(tabletop)
+    simulated, real = pick_green(tabletop), cells.pick_screws(screws)
     page.heading("Simulation: six ways to pick up a green object, 10 samples per primitive")
     _qualities(page, simulated.of, SIMULATION)
     page.text(f"g6: {simulated.why_not_g6}. First in the ranking: {simulated.first}.")
     page.heading("Samples per primitive: Q_avg of g1 and the time to compute it")
-    _samples(page, simulated, computing_times(cell))
+    g1, rows, timelines = cells.candidates(tabletop, GREEN)["g1"], [], {}
+    for name, sampling in SAMPLINGS.items():
+        began = time.perf_counter()  # the check of its preconditions is part of it
+        q_avg = figures_of(found := feasible(tabletop, g1, sampling)).q_avg
+        computing, timelines[name] = f"{time.perf_counter() - began:.3f}", found.timeline
+        paper = Q_AVG_BY_SAMPLES.get(name, "-"), COMPUTING_BY_SAMPLES.get(name, "-")
+        rows.append((name, f"{q_avg:.2f}", paper[0], computing, paper[1]))
+    page.table(("samples", "Q_avg [%]", "paper", "computed in [s]", "paper"), rows)
     for name in ("5", "10"):
-        page.timeline(f"Coverage of g1, {name} samples per primitive", coverage_of_g1(cell, SAMPLINGS[name]))
-    page.pictures("tabletop", "pickup green", "g1")
-    page.pictures("tabletop", "pickup green", "g5")
+        asked = timelines[name].monitored
+        coverage = timelines[name].samples.t[asked], timelines[name].covered[asked]
+        page.timeline(f"Coverage of g1, {name} samples per primitive", coverage)
+    page.pictures("tabletop", GREEN, "g1")
+    page.pictures("tabletop", GREEN, "g5")
     page.heading("Real world: two screws, a sample every second")
     _qualities(page, real.of, REAL_WORLD)
-    page.pictures("screws", "pickup_two_finger screw", "red2", FixedStep(1.0))
+    page.pictures("screws", SCREW, "red2", EVERY_SECOND)
     runs = {} if "--without-runs" in arguments else runs_with_slip(list(REAL_WORLD), FOLDER)
     if runs:
         page.heading(f"At run time: {SLIP} for both screws")
         _runs(page, runs)
     page.heading("Findings")
-    held = [*_findings(page, SIMULATED, simulated), *_findings(page, REAL, real)]
+    held = [*_findings(page, findings.SIMULATED, simulated), *_findings(page, findings.REAL, real)]
     if runs:
-        held += _findings(page, AFTER_A_SLIP, runs)
+        held += _findings(page, findings.AFTER_A_SLIP, runs)
     page.heading("The same with every camera moved by 2 mm and turned by 0.2 degrees, 20 times")
-    counts = _surviving(SIMULATED, cell, Picking.of(cell).seen_in), _surviving(REAL, screws_cell(), pick_screws)
+    counts = [
+        sum(not failing(asked, compute(findings.moved(cell, draw))) for draw in range(DRAWS))
+        for asked, cell, compute in (
+            (findings.SIMULATED, tabletop, pick_green),
+            (findings.REAL, screws, cells.pick_screws),
+        )
+    ]
     page.text(f"All findings hold {counts[0]} times in simulation and {counts[1]} times in the real world.")
     page.write()
     print(f"\n{sum(held)} of {len(held)} findings hold. With pictures: {page.file}")
     return 0 if all(held) else 1
 
 
-def _surviving(findings: Sequence[Finding], cell: Cell, compute: Callable[[Cell], Any]) -> int:
-    return sum(not failing(findings, compute(moved(cell, draw))) for draw in range(DRAWS))
-
-
-def _qualities(page: Page, found: dict[str, Summary], paper: dict[str, Reported]) -> None:
-    page.table(
-        ("object", "Q_avg [%]", "paper", "Q_eoi [%]", "paper", "time [s]", "paper"),
-        [
-            (name, *_pairs(found[name], reported)) if name in found else (name, "-", "", "-", "", "-", "")
-            for name, reported in paper.items()
-        ],
-    )
-
-
-def _pairs(found: Summary, reported: Reported) -> tuple[str, ...]:
-    columns = ((found.q_avg, reported.q_avg), (found.q_eoi, reported.q_eoi), (found.time, reported.time))
-    return tuple(f"{value:.2f}" for pair in columns for value in pair)
-
-
-def _samples(page: Page, simulated: Simulation, computing: Mapping[str, float]) -> None:
-    paper = {
-        name: (Q_AVG_BY_SAMPLES.get(int(name)), COMPUTING_BY_SAMPLES.get(int(name)))
-        for name in SAMPLINGS
-        if name != "default"
-    }
-    page.table(
-        ("samples", "Q_avg [%]", "paper", "computed in [s]", "paper"),
-        [
-            (
-                name,
-                f"{q_avg:.2f}",
-                *_or_dash(paper.get(name, (None, None))[0], f"{computing[name]:.3f}", paper.get(name, (None, None))[1]),
-            )
-            for name, q_avg in simulated.sampled.items()
-        ],
-    )
-
-
-def _or_dash(q_avg: str | None, computing: str, reported: float | None) -> tuple[str, str, str]:
-    return q_avg or "-", computing, "-" if reported is None else f"{reported:g}"
+def _qualities(page: Page, found: Mapping[str, Figures], paper: Mapping[str, Figures]) -> None:
+    rows, none = [], Figures(nan, nan, nan)
+    for name, reported in paper.items():
+        pairs = [f"{value:.2f}" for pair in zip(found.get(name, none), reported, strict=True) for value in pair]
+        rows.append((name, *pairs))
+    page.table(("object", "Q_avg [%]", "paper", "Q_eoi [%]", "paper", "time [s]", "paper"), rows)
 
 
 def _runs(page: Page, runs: dict[str, Run]) -> None:
+    times = {name: (run.t_f, run.t_r, run.moved_on, run.t_redo, run.t_e) for name, run in runs.items()}
     page.table(
         ("object", "slips t_f", "seen t_r", "moves on for", "acts t_redo", "done t_e"),
-        [(name, *map(_time, (run.t_f, run.t_r, run.moved_on, run.t_redo, run.t_e))) for name, run in runs.items()],
+        [(name, *("-" if t is None else f"{t:.2f}" for t in own)) for name, own in times.items()],
     )
     for name, run in runs.items():
         if run.reason is not None:
@@ -131,14 +103,10 @@ def _runs(page: Page, runs: dict[str, Run]) -> None:
     )
 
 
-def _time(t: float | None) -> str:
-    return "-" if t is None else f"{t:.2f}"
-
-
-def _findings(page: Page, findings: tuple[Finding, ...], outcome: Simulation | Screws | dict[str, Run]) -> list[bool]:
-    held = [finding.holds(outcome) for finding in findings]
-    page.table(("holds", "finding"), [("yes" if ok else "NO", f.text) for ok, f in zip(held, findings, strict=True)])
-    return held
+def _findings(page: Page, asked: Findings, outcome: object) -> list[bool]:
+    lost = failing(asked, outcome)
+    page.table(("holds", "finding"), [("NO" if text in lost else "yes", text) for text in asked])
+    return [text not in lost for text in asked]
 
 
 if __name__ == "__main__":

@@ -6,47 +6,30 @@ from pathlib import Path
 
 import pytest
 
-from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
-from tests.reproduction.runs import AFTER_A_SLIP, runs_with_slip
-from tests.reproduction.screws import WORKSPACE, Screws, pick_screws, screws_cell
-from tests.reproduction.simulation import Picking, Simulation, simulate, tabletop
+from tests.reproduction.cells import SCREWS, TABLETOP, Outcome, pick_green, pick_screws, shipped
+from tests.reproduction.findings import AFTER_A_SLIP, DRAWS, REAL, SIMULATED, Findings, failing, moved
+from tests.reproduction.runs import runs_with_slip
+
+SET_UPS = {"simulation": (SIMULATED, TABLETOP), "real world": (REAL, SCREWS)}
 
 
 @pytest.fixture(scope="module")
-def simulated() -> Simulation:
-    return simulate(tabletop())
+def outcomes() -> dict[str, Outcome]:
+    cell = shipped(TABLETOP)
+    return {"simulation": pick_green(cell)(cell), "real world": pick_screws(shipped(SCREWS))}
 
 
-@pytest.fixture(scope="module")
-def real() -> Screws:
-    return pick_screws(screws_cell())
+@pytest.mark.parametrize(("where", "text"), [(where, text) for where, (own, _) in SET_UPS.items() for text in own])
+def test_a_finding_holds(where: str, text: str, outcomes: dict[str, Outcome]) -> None:
+    assert SET_UPS[where][0][text](outcomes[where]), f"no longer so: {text}"
 
 
-@pytest.mark.parametrize("finding", SIMULATED, ids=lambda finding: finding.text)
-def test_in_simulation(finding: Finding[Simulation], simulated: Simulation) -> None:
-    assert finding.holds(simulated), f"no longer so: {finding.text}"
-
-
-@pytest.mark.parametrize("finding", REAL, ids=lambda finding: finding.text)
-def test_in_the_real_world(finding: Finding[Screws], real: Screws) -> None:
-    assert finding.holds(real), f"no longer so: {finding.text}"
-
-
-some_draws_and_all = pytest.mark.parametrize("draws", [2, pytest.param(DRAWS, marks=pytest.mark.trial)])
-
-
-@some_draws_and_all
-def test_the_findings_in_the_real_world_survive_inexact_cameras(draws: int) -> None:
-    cell = screws_cell()
-    lost = [failing(REAL, pick_screws(moved(cell, draw))) for draw in range(draws)]
-    assert sum(not texts for texts in lost) >= 0.9 * draws, lost
-
-
-@some_draws_and_all
-def test_the_findings_in_simulation_survive_inexact_cameras(draws: int) -> None:
-    cell = tabletop()
-    picking = Picking.of(cell)
-    lost = [failing(SIMULATED, picking.seen_in(moved(cell, draw))) for draw in range(draws)]
+@pytest.mark.parametrize("draws", [2, pytest.param(DRAWS, marks=pytest.mark.trial)])
+@pytest.mark.parametrize(("findings", "folder"), SET_UPS.values(), ids=SET_UPS)
+def test_the_findings_survive_inexact_cameras(findings: Findings, folder: Path, draws: int) -> None:
+    cell = shipped(folder)
+    pick = pick_green(cell) if folder == TABLETOP else pick_screws
+    lost = [failing(findings, pick(moved(cell, draw))) for draw in range(draws)]
     assert sum(not texts for texts in lost) >= 0.9 * draws, lost
 
 
@@ -56,13 +39,12 @@ def few_images(tmp_path: Path) -> Path:
 
     When a slip is seen depends on them by a frame period, and the finding is about seconds.
     """
-    shipped = WORKSPACE.resolve()
-    text = (shipped / "workspace.yaml").read_text(encoding="utf-8")
+    text = (SCREWS / "workspace.yaml").read_text(encoding="utf-8")
     for old, new in {
         "rate: 10 Hz": "rate: 2 Hz",
         "width: 1536, height: 1152": "width: 1024, height: 768",
-        "../robots": f"{shipped.parent}/robots",
-        "../../skills": f"{shipped.parents[1]}/skills",
+        "../robots": f"{SCREWS.parent}/robots",
+        "../../skills": f"{SCREWS.parents[1]}/skills",
     }.items():
         assert old in text
         text = text.replace(old, new)

@@ -10,78 +10,24 @@ import os
 import re
 import site
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqrp_cli import new_cell, open_cell
+from tests.cells import read_cases
 from tests.task.robots import FEW_AXES, LINKAGES, SIX_AXES, joint, rounded, turning, written_urdf
 
 
-@dataclass(frozen=True)
-class MatrixArm:
-    """An arm to try."""
+class Arm(NamedTuple):
+    """An arm to try; urdf: a path or `package://...`; tip: the link that `--tip` names."""
 
     name: str
     urdf: str
-    """A path or `package://...`."""
     tip: str | None = None
-    """The link that `--tip` names."""
 
 
-EXAMPLE = "package://example-robot-data/robots"
-
-EXAMPLES = {
-    "ur3": "ur_description/urdf/ur3_robot.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "ur5-limited": "ur_description/urdf/ur5_joint_limited_robot.urdf",
-    "ur10": "ur_description/urdf/ur10_robot.urdf",
-    "ur10-limited": "ur_description/urdf/ur10_joint_limited_robot.urdf",
-    "ur5-gripper": "ur_description/urdf/ur5_gripper.urdf",
-    "panda": "panda_description/urdf/panda.urdf",
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "kinova": "kinova_description/robots/kinova.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
-    "so100": "so_arm_description/urdf/so100.urdf",
-    "so101": "so_arm_description/urdf/so101.urdf",
-    "b1-z1": "b1_description/urdf/b1-z1.urdf",
-    "tiago": "tiago_description/robots/tiago.urdf",
-    "pr2": "pr2_description/urdf/pr2.urdf",
-}
-
-TWO_ARMS = {
-    "baxter-left": ("baxter_description/urdf/baxter.urdf", "left_gripper"),
-    "baxter-right": ("baxter_description/urdf/baxter.urdf", "right_gripper"),
-    "talos-left": ("talos_data/robots/talos_full_v2.urdf", "gripper_left_base_link"),
-    "tiago-dual": ("tiago_description/robots/tiago_dual.urdf", "arm_left_tool_link"),
-}
-"""With the link that `--tip` names."""
-
-RTB = "rtbdata/xacro"
-
-TOOLBOX = {
-    "irb140": "abb_irb140_description/urdf/irb140.urdf",
-    "kr3r540": "kuka_description/kuka_kr3/urdf/kr3r540.xacro",
-    "kr5-arc": "kuka_description/kuka_kr5/urdf/kr5_arc.xacro",
-    "kr6r700": "kuka_description/kuka_kr6/urdf/kr6r700sixx.xacro",
-    "kr6r900": "kuka_description/kuka_kr6/urdf/kr6r900sixx.xacro",
-    "kr10r1100": "kuka_description/kuka_kr10/urdf/kr10r1100sixx.xacro",
-    "kr16-2": "kuka_description/kuka_kr16/urdf/kr16_2.xacro",
-    "kr120r2500": "kuka_description/kuka_kr120/urdf/kr120r2500pro.xacro",
-    "kr150-2": "kuka_description/kuka_kr150/urdf/kr150_2.xacro",
-    "kr210l150": "kuka_description/kuka_kr210/urdf/kr210l150.xacro",
-    "iiwa14": "kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.xacro",
-    "puma560": "unimation_puma560_description/urdf/puma560_robot.urdf.xacro",
-    "al5d": "lynxmotion_al5d_description/urdf/al5d_robot.urdf",
-    "panda-arm": "qut_frankie_description/robots/panda_arm.urdf.xacro",
-    "panda-hand": "qut_frankie_description/robots/panda_arm_hand.urdf.xacro",
-    "frankie": "qut_frankie_description/robots/frankie_arm_hand.urdf.xacro",
-    **{name: f"trossen_descriptions/urdf/{name}.urdf.xacro" for name in (
-        "px100", "px150", "rx150", "rx200", "vx250", "vx300", "vx300s", "wx200", "wx250", "wx250s"
-    )},
-}  # fmt: skip
-
-LABORATORY = {"ur3e": "airo_models/arms/ur3e/ur3e.urdf", "ur5e": "airo_models/arms/ur5e/ur5e.urdf"}
+SITE = next(Path(one) for one in site.getsitepackages() if (Path(one) / "rtbdata").is_dir())
+"""Where Python has its packages."""
 
 BOX = '<collision><origin xyz="0 0 0.03"/><geometry><box size="0.05 0.05 0.06"/></geometry></collision>'
 
@@ -110,26 +56,21 @@ VARIANTS = {
 }
 
 
-def arms_of_packages() -> Iterator[MatrixArm]:
+def arms_of_packages() -> Iterator[Arm]:
     """Those of example-robot-data, rtb-data and airo-models."""
-    folder = next(Path(one) for one in site.getsitepackages() if (Path(one) / "rtbdata").is_dir())
-    for name, path in EXAMPLES.items():
-        yield MatrixArm(name, f"{EXAMPLE}/{path}")
-    for name, (path, tip) in TWO_ARMS.items():
-        yield MatrixArm(name, f"{EXAMPLE}/{path}", tip)
-    for name, path in TOOLBOX.items():
-        yield MatrixArm(name, str(folder / RTB / path))
-    for name, path in LABORATORY.items():
-        yield MatrixArm(name, str(folder / path))
+    for prefix, arms in read_cases("shipped_arms.yaml").items():
+        for name, said in arms.items():
+            path, *tip = said if isinstance(said, list) else [said]
+            yield Arm(name, prefix + path if ":" in prefix else str(SITE / prefix / path), *tip)
 
 
-def written_arms(folder: Path) -> Iterator[MatrixArm]:
+def written_arms(folder: Path) -> Iterator[Arm]:
     """The variants, written to a folder."""
     for name, joints in VARIANTS.items():
-        yield MatrixArm(name, str(solid(folder, name, joints)))
+        yield Arm(name, str(solid(folder, name, joints)))
     urdf = solid(folder, "two arms", (*side("left", 0.25), *side("right", -0.25)))
-    yield MatrixArm("two arms", str(urdf))
-    yield MatrixArm("two arms, right", str(urdf), "right_hand")
+    yield Arm("two arms", str(urdf))
+    yield Arm("two arms, right", str(urdf), "right_hand")
 
 
 def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:
@@ -142,7 +83,7 @@ def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:
 
 def linked_packages(folder: Path) -> None:
     """A folder in which the packages of rtb-data have the names by which their files refer to each other."""
-    data = next(Path(one) / RTB for one in site.getsitepackages() if (Path(one) / RTB).is_dir())
+    data = SITE / "rtbdata" / "xacro"
     names = {"abb_irb140": "abb_irb140_description", "abb_irb140_support": "abb_irb140_description"}
     for one in (data / "kuka_description").iterdir():
         names[one.name if one.name.endswith("resources") else f"{one.name}_support"] = f"kuka_description/{one.name}"
