@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
@@ -29,8 +29,8 @@ class Trial(NamedTuple):
     """Where a trial is, and how much of it there is.
 
     Its module has a function with the trial's name, `(number, folder, **few) -> Found | None`, which gets an empty
-    folder; `NAME_asked(found)`, which yields sentences, each with whether it is as asked; and, if cases share
-    something, `prepare(shared)`, which makes it in the parent of their folders.
+    folder; and, if cases share something, `prepare(shared)`, which makes it in the parent of their folders. What is
+    asked is that all are `good`, or what `NAME_asked(found)` yields: sentences, each with whether it is so.
     """
 
     shows: str
@@ -78,15 +78,14 @@ APART = ("damage", "load")
 """Those that have a target of their own in the Makefile."""
 
 
-def function(name: str, suffix: str = "") -> Callable[..., Any]:
+def module_of(name: str) -> Any:
     """Of a trial."""
-    made: Callable[..., Any] = getattr(import_module(f"tests.trials.{TRIALS[name].module}"), name + suffix)
-    return made
+    return import_module(f"tests.trials.{TRIALS[name].module}")
 
 
 def prepared(name: str, shared: Path) -> Path:
     """The folder of a trial, in which is what its cases share."""
-    module = import_module(f"tests.trials.{TRIALS[name].module}")
+    module = module_of(name)
     if hasattr(module, "prepare") and not shared.exists():
         shared.mkdir(parents=True)
         module.prepare(shared)
@@ -100,7 +99,7 @@ def one_case(name: str, number: int, shared: Path) -> None:
     shutil.rmtree(own, ignore_errors=True)
     own.mkdir()
     try:
-        found = function(name)(number, own) or {"said": "nothing to try"}
+        found = getattr(module_of(name), name)(number, own) or {"said": "nothing to try"}
     except Exception as error:
         found = {"said": f"crashed: {error!r}", "crashed": True}
     shutil.rmtree(own)
@@ -155,7 +154,13 @@ def asked(name: str, found: Iterable[Found]) -> list[tuple[str, bool]]:
     whole = [one for one in found if not one.get("crashed")]
     wanted = [one for one in whole if len(one) > 1]
     crashed = sum(bool(one.get("crashed")) for one in found)
-    return [(f"{crashed} cases crashed", crashed == 0), *(function(name, "_asked")(wanted) if wanted else [])]
+    own = getattr(module_of(name), f"{name}_asked", all_good)
+    return [(f"{crashed} cases crashed", crashed == 0), *(own(wanted) if wanted else [])]
+
+
+def all_good(found: Sequence[Found]) -> Iterator[tuple[str, bool]]:
+    good = sum(one["good"] for one in found)
+    yield f"{good} of {len(found)} are as they should be", good == len(found)
 
 
 def summed_up(lines: Iterable[tuple[str, bool]]) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-import site
+import sysconfig
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ class Arm(NamedTuple):
     tip: str | None = None
 
 
-SITE = next(Path(one) for one in site.getsitepackages() if (Path(one) / "rtbdata").is_dir())
+SITE = Path(sysconfig.get_path("purelib"))
 """Where Python has its packages."""
 
 BOX = '<collision><origin xyz="0 0 0.03"/><geometry><box size="0.05 0.05 0.06"/></geometry></collision>'
@@ -81,19 +81,6 @@ def solid(folder: Path, name: str, joints: Sequence[str]) -> Path:
     return path
 
 
-def linked_packages(folder: Path) -> None:
-    """A folder in which the packages of rtb-data have the names by which their files refer to each other."""
-    data = SITE / "rtbdata" / "xacro"
-    names = {"abb_irb140": "abb_irb140_description", "abb_irb140_support": "abb_irb140_description"}
-    for one in (data / "kuka_description").iterdir():
-        names[one.name if one.name.endswith("resources") else f"{one.name}_support"] = f"kuka_description/{one.name}"
-    for one in data.glob("*_description*"):
-        names.setdefault(one.name, one.name)
-    for name, path in names.items():
-        if not (folder / name).exists():
-            (folder / name).symlink_to(data / path)
-
-
 LEAST_RANKED, LEAST_SEEN = 40, 0.98
 """Asked: arms of packages that rank, and the share of the promised images that show what they should."""
 
@@ -102,8 +89,13 @@ def prepare(shared: Path) -> None:
     """Write the arms that no package ships, and name packages as their files name each other."""
     for name in ("urdf", "packages"):
         (shared / name).mkdir()
-    linked_packages(shared / "packages")
     list(written_arms(shared / "urdf"))
+    data = SITE / "rtbdata" / "xacro"
+    names = {"abb_irb140": "abb_irb140_description", "abb_irb140_support": "abb_irb140_description"}
+    for one in (data / "kuka_description").iterdir():
+        names[one.name if one.name.endswith("resources") else f"{one.name}_support"] = f"kuka_description/{one.name}"
+    for name, path in ({one.name: one.name for one in data.glob("*_description*")} | names).items():
+        (shared / "packages" / name).symlink_to(data / path)
 
 
 def arms(number: int, folder: Path) -> dict[str, Any] | None:

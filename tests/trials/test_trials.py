@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.trials.__main__ import TRIALS, asked, function, prepared
+from tests.trials.__main__ import TRIALS, asked, module_of, prepared
 
 CASES = [(name, number) for name, trial in TRIALS.items() for number in trial.suite]
 SLOW = [(name, number) for name, trial in TRIALS.items() for number in trial.slow]
@@ -16,7 +16,7 @@ SLOW = [(name, number) for name, trial in TRIALS.items() for number in trial.slo
 def test_a_case_is_as_asked(name: str, number: int, tmp_path: Path) -> None:
     folder = prepared(name, tmp_path / "trial") / "case"
     folder.mkdir()
-    found = function(name)(number, folder, **TRIALS[name].few)
+    found = getattr(module_of(name), name)(number, folder, **TRIALS[name].few)
     assert found is not None
     assert len(found) > 1, found
     assert [sentence for sentence, holds in asked(name, [found]) if not holds] == [], found

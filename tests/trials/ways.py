@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from itertools import product
 from operator import le
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,59 +26,11 @@ Figures = tuple[float, float, float]
 """Q_eoi and Q_avg in points, and the time, as they are compared: less is better in each."""
 
 
-class Ways(NamedTuple):
-    """What is said of a candidate, and what follows from all its ways stated by hand."""
+def cell_with_ways(folder: Path, seed: int) -> tuple[OpenCell, str, tuple[int, ...]]:
+    """A cell, a task in it that leaves everything free, and the yaws that may be stated.
 
-    shown: Figures | None
-    """The figures of its row; None if it cannot be done."""
-    optimal: list[Figures]
-    """Those of the ways that are named as Pareto-optimal, in order."""
-    by_hand: list[Figures]
-    """Those of every way that can be done, in order."""
-
-    @property
-    def right(self) -> bool:
-        """Whether the best way is shown, and exactly the ways that no other dominates are named, each once."""
-
-        def dominated(one: Figures) -> bool:
-            return any(other != one and all(map(le, other, one)) for other in self.by_hand)
-
-        undominated = sorted({one for one in self.by_hand if not dominated(one)})
-        return self.shown == min(self.by_hand, default=None) and self.optimal == undominated
-
-
-class Cell(NamedTuple):
-    """A cell with a task that leaves everything free, and all choices that may be stated instead."""
-
-    cell: OpenCell
-    task: str
-    yaws: tuple[int, ...]
-
-    def stated(self) -> list[CandidateResult]:
-        """Every way that can be done, with all settings stated in a task of its own."""
-        tasks = (
-            f"{self.task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
-            for yaw, elbow, shoulder, wrist in product(self.yaws, ELBOWS, SHOULDERS, WRISTS)
-        )
-        found = (self.cell.rank(task, ways="fastest").candidates[0] for task in tasks)
-        return [way for way in found if way.feasible]
-
-    def ways(self) -> Ways:
-        """What is said of the only candidate, and all its ways."""
-        free = " ".join(f"{name}=any" for name in ("approach_yaw", "elbow", "shoulder", "wrist"))
-        (row,) = self.cell.rank(f"{self.task} {free}").candidates
-        return Ways(
-            shown=compared(row) if row.feasible else None,
-            optimal=sorted(map(compared, row.ways.pareto)) if row.ways else [],
-            by_hand=sorted(map(compared, self.stated())),
-        )
-
-
-def cell_with_ways(folder: Path, seed: int) -> Cell:
-    """A cell with two cameras beside a part, out of whose low images it is soon lifted.
-
-    Two of three are variants of the case `slow_lift`, the others have a starter's arm and skill. Every other has a
-    camera on the flange, too.
+    It has two cameras beside a part, out of whose low images it is soon lifted. Two of three are variants of the case
+    `slow_lift`, the others have a starter's arm and skill. Every other has a camera on the flange, too.
     """
     rng = np.random.default_rng((seed, 41))
     starter = seed % 3 == 2
@@ -107,14 +58,11 @@ def cell_with_ways(folder: Path, seed: int) -> Cell:
             "frame": cell["robot"]["tool"]["link"],
             "pose": {"position": rng.uniform((-0.1, -0.1, 0.0), (0.1, 0.1, 0.05)).round(3).tolist(), "rpy": [0, 0, 0]},
             "image": {"width": 640, "height": 480, "horizontal_fov": "70 deg"},
-            "near": "1 cm",
-            "far": "2 m",
-            "rate": "10 Hz",
-            "latency": "50 ms",
-        }
+            "near": "1 cm", "far": "2 m", "rate": "10 Hz", "latency": "50 ms",
+        }  # fmt: skip
     write_cell(cell, path)
     task = f"pickup {name} via=direct" if starter else f"pick {name}"
-    return Cell(open_cell(path), task, YAWS if starter else (0, 180))
+    return open_cell(path), task, YAWS if starter else (0, 180)
 
 
 def compared(way: CandidateResult | WayFigures) -> Figures:
@@ -126,14 +74,22 @@ def compared(way: CandidateResult | WayFigures) -> Figures:
 
 
 def ways(number: int, folder: Path) -> dict[str, Any]:
-    """What is said of a cell's candidate, against all its ways."""
-    found = cell_with_ways(folder / "cell", number).ways()
-    wrong = "" if found.right else f"  WRONG, by hand {found.by_hand}"
-    said = f"{len(found.by_hand):2} ways, {len(found.optimal)} named, shown {found.shown}{wrong}"
-    return {"said": said, "right": found.right, "done": found.shown is not None}
+    """Whether the best of all ways by hand is shown, and exactly those that no other dominates are named, each once."""
+    cell, task, yaws = cell_with_ways(folder / "cell", number)
+    (row,) = cell.rank(f"{task} approach_yaw=any elbow=any shoulder=any wrist=any").candidates
+    shown = compared(row) if row.feasible else None
+    named = sorted(map(compared, row.ways.pareto)) if row.ways else []
+    stated = (
+        f"{task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
+        for yaw, elbow, shoulder, wrist in product(yaws, ELBOWS, SHOULDERS, WRISTS)
+    )
+    found = (cell.rank(one, ways="fastest").candidates[0] for one in stated)
+    by_hand = sorted(compared(way) for way in found if way.feasible)
 
+    def dominated(one: Figures) -> bool:
+        return any(other != one and all(map(le, other, one)) for other in by_hand)
 
-def ways_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
-    """Whether no better way is found by hand, and the same Pareto set."""
-    wrong, done = sum(not one["right"] for one in found), sum(one["done"] for one in found)
-    yield f"{wrong} of {len(found)} cells wrong; in {done} the part can be picked", not wrong
+    undominated = sorted({one for one in by_hand if not dominated(one)})
+    good = shown == min(by_hand, default=None) and named == undominated
+    wrong = "" if good else f"  WRONG, by hand {by_hand}"
+    return {"said": f"{len(by_hand):2} ways, {len(named)} named, shown {shown}{wrong}", "good": good}

@@ -13,7 +13,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,11 +172,3 @@ def refusals(number: int, folder: Path) -> dict[str, Any]:
         code, _, err = cell.run()
     said = next((line for line in err.splitlines() if figure in line), err[-300:])
     return {"said": f"{what:28} exit {code}  {said}", "good": code == 2 and figure in err}
-
-
-def wire_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
-    good = sum(one["good"] for one in found)
-    yield f"{good} of {len(found)} are as they should be", good == len(found)
-
-
-losses_asked = kills_asked = refusals_asked = wire_asked
