@@ -141,7 +141,6 @@ def repeat(_number: int, folder: Path) -> dict[str, Any]:
     for path in (folder / "one", folder / "two"):
         simulation, faults = _simulation(program), [slip_at(round(instants(lift.start, lift.end, 1)[0], 3))]
         writer = LogWriter(path, header(simulation.program, simulation.workspace, 0, faults))
-        writer.finish(simulation.run(faults, Recording([writer])))
-        writer.close()
+        writer.close(simulation.run(faults, Recording([writer])))
         logs.append(path.read_bytes())
     return {"said": f"{len(logs[0])} bytes", "good": logs[0] == logs[1]}
