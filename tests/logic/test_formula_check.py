@@ -8,6 +8,7 @@ from sqrp_cli.errors import Place
 from sqrp_cli.logic.formula import Formula, argument_lists, bind, check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 
 TEXT = """(define (domain place)
   (:requirements :typing :negative-preconditions :existential-preconditions :disjunctive-preconditions)
@@ -70,22 +71,7 @@ def test_every_problem_of_a_formula_is_reported() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("interval", "empty"),
-    [
-        ("[a1.start, a1.end]", False),
-        ("[a1.end, a1.start]", True),
-        ("[a1.end, a2.start]", False),
-        ("[a2.start, a1.end]", False),
-        ("[a2.start + 0.1, a1.end]", True),
-        ("[a2.end, a2.end]", False),
-        ("[a2.end, a1.end + 1]", False),
-        ("[a2.start, a1.start]", True),
-        ("[2, 2]", False),
-        ("[2, 1.9]", True),
-        ("[9, a1.end]", False),
-    ],
-)
+@pytest.mark.parametrize(("interval", "empty"), read_cases("logic.yaml")["intervals"])
 def test_an_interval_is_empty_if_it_is_for_every_duration_of_the_primitives(interval: str, empty: bool) -> None:
     problems = list(check_formula(parse(f"always{interval} hold"), DOMAIN, ACTION, ["a1", "a2"]))
     assert [problem.code for problem in problems] == ["mtl-empty-interval"] * empty

@@ -48,24 +48,7 @@ def test_parsing_what_was_printed_gives_the_same_formula(formula: Formula) -> No
     assert parse(str(formula)) == formula
 
 
-@pytest.mark.parametrize(
-    ("text", "same"),
-    [
-        ("G[0, 1] x", "always[0, 1] x"),
-        ("□[0,1]x", "always[0, 1] x"),
-        ("F[0, 1] !x", "eventually[0, 1] not x"),
-        ("◇[a1.start+0.2,a1.end-.5] ¬x", "eventually[a1.start + 0.2, a1.end - 0.5] (not x)"),
-        ("a & b && c ∧ d", "a and b and c and d"),
-        ("a | b || c ∨ d", "a or b or c or d"),
-        ("a->b → c", "a implies (b implies c)"),
-        ("not a and b", "(not a) and b"),
-        ("a or b and c", "a or (b and c)"),
-        ("a or b -> c", "(a or b) -> c"),
-        ("always[0, 1] a and b", "(always[0, 1] a) and b"),
-        ("not always[0, 1] eventually[0, 2] a", "not (always[0, 1] (eventually[0, 2] (a)))"),
-        ("hold(\n  g1,\n  tray )", "hold(g1, tray)"),
-    ],
-)
+@pytest.mark.parametrize(("text", "same"), read_cases("logic.yaml")["spellings"])
 def test_spellings_and_precedence(text: str, same: str) -> None:
     assert parse(text) == parse(same)
 

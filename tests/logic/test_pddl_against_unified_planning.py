@@ -17,28 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 CASES = read_cases("pddl_errors.yaml")
 
-CONDITIONS = [
-    "()",
-    "(and)",
-    "(hold ?x)",
-    "(not (hold ?x))",
-    "(and (hold ?x) (hand_empty))",
-    "(and (hold ?x) (not (hand_empty)) (on ?x ?t))",
-    "(on ?x bin)",
-    "(= ?x ?y)",
-    "(not (= ?x ?y))",
-    "(not (= ?t bin))",
-    "(or (hold ?x) (hold ?y))",
-    "(imply (hold ?x) (hand_empty))",
-    "(not (and (hold ?x) (hand_empty)))",
-    "(forall (?z - movable) (not (on ?z ?t)))",
-    "(exists (?z - screw) (on ?z ?t))",
-    "(forall (?z - movable ?u - tray) (or (on ?z ?u) (hold ?z)))",
-    "(not (exists (?z - movable) (on ?z ?t)))",
-    "(and (exists (?z - movable) (hold ?z)) (forall (?z - screw) (not (hold ?z))))",
-    "(exists (?z - movable) (forall (?u - tray) (on ?z ?u)))",
-    "(AND (Hold ?X) (HAND_EMPTY))",
-]
+CONDITIONS = read_cases("logic.yaml")["conditions"]
 TEMPLATE = """; comment
 (define (domain handling)
   (:requirements :strips :typing :equality :negative-preconditions :disjunctive-preconditions
