@@ -15,7 +15,7 @@ from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.collision import PlacedScene
-from tests.cells import shipped_cell, write_cell
+from tests.cells import read_cases, shipped_cell, write_cell
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
@@ -101,32 +101,7 @@ def tabletop_with(tmp_path: Path, camera: str) -> Path:
     return tmp_path / "workspaces" / "tabletop"
 
 
-@pytest.mark.parametrize(
-    ("camera", "code", "says", "mend"),
-    [
-        ("frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", None, "", ""),
-        (
-            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 0, 0]}",
-            "camera-sees-nothing",
-            "sees none of the objects from `base_link`",
-            "optical frame: z forward",
-        ),
-        (
-            "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [0, 90 deg, 0]}",
-            "camera-sees-nothing",
-            "sees none of the objects from `base_link`",
-            "add `convention: body`",
-        ),
-        ("frame: tool0, pose: {position: [0.5, 0, 1.2], rpy: [180 deg, 0, 0]}", "doubtful-parent", "1.30 m", "`world`"),
-        ("frame: tool0, pose: {position: [0, 0.08, 0], rpy: [0, 0, 0]}", None, "", ""),
-        (
-            "frame: tool0, pose: {position: [0, 0.08, 0], rpy: [180 deg, 0, 0]}",
-            "camera-sees-nothing",
-            "at home, nor with the tool 10 cm before the top of an object",
-            "optical frame: z forward",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("camera", "code", "says", "mend"), read_cases("doubtful_cameras.yaml"))
 def test_cameras_on_links_see_something_too(
     camera: str, code: str | None, says: str, mend: str, tmp_path: Path
 ) -> None:

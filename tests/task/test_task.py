@@ -165,19 +165,3 @@ def test_an_expectation_that_cannot_be_met_is_reported_where_it_stands(
 def test_other_expectations_are_left_alone(entry: str) -> None:
     text = FILE.read_text(encoding="utf-8").replace(LISTED, f"  - {{task: {entry}}}")
     assert list(impossible_tasks(load_workspace(FILE, text.encode()))) == []
-
-
-@pytest.mark.parametrize(
-    ("setting", "expected"),
-    [
-        ("speed=abc", "found `abc`, expected a number from 0.001 to 1, or a share such as `50 %` (units %)"),
-        ("lift=abc", "found `abc`, expected a number in m, or a length such as `20 mm` (units m, cm, mm, um)"),
-        ("approach_yaw=abc", "found `abc`, expected an angle such as `30 deg` (units rad, deg, °), or `any`"),
-        ("lift=5cm,50mm", "a value is given twice"),
-        ("elbow=up,sideways", "found `sideways`, expected one of `any`, `fastest`, `up`, `down`"),
-    ],
-)
-def test_a_setting_says_which_values_are_expected(setting: str, expected: str, workspace: Workspace) -> None:
-    with pytest.raises(InputError) as caught:
-        read_task(f"pickup g1 {setting}", workspace)
-    assert caught.value.problems[0].message == f"`{setting}`: {expected}"
