@@ -64,8 +64,34 @@ _UNITS = {"lower": "", "upper": "", "velocity": "/s", "acceleration": "/s^2", "j
 
 def canonical_values(workspace: object, meshes: Mapping[Path, str]) -> CanonicalValues:
     """The values of a `Workspace`; meshes: the digest of each mesh file."""
+    about: list[tuple[str, str, Any]] = []  # what each value is about, its name, and the value
+    for name, value in _said(workspace):
+        if isinstance(value, Robot):
+            about.append(("robot", "", value))
+            if value.tool is not None:
+                about.append(("tool", "", value.tool))
+            for urdf in value.urdfs:
+                about += [(f"joint {joint.name}", "", joint) for joint in urdf.joints.values()]
+                about += [(f"link {one.name}", "", one) for one in urdf.links.values() if one.inertial is not None]
+            stops = {name: {"acceleration": of.acceleration, "jerk": of.jerk} for name, of in value.stop_limits.items()}
+            joints = {"": value.limits, "stop": stops, "home": value.home}
+            joints |= {} if value.fingers is None else {"open": value.fingers.open, "closed": value.fingers.closed}
+            about += [(f"joint {joint}", what, of) for what, values in joints.items() for joint, of in values.items()]
+            about += [(f"link {link}", "marker", marker) for link, marker in value.markers.items()]
+            about += [(f"part {part.name}", "", part) for part in value.parts]
+        elif name == "state":
+            about.append(("state", "", dict.fromkeys(sorted(map(str, value)), True)))
+        elif isinstance(value, Mapping):
+            for key, entry in value.items():
+                about.append((f"{name.removesuffix('s')} {key}", "", entry))
+                parts = entry.parts if isinstance(entry, SceneObject) else ()
+                # What `size` says is not said again.
+                others = [part for part in parts if part.name != entry.name or part.shape != Box(entry.size)]
+                about += [(f"part {part.name}", "", part) for part in others]
+        else:
+            about.append(("cell", name, value))
     found: dict[str, dict[str, Plain]] = {}
-    for subject, name, value in _subjects(workspace):
+    for subject, name, value in about:
         found.setdefault(subject, {}).update(_leaves(value, name, meshes))
     return found
 
@@ -97,34 +123,6 @@ def what_changed(before: CanonicalValues, now: CanonicalValues, skills: Collecti
             changes = (_change(subject, name, old.get(name), new.get(name), unit) for name in {**old, **new})
             found += filter(None, changes)
     return tuple(found)
-
-
-def _subjects(workspace: Any) -> Iterator[tuple[str, str, object]]:  # noqa: ANN401 # a Workspace, which uses this module
-    """What each value is about, its name, and the value."""
-    for name, value in _said(workspace):
-        if isinstance(value, Robot):
-            yield "robot", "", value
-            if value.tool is not None:
-                yield "tool", "", value.tool
-            for urdf in value.urdfs:
-                yield from ((f"joint {joint.name}", "", joint) for joint in urdf.joints.values())
-                yield from ((f"link {one.name}", "", one) for one in urdf.links.values() if one.inertial is not None)
-            stops = {name: {"acceleration": of.acceleration, "jerk": of.jerk} for name, of in value.stop_limits.items()}
-            joints = {"": value.limits, "stop": stops, "home": value.home}
-            joints |= {} if value.fingers is None else {"open": value.fingers.open, "closed": value.fingers.closed}
-            yield from ((f"joint {joint}", what, of) for what, values in joints.items() for joint, of in values.items())
-            yield from ((f"link {link}", "marker", marker) for link, marker in value.markers.items())
-            yield from ((f"part {part.name}", "", part) for part in value.parts)
-        elif name == "state":
-            yield "state", "", dict.fromkeys(sorted(map(str, value)), True)
-        elif isinstance(value, Mapping):
-            for key, entry in value.items():
-                yield f"{name.removesuffix('s')} {key}", "", entry
-                for part in entry.parts if isinstance(entry, SceneObject) else ():
-                    if part.name != entry.name or part.shape != Box(entry.size):  # which `size` says
-                        yield f"part {part.name}", "", part
-        else:
-            yield "cell", name, value
 
 
 def _said(record: object) -> Iterator[tuple[str, Any]]:

@@ -225,7 +225,13 @@ def _client(cluster: str, tls: Tls | None) -> Any:  # noqa: ANN401 # a client of
         from distributed.comm.registry import get_backend
 
         path = Path(cluster)
-        address = _address_in(path) if path.is_file() else cluster
+        address = cluster
+        if path.is_file():
+            data = parse_json(path, read_text(path, MOST_BYTES))
+            address = data.get("address", "") if isinstance(data, dict) else ""
+            if not (isinstance(address, str) and address):
+                message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"
+                raise bad_input("no-cluster", message, Place(path), mend=_MEND)
         scheme, place = parse_address(address)
         get_backend(scheme)
         _, port = parse_host_port(place)
@@ -275,13 +281,3 @@ async def _greeted(address: str, security: Any) -> None:  # noqa: ANN401 # of Da
 
     comm = await connect(address, timeout=CONNECT_TIMEOUT, **security.get_connection_args("client"))
     comm.abort()
-
-
-def _address_in(path: Path) -> str:
-    """The address in a scheduler file. Raises InputError, with file and line, for any other file."""
-    data = parse_json(path, read_text(path, MOST_BYTES))
-    address = data.get("address") if isinstance(data, dict) else None
-    if not isinstance(address, str):
-        message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"
-        raise bad_input("no-cluster", message, Place(path), mend=_MEND)
-    return address

@@ -93,35 +93,33 @@ def compare_with(
 
 
 def _changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> Iterator[WayChange]:
-    """The ways of doing a task with changes beyond the allowance, without their losses."""
+    """The ways of doing a task with changes beyond the allowance, of Q or of a time before, without their losses."""
+    share = allowance / 100
     for name, way in now.ways.items():
-        old, new = before.ways.get(name), WayRecord.of(way, None)
-        if old is not None and (shifts := tuple(_shifts(old, new, allowance / 100))):
+        old, new, shifts = before.ways.get(name), WayRecord.of(way, None), list[Shift]()
+        if old is None:
+            continue
+        if old.feasible != new.feasible:
+            shifts.append(Shift("feasible", float(old.feasible), float(new.feasible), worse=old.feasible))
+        for metric in METRICS if old.feasible == new.feasible else ():
+            was, is_now = (inf if metric == "delay" and one.unseen else getattr(one, metric) for one in (old, new))
+            if was is None or is_now is None or is_now == was:
+                continue
+            quality = metric in ("q_eoi", "q_avg")
+            allowed = share if quality else (share * was if was < inf else 0.0) + 1e-6
+            if abs(is_now - was) > allowed:
+                known = [None if one == inf else one for one in (was, is_now)]
+                shifts.append(Shift(metric, known[0], known[1], worse=is_now < was if quality else is_now > was))
+        if shifts:
             yield WayChange(
                 way=name,
                 candidate_before=old.candidate,
                 candidate=new.candidate,
-                shifts=shifts,
+                shifts=tuple(shifts),
                 reason=new.reasons[0] if old.feasible and not new.feasible else "",
                 choice_before=old.choice,
                 choice=new.choice,
             )
-
-
-def _shifts(old: WayRecord, new: WayRecord, share: float) -> Iterator[Shift]:
-    """The figures that differ by more than a share: of Q, or of a time before."""
-    if old.feasible != new.feasible:
-        yield Shift("feasible", float(old.feasible), float(new.feasible), worse=old.feasible)
-        return
-    for metric in METRICS:
-        before, now = (inf if metric == "delay" and one.unseen else getattr(one, metric) for one in (old, new))
-        if before is None or now is None or now == before:
-            continue
-        quality = metric in ("q_eoi", "q_avg")
-        allowed = share if quality else (share * before if before < inf else 0.0) + 1e-6
-        if abs(now - before) > allowed:
-            known = [None if one == inf else one for one in (before, now)]
-            yield Shift(metric, known[0], known[1], worse=now < before if quality else now > before)
 
 
 def _compared(

@@ -222,7 +222,20 @@ class Results:
         if folder is not None:
             make_folder(folder)
             with naming(folder, "results cannot be kept in this folder"):
-                self._lock = _locked(folder)
+                self._lock = file = (folder / ".lock").open("w")  # it stays open while this run uses the folder
+                try:
+                    import fcntl
+
+                    fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except ImportError:  # no such locks here: two runs at a time compute some candidates twice
+                    pass
+                except OSError as error:
+                    file.close()
+                    if error.errno not in (errno.EACCES, errno.EAGAIN):
+                        raise
+                    message = "another `sqrp score`, `sqrp advise` or `sqrp place` is writing to this folder"
+                    mend = "wait for it, or name another folder"
+                    raise bad_input("folder-in-use", message, Place(folder), mend=mend) from error
             for leftover in folder.glob("*/.*.json.*"):  # of a run that was killed as it wrote
                 leftover.unlink()
 
@@ -263,25 +276,6 @@ class Results:
         """Let other runs use the folder."""
         if self._lock is not None:
             self._lock.close()
-
-
-def _locked(folder: Path) -> IO[str]:
-    """A file that stays open while this run uses the folder. Raises OSError, and InputError if it is in use."""
-    file = (folder / ".lock").open("w")
-    try:
-        import fcntl
-
-        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # no such locks here: two runs at a time compute some candidates twice
-        pass
-    except OSError as error:
-        file.close()
-        if error.errno not in (errno.EACCES, errno.EAGAIN):
-            raise
-        message = "another `sqrp score`, `sqrp advise` or `sqrp place` is writing to this folder"
-        mend = "wait for it, or name another folder"
-        raise bad_input("folder-in-use", message, Place(folder), mend=mend) from error
-    return file
 
 
 def kept_searches(results: Results, about: tuple[object, ...], skills: Sequence[Skill]) -> Remembered:

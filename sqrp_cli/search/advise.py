@@ -92,7 +92,8 @@ def _advice(question: Question, met: Tried) -> AdviceFound:
 
     Cameras are changed in the same motion, else it is planned again.
     """
-    change, found = met.change, question.of_candidate(met.study.assessment)
+    change, reached = met.change, met.study.assessment
+    found = replace(reached, candidate=question.best.candidate, best_way=reached.candidate)
     effects = []
     if change.kind in MOTION:
         pairs = [(question.before, found) if one is question.best else (one, one) for one in question.assessments]

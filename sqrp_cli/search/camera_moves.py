@@ -82,16 +82,13 @@ class CameraMove:
         if aim is None:
             boxes = [box for target in self.bound.targets for box in target.boxes]
             places = [self.bound.states.box_poses(box)[:, :3, 3].mean(axis=0) for box in boxes]
-            aim = Aim.along(camera, self._in_frame(np.mean(places, axis=0)))
+            X_FW = inverse(self.bound.states.X_WF[camera.frame][0])
+            aim = Aim.along(camera, transform(X_FW, np.mean(places, axis=0)[None])[0])
         if not self._middle or not len(corners := self.bound.corners):
             return aim
-        middle = self._in_frame(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
+        X_FW = inverse(self.bound.states.X_WF[camera.frame][0])  # at the beginning of the motion
+        middle = transform(X_FW, 0.5 * (corners.min(axis=0) + corners.max(axis=0))[None])[0]
         return replace(aim, point=read_only(whole_millimetres(middle)))
-
-    def _in_frame(self, point: Array) -> Array:
-        """A point in the world in the frame that carries the camera, (3,), at the beginning of the motion."""
-        there: Array = transform(inverse(self.bound.states.X_WF[self.camera.frame][0]), point[None])[0]
-        return there
 
     def outward(self, reach: float, coarser: int = 1) -> Iterable[Array]:
         """See `least.Move`; coarser: so many times its steps."""
@@ -249,10 +246,19 @@ def further_camera(question: Question) -> Found:
             return None
         apart = np.linalg.norm(places[rows, None] - places[None], axis=2)
         room = np.where(np.isin(np.arange(len(places)), rows), np.inf, apart).min(axis=1)
+        sides = np.array([s for s in np.ndindex(3, 3, 3) if s != (1, 1, 1)], dtype=float) - 1.0
+        sides, every = sides / np.linalg.norm(sides, axis=1)[:, None], len(sides) // 6
         for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
             change = one.change(whole_millimetres(places[row]))
             if one.meets(change) and question.met_for_sure(change, study := one.study(change)):
-                return Tried(change, study, Margin(less=0.0, more=_room_around(move(like), np.array(change.values))))
+                # By how much it may be off to any side, its aim kept [m].
+                around, eye, more = move(like), np.array(change.values), 0.0
+                for off in _ROOM:
+                    eyes = eye + off * sides
+                    if not (around.passes(eyes).all() and all(map(around.meets, map(around.change, eyes[::every])))):
+                        break
+                    more = off
+                return Tried(change, study, Margin(less=0.0, more=more))
         return None
 
     if not move(fixed[0]).bound.hopeful:
@@ -261,19 +267,6 @@ def further_camera(question: Question) -> Found:
     if not answers:
         return [], "from no free place that was tried does one more camera meet the goal"
     return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""
-
-
-def _room_around(one: CameraMove, eye: Array) -> float:
-    """By how much a further camera may be off to any side, its aim kept [m]."""
-    sides = np.array([s for s in np.ndindex(3, 3, 3) if s != (1, 1, 1)], dtype=float) - 1.0
-    sides /= np.linalg.norm(sides, axis=1)[:, None]
-    more = 0.0
-    for off in _ROOM:
-        eyes = eye + off * sides
-        if not (one.passes(eyes).all() and all(one.meets(one.change(at)) for at in eyes[:: len(eyes) // 6])):
-            break
-        more = off
-    return more
 
 
 def field_of_view(camera: Camera) -> float:

@@ -66,8 +66,7 @@ def seen_path(question: Question) -> Found:
     several = bool(question.best.candidate.steps)
     if not several and not _open_paths(question.best.candidate):
         return [], "not tried: the skill or the task says which path"
-    tried = _of_steps_in_seen_paths(question) if several else _in_seen_paths(question)
-    near, none = _first_met(question, tried, "no path that was found meets the goal")
+    near, none = _first_met(question, _in_seen_paths(question), "no path that was found meets the goal")
     if near:
         return near, none
     return (
@@ -95,21 +94,25 @@ def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
 
 
 def _in_seen_paths(question: Question) -> Iterator[Tried]:
-    """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal."""
-    candidate = question.best.candidate
-    chosen: dict[str, MotionValue] = dict.fromkeys(_open_paths(candidate), SEEN)
-    seen = replace(candidate, values={**candidate.values, **chosen})
-    for limit in (None, *([] if question.goal.time is None else [TimeLimit(question.goal.time)])):
-        best = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
-        if not isinstance(best, Infeasible):
-            unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-            change = _path_change(candidate, chosen, "with paths that keep sight", unwritten)
-            yield Tried(change, WholeAnalysis(best.study.candidate, (best.study,)))
+    """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal.
 
-
-def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
-    """All steps in their best ways, with seen paths in one step, in one more, and so on; those seen worst first."""
+    Of several steps: all in their best ways, with seen paths in one step, in one more, and so on; those seen worst
+    first.
+    """
     candidate, sampling = question.best.candidate, question.sampling
+
+    def change(chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:
+        parameters, said = {**candidate.parameters, **chosen}, f"with paths that keep sight{said}"
+        return ProposedChange(kind="path", target=candidate.name, parameters=parameters, said=said, unwritten=unwritten)
+
+    if not candidate.steps:
+        paths: dict[str, MotionValue] = dict.fromkeys(_open_paths(candidate), SEEN)
+        seen = replace(candidate, values={**candidate.values, **paths})
+        for limit in (None, *([] if question.goal.time is None else [TimeLimit(question.goal.time)])):
+            best = find_way(question.cell, seen, question.world, sampling, WantedWay(limit=limit))
+            if not isinstance(best, Infeasible):
+                unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
+                yield Tried(change(paths, "", unwritten), WholeAnalysis(best.study.candidate, (best.study,)))
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
     while left and question.best.feasible:
         index = left.pop(worst_seen([question.best.steps[number] for number in left]))
@@ -128,9 +131,8 @@ def _of_steps_in_seen_paths(question: Question) -> Iterator[Tried]:
             asked = whole_candidate(candidate.skill, steps)
             chosen = {name: value for name, value in asked.values.items() if value == SEEN}
             said = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
-            change = _path_change(candidate, chosen, f"with paths that keep sight in step {said}")
             whole = whole_candidate(candidate.skill, [one.candidate for one in done])
-            yield Tried(change, WholeAnalysis(whole, tuple(done)))
+            yield Tried(change(chosen, f" in step {said}"), WholeAnalysis(whole, tuple(done)))
 
 
 def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
@@ -166,11 +168,6 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
             begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]
     for steps, _ in begun:
         yield WholeAnalysis(whole_candidate(candidate.skill, [step.candidate for step in steps]), steps)
-
-
-def _path_change(asked: Candidate, chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:
-    parameters = {**asked.parameters, **chosen}
-    return ProposedChange(kind="path", target=asked.name, parameters=parameters, said=said, unwritten=unwritten)
 
 
 def _open_paths(step: Candidate) -> list[str]:

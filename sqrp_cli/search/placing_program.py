@@ -245,9 +245,21 @@ class PlacementProgram:
                 return None
             self.fewest = max(0, int(np.ceil(-fewest.bound - 1e-6)))
             self._program.row(count, most=float(len(self.options)))
-        title = f"{requirements.objective} Q"
-        self.complete = self._sees_all(title)
+        title, program = f"{requirements.objective} Q", self._program
+        rows, variables = len(program.rows), len(program.whole)
+        # Demand that all is seen that any quality counts. Where that is possible it is chosen by the last objective, so
+        # that nothing is left to improve where the others are at their best then.
+        if self._demand_all((one, which) for one in self._problem.candidates for which in (0, 1)):
+            self._watch(title, None, 1.0)
+            last = self._last_objective(len(self._x) if requirements.most is None else requirements.most)
+            start = self._start if self._values is None else self._values
+            # Rows that follow from others are left out already.
+            found = program.maximized(last, None, start, until=self._until, presolve=False)
+            self.interrupted |= found.interrupted
+            if found.values is not None:
+                self._values, self.proven, self.complete = found.values, self.proven and found.proven, True
         if not self.complete:
+            del program.rows[rows:], program.whole[variables:]
             terms = self._mean_quality()
             if requirements.objective == "least":
                 least = self._program.variable()
@@ -307,25 +319,6 @@ class PlacementProgram:
         """Let not all of some parts be so: variables of which one at most is 1, or none where a part always is so."""
         some = [part for part in parts if part]
         self._program.row({variable: 1.0 for part in some for variable in part}, most=len(some) - 1.0)
-
-    def _sees_all(self, title: str) -> bool:
-        """Demand that all is seen that any quality counts, and choose so, if that is possible.
-
-        It is chosen by the last objective, so that nothing is left to improve where the others are at their best then.
-        """
-        rows, variables = len(self._program.rows), len(self._program.whole)
-        if self._demand_all((one, which) for one in self._problem.candidates for which in (0, 1)):
-            self._watch(title, None, 1.0)
-            most = len(self._x) if self._requirements.most is None else self._requirements.most
-            # Rows that follow from others are left out already.
-            terms, start = self._last_objective(most), self._start if self._values is None else self._values
-            found = self._program.maximized(terms, None, start, until=self._until, presolve=False)
-            self.interrupted |= found.interrupted
-            if found.values is not None:
-                self._values, self.proven = found.values, self.proven and found.proven
-                return True
-        del self._program.rows[rows:], self._program.whole[variables:]
-        return False
 
     def _demand_all(self, qualities: Iterable[tuple[Sequence[int], int]]) -> bool:
         """Let candidates have all of some qualities in the way that is taken; whether each has a way that may.

@@ -163,7 +163,8 @@ class Question:
     @cached_property
     def before(self) -> CandidateResult:
         """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
-        fastest = self.of_candidate(figures_of(self.fastest, self.studied(self.fastest)))
+        found = figures_of(self.fastest, self.studied(self.fastest))
+        fastest = replace(found, candidate=self.best.candidate, best_way=found.candidate)
         return self.best if self.goal.met(fastest) and not self.goal.met(self.best) else fastest
 
     @cached_property
@@ -217,10 +218,6 @@ class Question:
     def studied(self, way: Candidate, world: World | None = None, *, full: bool = False) -> WholeAnalysis | Infeasible:
         """A way as the cameras see it now. world: from which it starts, by default that of the question."""
         return whole_study(self.cell, way, self.world if world is None else world, self.sampling, full=full)
-
-    def of_candidate(self, found: CandidateResult) -> CandidateResult:
-        """The figures of a way as those of the candidate."""
-        return replace(found, candidate=self.best.candidate, best_way=found.candidate)
 
     def shared(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results of some work, in order, by as many processes as may be used."""

@@ -68,13 +68,10 @@ def varied(scenes: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], Planne
     That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
     than without a choice of ways.
     """
-
-    def grip(scene: PlannedMotion) -> dict[str, float | str]:
-        way = scene.candidate
-        return {name: value for name, value in way.parameters.items() if name not in way.branch}
-
     ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
-    first = next(scene for scene in ordered if grip(scene) == grip(scenes[0]))
+    ways = [scene.candidate for scene in (scenes[0], *ordered)]
+    first_grip, *grips = ({k: v for k, v in way.parameters.items() if k not in way.branch} for way in ways)
+    first = ordered[grips.index(first_grip)]
     branches: dict[str, PlannedMotion] = {}
     for scene in ordered:
         branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)

@@ -163,6 +163,20 @@ class VisibilityTable:
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
+        # The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways. Time between two
+        # samples counts as half of it is seen for each end that is. 0 where an option is in the way.
+        each = []
+        for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
+            (sample, _), scene = way.items, way.scene
+            covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
+            for item in range(len(sample)):
+                covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
+            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
+            parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
+            known = [part.sum(axis=1) / total for part, total in parts if total > 0]
+            quality = np.mean(known, axis=0) if known else np.ones(len(sees))
+            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
+        best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
         responses = np.array([option.lens.response for option in self.options])
         tiers, rows = tuple(np.unique(responses).tolist()), Rows()
         prices = [0.0 if number in self.kept else option.price for number, option in enumerate(self.options)]
@@ -177,7 +191,7 @@ class VisibilityTable:
             weights=self.weights,
             site=self.site,
             price=np.array(prices),
-            alone=self._alone(),
+            alone=np.mean(best, axis=0) if best else np.zeros(len(self.options)),
             kept=frozenset(self.kept),
             apart=frozenset(touching_pairs(self.question.mounts.spots)),
             blocked=frozenset(
@@ -188,27 +202,6 @@ class VisibilityTable:
             late=frozenset(self.late),
             beside=self.beside,
         )
-
-    def _alone(self) -> Array:
-        """The mean of Q_eoi and Q_avg of all candidates with each option alone, in its best ways, shape (options,).
-
-        In 0..1, at the samples: time between two samples counts as half of it is seen for each end that is. 0 where an
-        option is in the way.
-        """
-        each = []
-        for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
-            (sample, _), scene = way.items, way.scene
-            covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
-            for item in range(len(sample)):
-                covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
-            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
-            parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
-            known = [part.sum(axis=1) / total for part, total in parts if total > 0]
-            quality = np.mean(known, axis=0) if known else np.ones(len(sees))
-            each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
-        best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
-        mean: Array = np.mean(best, axis=0) if best else np.zeros(len(self.options))
-        return mean
 
     def camera_at(self, option: int) -> Camera:
         """The camera of an option; one that stays has its name."""
