@@ -373,6 +373,7 @@ def _changes(
     """
     poses = [np.broadcast_to(states.box_poses(box), (len(lost), 4, 4))[lost] for box in target.boxes]
     corners = [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)]
+    every = np.concatenate(corners, axis=1)
     # Of a camera its angles of view, to the right, left, top and bottom, by half degrees.
     angles, sides = np.radians(np.arange(0.0, 90.0, 0.5)), np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
     rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
@@ -383,8 +384,9 @@ def _changes(
 
     for camera in cameras:
         limit = limits.get(camera.name, Cause.NONE)
-        X_CW = inverse(np.broadcast_to(states.camera_poses(camera), (len(lost), 4, 4))[lost])
-        x, y, z = np.moveaxis(transform(X_CW, np.concatenate(corners, axis=1)), -1, 0)
+        X_WC = states.camera_poses(camera)
+        X_CW = inverse(X_WC if len(X_WC) == 1 else X_WC[lost])
+        x, y, z = np.moveaxis(transform(X_CW, every), -1, 0)
         if limit in (Cause.BEHIND, Cause.OUT_OF_IMAGE):
             shown = np.minimum.accumulate(Projection(camera).shows(rays), axis=1).sum(axis=1)
             right, left, top, bottom = angles[np.maximum(shown - 1, 0)].tolist()
