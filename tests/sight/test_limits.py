@@ -10,15 +10,11 @@ from hypothesis import strategies as st
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.kernel.kernel import BoxVerdicts
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.sight.limits import SIDES, Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.targets import SoughtBox, Target
+from sqrp_cli.sight.targets import SoughtBox
 from tests.sight import reference
 from tests.sight.reference import Verdict
-from tests.sight.views import make_box, make_camera, make_detector, random_rotation
+from tests.sight.views import look, make_box, make_camera, make_detector, random_rotation
 
 Case = tuple[Camera, Detector, tuple[float, ...], Array, Array | None]
 """A camera, the limits, size, pose in the optical frame and normal of a box."""
@@ -53,17 +49,10 @@ def boxed(detector: Detector, size: tuple[float, ...], normal: Array | None) -> 
     return make_box(size, frame="thing", detector=detector, normal=normal if normal is None else tuple(normal.tolist()))
 
 
-def checked(camera: Camera, box: SoughtBox, X_CB: Array) -> BoxVerdicts:
-    """Verdicts of a box in a scene without solids, at poses (n, 4, 4) in the optical frame of one camera."""
-    states = SceneStates(len(X_CB), {"world": pose()[None], "thing": X_CB})
-    ((found,),) = Observer((camera,), ()).verdicts([Target(Atom("seen"), 1, (box,))], states)
-    return found
-
-
 def verdict(
     camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
 ) -> tuple[Cause, str | None, float]:
-    found = checked(camera, boxed(detector, size, normal), X_CB[None])
+    found = look(camera, boxed(detector, size, normal), frames={"thing": X_CB[None]})
     cause = Cause(int(found.cause[0, 0]))
     side = SIDES[found.by[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
     assert cause is Cause.OUT_OF_IMAGE or found.by[0, 0] == -1
@@ -91,7 +80,7 @@ def test_many_states_at_once_give_what_each_gives_alone() -> None:
     camera, detector, size, _, normal = random_case(7)
     rng = np.random.default_rng(7)
     poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
-    together = checked(camera, boxed(detector, size, normal), poses)
+    together = look(camera, boxed(detector, size, normal), frames={"thing": poses})
     alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
     assert [Cause(int(code)) for code in together.cause[:, 0]] == [cause for cause, _, _ in alone]
     assert together.figure[:, 0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)

@@ -12,14 +12,9 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.figures import NO_FIGURES, FaultMetrics, Figures, Qualities
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.kernel import kernel
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.targets import Target
 from sqrp_cli.study.result import CandidateResult
-from tests.sight.solids import solid_of
-from tests.sight.views import box_part, make_box, make_camera, make_detector
+from tests.sight.views import box_part, look, make_box, make_camera, make_detector, solid_of
 
 NAN = float("nan")
 LENSES = {"none": (), "plumb_bob": (-0.1, 0, 0, 0, 0), "equidistant": (0.01, 0, 0, 0)}
@@ -40,7 +35,7 @@ def test_the_kernel_takes_no_camera_and_no_detector_with_a_figure_that_is_none(b
     else:
         box = make_box(detector=replace(make_detector(), **{broken: NAN}))
     with pytest.raises(ValueError, match="has a figure that is none"):
-        Observer((camera,), ()).verdicts([Target(Atom("seen"), 1, (box,))], SceneStates(1, {"world": pose()[None]}))
+        look(camera, box)
 
 
 @pytest.mark.parametrize(
@@ -61,13 +56,10 @@ def test_the_kernel_takes_no_solid_without_triangles_or_with_vertices_that_are_n
 def test_a_flat_solid_and_a_needle_hide_nothing_beside_them_and_break_nothing() -> None:
     """Triangles without area, and a box that is seen edge-on."""
     flat = solid_of(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.001, 0.5]]), np.array([[0, 1, 2], [0, 0, 0]]))
-    camera = make_camera()
     for size in ((0.04, 0.04, 0.04), (0.04, 0.04, 1e-6)):
         for share in (1.0, 0.5):
             box = make_box(size, pose(position=(0.3, 0.0, 1.0)), detector=make_detector(share))
-            states = SceneStates(1, {"world": pose()[None]})
-            ((found,),) = Observer((camera,), (flat,)).verdicts([Target(Atom("seen"), 1, (box,))], states)
-            assert found.cause.tolist() == [[Cause.NONE]]
+            assert look(make_camera(), box, [flat]).cause.tolist() == [[Cause.NONE]]
 
 
 FIGURES = [name for name, kind in get_type_hints(Figures).items() if kind == float | None]
@@ -76,10 +68,6 @@ FIGURES = [name for name, kind in get_type_hints(Figures).items() if kind == flo
 def _spoilt(X: Array) -> Array:
     X[1, 0] = NAN
     return X
-
-
-def _seen(states: SceneStates) -> object:
-    return Observer((make_camera(),), ()).verdicts([Target(Atom("seen"), 1, (make_box(),))], states)
 
 
 @pytest.mark.parametrize(
@@ -94,8 +82,8 @@ def _seen(states: SceneStates) -> object:
         lambda: make_box((NAN, 0.1, 0.1)),
         lambda: make_box(normal=(0.0, NAN, 1.0)),
         lambda: box_part("part", (0.1, 0.1, 0.1), _spoilt(pose())),
-        lambda: _seen(SceneStates(1, {"world": _spoilt(pose())[None]})),
-        lambda: _seen(SceneStates(2, {"world": np.array([pose(), _spoilt(pose())])})),
+        lambda: look(make_camera(), make_box(), frames={"world": _spoilt(pose())[None]}),
+        lambda: look(make_camera(), make_box(), frames={"world": np.array([pose(), _spoilt(pose())])}),
         lambda: Qualities(NAN, None),
         lambda: FaultMetrics(0.1, NAN, 0.0, 0.0, 1.0),
         *(lambda name=name: replace(NO_FIGURES, **{name: NAN}) for name in FIGURES),

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Part
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import BoxViews, Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solid, load_solids
-from sqrp_cli.sight.targets import Target
-from tests.sight.views import box_part, make_box, make_camera, make_detector
+from tests.sight.views import box_part, look, make_box, make_camera, make_detector
 
 BOX = make_box((0.1, 0.1, 0.002), normal=(0.0, 0.0, 1.0), detector=make_detector(0.9))
 """Thin, so that its silhouette is that of its face at the depth 1 m."""
@@ -80,11 +78,10 @@ def culprit(**widths: tuple[float, float, float]) -> str:
         box_part(name.split("_")[0], (abs(end - start), 1.0, 0.001), pose(position=((start + end) / 2, 0.0, depth)))
         for name, (depth, start, end) in widths.items()
     ]
-    observer = Observer((make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))),), load_solids(parts))
-    states = SceneStates(1, {"world": pose()[None]})
-    ((verdicts,),) = observer.verdicts([Target(Atom("seen"), 1, (CUBE,))], states)
+    solids = load_solids(parts)
+    verdicts = look(make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))), CUBE, solids)
     assert verdicts.cause[0, 0] == Cause.HIDDEN
-    return observer.solids[verdicts.by[0, 0]].name
+    return solids[verdicts.by[0, 0]].name
 
 
 def test_a_sliver_before_the_middle_is_not_named_before_what_hides_half() -> None:

@@ -19,14 +19,7 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solid
 from sqrp_cli.sight.targets import SoughtBox, Target
 from tests.sight import reference
-from tests.sight.solids import solid_of
-from tests.sight.views import (
-    camera_pose_around,
-    make_box,
-    make_camera,
-    make_detector,
-    random_pose,
-)
+from tests.sight.views import camera_pose_around, make_box, make_camera, make_detector, random_pose, solid_of
 
 STATES = 4
 LENSES = {

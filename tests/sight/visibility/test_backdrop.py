@@ -12,15 +12,12 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, look_at, pose
 from sqrp_cli.kernel.kernel import BoxVerdicts
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.solids import Solid, load_solid
-from sqrp_cli.sight.targets import SoughtBox, Target
+from sqrp_cli.sight.targets import SoughtBox
 from tests.sight.reference import hits
-from tests.sight.views import box_part, make_box, make_camera, make_detector, random_pose
+from tests.sight.views import box_part, look, make_box, make_camera, make_detector, random_pose
 
 EYE = (0.0, -1.0, 0.0)
 """Where the camera is; it looks along y, at a cube in the origin."""
@@ -41,14 +38,8 @@ CUBE = replace(make_box(detector=SEES_HALF), seeks="cube", color="green")
 
 
 def seen(solids: tuple[Solid, ...], box: SoughtBox = CUBE, X_WC: Array | None = None) -> BoxVerdicts:
-    """The verdict of one camera on one box, the same by the matrix and by the fast way."""
-    camera = make_camera(look_at(EYE, (0.0, 0.0, 0.0)) if X_WC is None else X_WC)
-    states = SceneStates(1, {"world": fixed_frame()})
-    observer, target = Observer((camera,), solids), Target(Atom.of("seen"), 1, (box,))
-    ((verdict,),) = observer.verdicts([target], states)
-    (covered,) = observer.coverage([target], states, [np.array([0])])
-    assert covered.covered[0] == (verdict.cause[0, 0] == Cause.NONE)
-    return verdict
+    X_WC = look_at(EYE, (0.0, 0.0, 0.0)) if X_WC is None else X_WC
+    return look(make_camera(X_WC), box, solids, {"cube": pose()[None]})
 
 
 CASES: Mapping[str, tuple[tuple[Solid, ...], str | None]] = {
@@ -83,10 +74,7 @@ def test_from_above_what_it_stands_on_is_behind_it() -> None:
 
 def test_the_object_itself_is_never_behind_its_box() -> None:
     moved = painted(box_part("moved", (0.3, 0.01, 0.3), pose(position=(0.0, 1.0, 0.0)), parent="cube"), "green")
-    camera, target = make_camera(look_at(EYE, (0.0, 0.0, 0.0))), Target(Atom.of("seen"), 1, (CUBE,))
-    states = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
-    ((verdict,),) = Observer((camera,), (moved,)).verdicts([target], states)
-    assert verdict.cause[0, 0] == Cause.NONE
+    assert seen((moved,)).cause[0, 0] == Cause.NONE
 
 
 @pytest.mark.parametrize("box", [replace(CUBE, color=None), replace(CUBE, color="grey"), replace(CUBE, color="lilac")])

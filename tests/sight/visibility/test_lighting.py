@@ -10,24 +10,16 @@ import pytest
 
 from sqrp_cli.camera.light import Light, brightness_of
 from sqrp_cli.geometry import look_at, pose
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.solids import Solid, load_solid
-from sqrp_cli.sight.targets import SoughtBox, Target
-from tests.sight.views import box_part, make_box, make_camera, make_detector
+from sqrp_cli.sight.targets import SoughtBox
+from tests.sight.views import box_part, look, make_box, make_camera, make_detector
 
 GREEN = 39.5 / 255 / 0.65
 """The least light in which green paint has a value of 40 of 255, rounded."""
 
 CUBE = replace(make_box(detector=make_detector(min_visible=0.5)), seeks="cube", color="green")
 SIDE = CUBE.size[0]
-
-ABOVE = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-"""A camera that sees the top of the cube alone."""
-
-STATES = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
 
 
 def plate(left: float, right: float, height: float = 0.3) -> Solid:
@@ -38,12 +30,9 @@ def plate(left: float, right: float, height: float = 0.3) -> Solid:
 def cause(
     lights: Mapping[str, Light], solids: tuple[Solid, ...] = (), box: SoughtBox = CUBE, gain: float | None = None
 ) -> tuple[Cause, int]:
-    """The verdict of a camera below a roof, the same by the matrix and by the fast way; and its culprit."""
+    """The verdict of a camera below a roof, and its culprit."""
     camera = replace(make_camera(look_at((0.0, 0.0, 0.25), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))), gain=gain)
-    observer, target = Observer((camera,), solids, lights), Target(Atom.of("seen"), 1, (box,))
-    ((verdict,),) = observer.verdicts([target], STATES)
-    (covered,) = observer.coverage([target], STATES, [np.array([0])])
-    assert covered.covered[0] == (verdict.cause[0, 0] == Cause.NONE)
+    verdict = look(camera, box, solids, {"cube": pose()[None]}, lights)
     return Cause(int(verdict.cause[0, 0])), int(verdict.by[0, 0])
 
 

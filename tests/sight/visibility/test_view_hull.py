@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import coal
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.geometry import BOX_SIGNS, Array, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.logic.literal import Atom
+from sqrp_cli.geometry import BOX_SIGNS, Array, look_at, pose, transform
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_scene import SKIN
 from sqrp_cli.sight.solids import Solid, load_solid
-from sqrp_cli.sight.targets import Target
 from tests.coal_geometry import coal_geometry
-from tests.sight.views import make_box, make_camera
-
-TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"
+from tests.conftest import TABLETOP
+from tests.sight.views import look, make_box, make_camera, random_pose, random_rotation
 
 VIEWS = 400
 
@@ -41,17 +34,15 @@ def test_a_solid_hides_what_must_be_seen_whole_where_coal_says_that_it_meets_the
     solid: Solid, half: tuple[float, ...]
 ) -> None:
     rng = np.random.default_rng(4)
-    X_WB = np.stack([pose(quaternion_to_matrix(rng.normal(size=4)), rng.uniform(-0.1, 0.1, 3)) for _ in range(VIEWS)])
+    X_WB = np.stack([random_pose(rng, (-0.1,) * 3, (0.1,) * 3) for _ in range(VIEWS)])
     way = rng.normal(size=(VIEWS, 3))
     eyes = way / np.linalg.norm(way, axis=1)[:, None] * rng.uniform(0.3, 1.5, (VIEWS, 1))
     X_WC = np.stack([look_at(eye, X[:3, 3]) for eye, X in zip(eyes, X_WB, strict=True)])
     places = eyes * rng.uniform(0.0, 1.0, (VIEWS, 1)) + rng.uniform(-0.1, 0.1, (VIEWS, 3))
-    X_WP = np.stack([pose(quaternion_to_matrix(rng.normal(size=4)), place) for place in places])
-    frames = {"world": X_WP, "thing": X_WB, "hand": X_WC}
+    X_WP = np.stack([pose(random_rotation(rng), place) for place in places])
+    camera = make_camera(frame="hand", focal=(60.0, 60.0))
     box = make_box(tuple(2 * (side + SKIN) for side in half), frame="thing")
-    ((found,),) = Observer((make_camera(frame="hand", focal=(60.0, 60.0)),), (solid,)).verdicts(
-        [Target(Atom("seen"), 1, (box,))], SceneStates(VIEWS, frames)
-    )
+    found = look(camera, box, [solid], {"world": X_WP, "thing": X_WB, "hand": X_WC})
     meets = [_meets(solid, *at, np.array(half)) for at in zip(X_WP, eyes, X_WB, strict=True)]
     assert set(found.cause[:, 0].tolist()) == {Cause.NONE, Cause.HIDDEN}
     assert (found.cause[:, 0] == Cause.HIDDEN).tolist() == meets
@@ -62,14 +53,10 @@ def _meets(solid: Solid, X_WP: Array, eye: Array, X_WB: Array, half: Array) -> b
     """Whether coal, asked with a mesh of the hull's triangles and a point inside the solid, finds a contact."""
     points = np.vstack([transform(X_WB, half * BOX_SIGNS), eye])
     hull = ConvexHull(points)
-    shape = coal.Convex.convexHull(_vectors(points[hull.vertices]), True, "Qt")
+    vectors = coal.StdVec_Vec3s()
+    vectors.extend(list(points[hull.vertices]))
+    shape = coal.Convex.convexHull(vectors, True, "Qt")
     X = X_WP @ solid.part.X_PG
     at = coal.Transform3s(X[:3, :3], X[:3, 3])
     result = coal.CollisionResult()
     return coal.collide(shape, coal.Transform3s(), coal_geometry(solid), at, coal.CollisionRequest(), result) > 0
-
-
-def _vectors(points: Array) -> coal.StdVec_Vec3s:
-    vectors = coal.StdVec_Vec3s()
-    vectors.extend(list(points))
-    return vectors

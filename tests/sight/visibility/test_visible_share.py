@@ -7,16 +7,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import BOX_TRIANGLES
-from sqrp_cli.sight.observer import Observer
-from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.sight_scene import SKIN
 from sqrp_cli.sight.solids import Solid
-from sqrp_cli.sight.targets import Target
 from tests.sight.reference import hits, through_box
-from tests.sight.solids import solid_of
-from tests.sight.views import make_box, make_camera, make_detector
+from tests.sight.views import look, make_box, make_camera, make_detector, random_rotation, solid_of
 
 RAYS = 20_000
 """Of a reference: its standard deviation is at most 0.35 points."""
@@ -28,9 +23,7 @@ CLOSE = 0.012
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
     camera = make_camera(X_WC, focal=(60.0, 60.0))
     box = make_box(tuple((size + 2 * SKIN).tolist()), X_WB, detector=make_detector(0.001))
-    states = SceneStates(1, {"world": pose()[None]})
-    ((found,),) = Observer((camera,), tuple(solids)).verdicts([Target(Atom("seen"), 1, (box,))], states)
-    return float(found.visible[0, 0])
+    return float(look(camera, box, solids).visible[0, 0])
 
 
 def traced(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
@@ -52,7 +45,7 @@ def traced(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
 def view(generator: np.random.Generator) -> tuple[Array, Array, Array]:
     """A camera, a box that it looks at from 0.4 to 1.5 m, and the box's size."""
     size = generator.uniform(0.02, 0.3, 3)
-    X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.2, size=3))
+    X_WB = pose(random_rotation(generator), generator.normal(scale=0.2, size=3))
     direction = generator.normal(size=3)
     eye = X_WB[:3, 3] + direction / np.linalg.norm(direction) * generator.uniform(0.4, 1.5)
     return look_at(eye, X_WB[:3, 3] + generator.normal(scale=0.05, size=3)), X_WB, size
@@ -83,7 +76,7 @@ def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None
     X_WC, X_WB, size = view(generator)
     solids = []
     for _ in range(generator.integers(1, 5)):
-        X_WO = pose(quaternion_to_matrix(generator.normal(size=4)), between(generator, X_WC, X_WB, 0.06))
+        X_WO = pose(random_rotation(generator), between(generator, X_WC, X_WB, 0.06))
         vertices = transform(X_WO, generator.uniform(0.02, 0.2, 3) * BOX_SIGNS)
         solids.append(solid_of(vertices, BOX_TRIANGLES))
     assert share(solids, X_WC, X_WB, size) == pytest.approx(traced(solids, X_WC, X_WB, size), abs=CLOSE)
@@ -122,7 +115,7 @@ def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, 
     generator = np.random.default_rng(11)
     X_WC, extents = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), np.array(size)
     for _ in range(4):
-        X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.05, size=3))
+        X_WB = pose(random_rotation(generator), generator.normal(scale=0.05, size=3))
         cut = generator.uniform(-0.3, 0.3) * size[0]
         across = transform(X_WB, np.array([[cut, -9.0, -9.0], [cut, -9.0, 9.0], [cut, 9.0, -9.0], [cut, 9.0, 9.0]]))
         sheet = solid_of(across, np.array([[0, 1, 2], [2, 1, 3]]))
