@@ -17,7 +17,7 @@ from sqrp_cli.camera.markers import Marker
 from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
-from sqrp_cli.cell.workspace import FixturesEntry, WorkspaceFile, markers_of
+from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
 from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages
 from sqrp_cli.files.entries import from_fields
@@ -146,7 +146,26 @@ class CellReader(RobotReader):
         objects = {name: self._object(name, entry) for name, entry in self.file.objects.items()}
         for index, fixtures in enumerate(self.file.fixtures):
             with self._collecting():
-                objects |= self._fixtures(index, fixtures, objects)
+                from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
+
+                file = self._resolve(fixtures.file, self.document.value_place(("fixtures", index, "file")))
+                content, found = read_input(file, MAX_BYTES), dict[str, SceneObject]()
+                standing = read_fixtures(file, content, self.roots, self.warnings)
+                self.digest[f"fixtures.{index}"] = source_file(file, content)
+                for one in standing:
+                    # A name that formulas and tasks can use, and nothing else has.
+                    base = re.sub(r"[^A-Za-z0-9_-]", "_", one.name)[:60]
+                    base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
+                    used = {*objects, *found, *self.links, WORLD, TOOL, "home"}
+                    numbered = (f"{base}_{number}" for number in range(2, len(used) + 3))
+                    name = next(free for free in (base, *numbered) if free not in used)
+                    parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
+                    for part in parts:
+                        if isinstance(part.shape, Mesh):
+                            self._add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
+                    stands = ObjectEntry(type="obstacle", pose=read_only(fixtures.pose.matrix()), fixed=True)
+                    found[name] = self._sized(name, stands, parts)
+                objects |= found
         return objects
 
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
@@ -205,29 +224,6 @@ class CellReader(RobotReader):
         size = tuple((high - low).tolist())
         X_WO = read_only(entry.pose @ X_FO) if isinstance(entry.pose, np.ndarray) else entry.pose
         return from_fields(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
-
-    def _fixtures(self, index: int, entry: FixturesEntry, taken: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
-        """The objects of a scene or world, under their names as far as those are free."""
-        from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
-
-        file = self._resolve(entry.file, self.document.value_place(("fixtures", index, "file")))
-        content = read_input(file, MAX_BYTES)
-        standing = read_fixtures(file, content, self.roots, self.warnings)
-        self.digest[f"fixtures.{index}"] = source_file(file, content)
-        found: dict[str, SceneObject] = {}
-        for one in standing:
-            # A name that formulas and tasks can use, and nothing else has.
-            base = re.sub(r"[^A-Za-z0-9_-]", "_", one.name)[:60]
-            base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
-            used = {*taken, *found, *self.links, WORLD, TOOL, "home"}
-            name = next(free for free in (base, *(f"{base}_{n}" for n in range(2, len(used) + 3))) if free not in used)
-            parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
-            for part in parts:
-                if isinstance(part.shape, Mesh):
-                    self._add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
-            stands = ObjectEntry(type="obstacle", pose=read_only(entry.pose.matrix()), fixed=True)
-            found[name] = self._sized(name, stands, parts)
-        return found
 
     def detectors(
         self, cameras: Mapping[str, Camera], on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]

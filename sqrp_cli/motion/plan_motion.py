@@ -269,7 +269,7 @@ class _Planner:
             too_slow = None
             if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
                 q, velocity = move.trajectory.motion(move.trajectory.law.breaks, 1)  # it is fastest where phases meet
-                J = model.tool_poses_and_jacobians(q).J[:, :3]
+                J = model.tool_poses_and_jacobians(q)[1][:, :3]
                 reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
                 if reached < REACHED * primitive.speed:
                     too_slow = f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s"

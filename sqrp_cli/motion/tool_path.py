@@ -174,7 +174,7 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
     """
     # Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
     n, degree, s = q0.shape[1], FIRST_DEGREE, _interpolation(FIRST_DEGREE)[0]
-    J = model.tool_poses_and_jacobians(q0).J * (True if moving is None else moving)
+    J = model.tool_poses_and_jacobians(q0)[1] * (True if moving is None else moving)
     twist = np.concatenate([np.cross(line.around, line.arm) + line.along, line.turn])  # per unit of s, at its start
     tangents = least_steps(J, np.tile(twist, (len(q0), 1)))
     guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, n)
@@ -200,9 +200,7 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
         targets, guesses = line.poses(between), refine @ q
         flat, each = guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1))
         errors = (
-            misses(model, flat, each, moving).errors
-            if model.angle_tolerance
-            else pose_errors(model.tool_poses(flat), each)
+            misses(model, flat, each, moving)[0] if model.angle_tolerance else pose_errors(model.tool_poses(flat), each)
         )
         deviations = np.linalg.norm(errors.reshape(len(rows), degree, 2, 3), axis=-1).max(axis=-1)
         paths |= {row: JointPath(np.array([0.0, 1.0]), c[None]) for row, c in zip(rows.tolist(), fit @ q, strict=True)}

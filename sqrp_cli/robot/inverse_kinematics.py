@@ -365,7 +365,8 @@ def _solver(
     X_BW = inverse(model.link_poses(zero[None])[model.links[0]][0])
     X_BT = X_BW @ model.tool_pose(zero)
     linear, directions = (
-        (X_BW[:3, :3] @ rows[:, model.turns]).T for rows in np.split(model.tool_poses_and_jacobians(zero[None]).J[0], 2)
+        (X_BW[:3, :3] @ rows[:, model.turns]).T
+        for rows in np.split(model.tool_poses_and_jacobians(zero[None])[1][0], 2)
     )
     points = X_BT[:3, 3] + np.cross(directions, linear)
     offsets = np.diff(np.concatenate([np.zeros((1, 3)), points, X_BT[None, :3, 3]]), axis=0)

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,13 +174,6 @@ class FingerModel(JointLimits[Array]):
     width: float | None = None  # clear width between them when open, if stated [m]; closed, it is 0
 
 
-class ToolMotion(NamedTuple):
-    """Poses and Jacobians of the tool frame at m joint positions."""
-
-    X_WT: Array  # shape (m, 4, 4)
-    J: Array  # jacobians, shape (m, 6, n): velocity over angular velocity, in world axes
-
-
 @dataclass(frozen=True, eq=False)
 class RobotModel(JointLimits[Array]):
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
@@ -319,8 +311,11 @@ class RobotModel(JointLimits[Array]):
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
         return self._chain.poses(self._chain.positions(q))[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
 
-    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """As `tool_pose`, and its Jacobians, at m positions of shape (m, n)."""
+    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
+        """As `tool_pose`, (m, 4, 4), and its Jacobians, at m positions of shape (m, n).
+
+        These have shape (m, 6, n): velocity over angular velocity, in world axes.
+        """
         X_WJ = self._chain.poses(self._chain.positions(q))
         X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
@@ -328,7 +323,7 @@ class RobotModel(JointLimits[Array]):
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
         if not (turns := self._chain.turns).all():
             columns[:, ~turns, :3], columns[:, ~turns, 3:] = axes[:, ~turns], 0.0
-        return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain.ratios)
+        return X_WT, np.swapaxes(columns, 1, 2) @ self._chain.ratios
 
     @property
     def joints_move_alone(self) -> bool:

@@ -80,18 +80,12 @@ def pose_errors(X_WT: Array, X_target: Array) -> Array:
     return errors
 
 
-class Misses(NamedTuple):
-    """What keeps a tool from its targets, at m joint positions of n joints."""
+def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = None) -> tuple[Array, Array, Array]:
+    """What keeps the tool at m joint positions q, shape (m, n), from targets, one each, (m, 4, 4).
 
-    errors: Array  # what is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)
-    J: Array  # how these errors decrease with the joints, shape (m, 6, n)
-    turned_away: Array  # by how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it
-
-
-def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = None) -> Misses:
-    """The errors of m joint positions q, shape (m, n), against targets, one each, (m, 4, 4).
-
-    moving: which joints may move, (n,); by default all.
+    Three arrays: what is to become 0, as of `pose_errors`, without the turns that the arm cannot make, (m, 6); how
+    these errors decrease with the joints, (m, 6, n); by how much the tool is turned away beyond what is tolerated
+    [rad], (m,). moving: which joints may move, (n,); by default all.
 
     An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as motions
     of the joints can that do not move the origin (the null space of its Jacobian). What they cannot turn is tolerated
@@ -100,14 +94,14 @@ def misses(model: RobotModel, q: Array, X_target: Array, moving: Mask | None = N
     X, J = model.tool_poses_and_jacobians(q)
     errors, J = pose_errors(X, X_target), J if moving is None else J * moving
     if not model.angle_tolerance:
-        return Misses(errors, J, np.zeros(len(q)))
+        return errors, J, np.zeros(len(q))
     beyond = np.maximum(np.linalg.norm(errors[:, 3:], axis=1) - model.angle_tolerance, 0.0)
     still = np.swapaxes(np.linalg.svd(J[:, :3])[2][:, 3:], 1, 2)
     turns, sizes, _ = np.linalg.svd(J[:, 3:] @ still, full_matrices=False)
     turns = turns * (sizes > LEAST_TURN)[:, None, :]
     possible = np.tile(np.eye(6), (len(q), 1, 1))
     possible[:, 3:, 3:] = turns @ np.swapaxes(turns, 1, 2)
-    return Misses((possible @ errors[:, :, None])[..., 0], possible @ J, beyond)
+    return (possible @ errors[:, :, None])[..., 0], possible @ J, beyond
 
 
 def descend(

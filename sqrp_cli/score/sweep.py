@@ -47,11 +47,6 @@ class Variation:
     unit: str
     count: int | None
 
-    def text(self, value: float) -> str:
-        """A value as YAML text; 0 if it is negligible beside the ends."""
-        value = 0.0 if abs(value) <= 1e-9 * max(abs(self.start), abs(self.end)) else value
-        return f"{value:.6g}{f' {self.unit}' if self.unit else ''}"
-
 
 def read_variation(text: str) -> Variation:
     """`PATH=FROM:TO:N`, or `PATH=FROM:TO` where values are drawn; `position[0]` is the same as `position.0`.
@@ -101,7 +96,14 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
             raise bad_option(f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}")
         grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
         points = product(*grids)
-    return tuple(tuple((v.path, v.text(x)) for v, x in zip(variations, point, strict=True)) for point in points)
+    found = []
+    for point in points:
+        pairs = []
+        for one, value in zip(variations, point, strict=True):
+            exact = 0.0 if abs(value) <= 1e-9 * max(abs(one.start), abs(one.end)) else value  # beside the ends
+            pairs.append((one.path, f"{exact:.6g}{f' {one.unit}' if one.unit else ''}"))
+        found.append(tuple(pairs))
+    return tuple(found)
 
 
 class Variant(NamedTuple):

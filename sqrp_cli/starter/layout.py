@@ -107,13 +107,14 @@ def workspace_text(layout: Layout) -> str:
         roots = ", ".join(map(_text, layout.package_roots))
         files += f"  package_roots: [{roots}]  # check: where the package:// of its meshes is looked up\n"
     if layout.X_LT is not None:
-        rpy = ", ".join(_degrees(value, 4) for value in matrix_to_rpy(layout.X_LT[:3, :3]))
+        rpy = ", ".join(f"{_number(degrees(value))} deg" for value in matrix_to_rpy(layout.X_LT[:3, :3]))
         tool = _TOOL.format(link=_text(layout.tip), position=_vector(layout.X_LT[:3, 3].tolist()), rpy=rpy)
     home = f" {_text(layout.home_state or '')}  # check: where programs start and end; a state of the SRDF"
     if layout.home_state is None:
         home = "  # check: where programs start and end"
         for name, at in layout.home.items():
-            home += f"\n    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else _degrees(at)}"
+            angle = f"{round(degrees(at), 1) + 0.0:g} deg"
+            home += f"\n    {_text(name)}: {f'{_number(at)} m' if name in layout.slides else angle}"
     marked = "# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n"
     text = _ROBOT.format(
         arm="your arm" if layout.guessed else "a six-axis arm",
@@ -167,10 +168,6 @@ def _text(value: str) -> str:
 
 def _number(value: float) -> str:
     return f"{round(value, 4) + 0.0:g}"
-
-
-def _degrees(value: float, places: int = 1) -> str:
-    return f"{round(degrees(value), places) + 0.0:g} deg"
 
 
 def _vector(values: Sequence[float]) -> str:
