@@ -176,5 +176,5 @@ def rounded(joints: Sequence[str], by: float) -> tuple[str, ...]:
 
 def jacobian(model: RobotModel, q: Array) -> Array:
     """Velocity of the tool frame's origin over its angular velocity, per joint velocity, at positions (n,); (6, n)."""
-    J: Array = model.tool_poses_and_jacobians(q[None]).J[0]
+    J: Array = model.tool_poses_and_jacobians(q[None])[1][0]
     return J
