@@ -293,7 +293,20 @@ def fields_of(workspace: Workspace, role: str) -> dict[str, LeafValue]:
             case ".urdf" | ".srdf":
                 return dict(_attributes(read_xml(path, "robot"), ""))
             case ".pddl":
-                return dict(_statements(path))
+                # Its sections, those of an action by its name; without comments and layout.
+                content = read_input(path, MAX_YAML_BYTES).decode(errors="replace")
+                plain = " ".join(line.split(";")[0] for line in content.splitlines())
+                words, action = " ".join(plain.replace("(", " (").replace(")", ") ").split()), ""
+                said: dict[str, LeafValue] = {}
+                for keyword, section in zip(*[iter(_SECTION.split(words)[1:])] * 2, strict=True):
+                    text = section.replace(" )", ")").rstrip(" (").lstrip()
+                    while text.count(")") > text.count("("):
+                        text = text[:-1].rstrip()  # what closes the sections around
+                    if keyword == "action":
+                        action = f"{text}."
+                    else:
+                        said[f"{action}{keyword}"] = text
+                return said
             case _:
                 return {}
     except InputError:  # changed since it was read
@@ -311,21 +324,6 @@ def _attributes(element: Element, path: str) -> Iterator[tuple[str, LeafValue]]:
         number = f".{numbers[child.tag]}" if counts[child.tag] > 1 else ""
         label = f".{child.attributes['name']}" if child.attributes.get("name") else number
         yield from _attributes(child, f"{path}{child.tag}{label}.")
-
-
-def _statements(path: Path) -> Iterator[tuple[str, LeafValue]]:
-    """The sections of a PDDL file, those of an action by its name; without comments and layout."""
-    lines = (line.split(";")[0] for line in read_input(path, MAX_YAML_BYTES).decode(errors="replace").splitlines())
-    words = " ".join(" ".join(lines).replace("(", " (").replace(")", ") ").split())
-    action = ""
-    for keyword, content in zip(*[iter(_SECTION.split(words)[1:])] * 2, strict=True):
-        text = content.replace(" )", ")").rstrip(" (").lstrip()
-        while text.count(")") > text.count("("):
-            text = text[:-1].rstrip()  # what closes the sections around
-        if keyword == "action":
-            action = f"{text}."
-        else:
-            yield f"{action}{keyword}", text
 
 
 def _differs(role: str, field: str, before: LeafValue, now: LeafValue) -> bool:

@@ -58,7 +58,7 @@ _BOUNDS: dict[CameraKind, Bounds] = {
 
 
 class CameraMove:
-    """Changes of one camera by vectors (d,): of its aim, its position, its lens, or where a further one stands."""
+    """Changes of one camera, see `least.Move`: of its aim, its position, its lens, or where a further one stands."""
 
     def __init__(
         self, question: Question, kind: CameraKind, camera: Camera, *, like: str = "", middle: bool = False
@@ -91,7 +91,7 @@ class CameraMove:
         return replace(aim, point=read_only(whole_millimetres(middle)))
 
     def outward(self, reach: float, coarser: int = 1) -> Iterable[Array]:
-        """Batches of vectors (p, d) up to a length, nearer ones first; coarser: so many times the usual steps."""
+        """See `least.Move`; coarser: so many times its steps."""
         if self.kind != "lens":
             return shells(self.bounds.dimension, coarser * self.bounds.step, reach)
         step, present = coarser * LENS_STRIDE, field_of_view(self.camera)
@@ -112,7 +112,7 @@ class CameraMove:
         return [self.camera], looking_at(eyes, np.tile(self.aim.point, (len(vectors), 1)), self.aim.up)
 
     def passes(self, vectors: Array) -> Mask:
-        """Which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does."""
+        """See `least.Move`."""
         passes = np.ones(len(vectors), dtype=bool)
         if self.kind == "lens":
             views = field_of_view(self.camera) + vectors[:, 0]
@@ -134,7 +134,7 @@ class CameraMove:
         return free
 
     def change(self, vector: Array) -> ProposedChange:
-        """The change that a vector stands for, as people can set it: in whole millimetres and tenths of degrees."""
+        """See `least.Move`: places in whole millimetres, views in tenths of degrees."""
         camera, aim, eye, values, turn = self.camera, self.aim, self.camera.X_FC[:3, 3], vector, 0.0
         if self.kind == "lens":
             there = _with_view(camera, float(vector[0]))
@@ -167,7 +167,7 @@ class CameraMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """Whether a change meets the goal by the exact timeline of what that is about; where not, the bound learns."""
+        """See `least.Move`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
         question = self.question
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return False
@@ -189,10 +189,7 @@ class CameraMove:
         return whole_observed_again(change.in_cell(question.cell), question.motion, question.sampling)
 
     def nearest(self) -> Array | None:
-        """Of some vectors, none of which meets the goal, the nearest by the share of samples that are covered.
-
-        None if the camera can be at none of them.
-        """
+        """See `least.Move`: by the share of some samples that are covered."""
         vectors = np.concatenate(list(self.outward(self.bounds.reaches[-1], 3 if self.kind == "lens" else 4)))
         vectors = vectors[:: max(1, len(vectors) // _COMPARED_POSES)]
         if self.kind != "lens":

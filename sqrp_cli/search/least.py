@@ -10,17 +10,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
-
-if TYPE_CHECKING:
-    from sqrp_cli.search.camera_moves import CameraMove
-    from sqrp_cli.search.object_moves import ObjectMove
+from sqrp_cli.study.whole_study import WholeAnalysis
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
@@ -68,8 +65,29 @@ class Bounds(NamedTuple):
     """By how much longer changes are looked at for the margin; none: all lengths up to `MOST_MORE` beyond, in steps."""
 
 
-Move: TypeAlias = "CameraMove | ObjectMove"
-"""Changes of one thing by vectors (d,); what is learned of one of them makes the bound on others sharper."""
+class Move(Protocol):
+    """Changes of one thing by vectors (d,); what is learned of one of them makes the bound on others sharper."""
+
+    bounds: Bounds
+    """How it is searched."""
+
+    def outward(self, reach: float) -> Iterable[Array]:
+        """Batches of vectors (p, d) up to a length, nearer ones first."""
+
+    def passes(self, vectors: Array) -> Mask:
+        """Which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does."""
+
+    def change(self, vector: Array) -> ProposedChange:
+        """The change that a vector stands for, in values that people can set; nearly the same one."""
+
+    def meets(self, change: ProposedChange) -> bool:
+        """Whether a change meets the goal, as far as that is about what is seen."""
+
+    def study(self, change: ProposedChange) -> WholeAnalysis | None:
+        """The way with a change; None if it cannot be done."""
+
+    def nearest(self) -> Array | None:
+        """Of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be."""
 
 
 def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str) -> Found:

@@ -31,7 +31,7 @@ _BOUNDS = Bounds(
 
 
 class ObjectMove:
-    """Moves of one object, as `CameraMove`; vectors are looked at exactly, so no bound has to be learned."""
+    """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
 
     def __init__(self, question: Question, name: str) -> None:
         """name: of the object; the way of the question starts from where it then is."""
@@ -45,11 +45,11 @@ class ObjectMove:
         yield from (0.01 * 2**number * ring for number in range(1 + round(np.log2(reach / 0.01))))
 
     def passes(self, vectors: Array) -> Mask:
-        """Which vectors (p, 2) meet the goal, shape (p,)."""
+        """See `least.Move`."""
         return np.array([self.meets(self.change(vector)) for vector in vectors], dtype=bool)
 
     def change(self, vector: Array) -> ProposedChange:
-        """The change that a vector stands for, in whole millimetres."""
+        """See `least.Move`: in whole millimetres."""
         moved = whole_millimetres(np.append(vector, 0.0))
         X_WO = self.question.world.X_WO[self.name].copy()
         X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
@@ -63,7 +63,7 @@ class ObjectMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """Whether a change meets the goal: qualities first, since delays take as long as all the rest."""
+        """See `least.Move`: qualities first, since delays take as long as all the rest."""
         if change.values not in self._known:
             question, met = self.question, False
             if change.size and self._fits(change):
@@ -80,14 +80,14 @@ class ObjectMove:
         return self._known[change.values]
 
     def study(self, change: ProposedChange) -> WholeAnalysis | None:
-        """The way with a change; None where the object does not fit, or cannot be handled."""
+        """See `least.Move`; None where the object does not fit, or cannot be handled."""
         if not self._fits(change):
             return None
         found = self.question.studied(self.question.way, change.in_world(self.question.world))
         return None if isinstance(found, Infeasible) else found
 
     def nearest(self) -> Array | None:
-        """Of moves by some centimetres the one that comes nearest to the goal; None if none can be."""
+        """See `least.Move`: of moves by some centimetres."""
         *_, vectors = self.outward(0.08)
         studies = [self.study(self.change(vector)) for vector in vectors]
         missing = [self.question.goal.shortfall(None if one is None else one.assessment) for one in studies]
