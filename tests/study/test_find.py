@@ -13,7 +13,7 @@ from sqrp_cli.program.file import load_program
 from sqrp_cli.study.program_update import StepReplanner
 from sqrp_cli.study.result import CandidateResult
 from tests.conftest import TABLETOP
-from tests.trials.ways import SLOW_LIFT, YAWS, Cell, Ways, compared
+from tests.trials.ways import SLOW_LIFT, YAWS, compared, stated, undominated
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +36,16 @@ def name(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def one_by_one(cell: OpenCell, name: str) -> list[CandidateResult]:
     """Every way that can be done, with all settings stated in the task."""
-    return Cell(cell, f"pickup {name} via=direct", YAWS).stated()
+    return stated(cell, f"pickup {name} via=direct", YAWS)
 
 
 def test_the_best_way_is_the_best_of_all_by_hand(cell: OpenCell, name: str, one_by_one: list[CandidateResult]) -> None:
     best = only(cell, f"pickup {name}")
     assert best.ways is not None
     assert (best.ways.tried, best.ways.feasible) == (32, len(one_by_one))
-    found = Ways(compared(best), sorted(map(compared, best.ways.pareto)), sorted(map(compared, one_by_one)))
-    assert found.right, found
+    figures = sorted(map(compared, one_by_one))
+    assert compared(best) == figures[0]
+    assert sorted(map(compared, best.ways.pareto)) == undominated(figures)
     by_hand = {tuple(sorted(way.parameters.items())): way for way in one_by_one}
     for way in best.ways.pareto:
         same = by_hand[tuple(sorted(way.parameters.items()))]

@@ -73,23 +73,27 @@ def compared(way: CandidateResult | WayFigures) -> Figures:
     return -round(way.q_eoi / POINT), -round(way.q_avg / POINT), round(way.time, 6)
 
 
+def stated(cell: OpenCell, task: str, yaws: tuple[int, ...]) -> list[CandidateResult]:
+    """Every way that can be done, with all settings stated in a task of its own."""
+    tasks = (
+        f"{task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
+        for yaw, elbow, shoulder, wrist in product(yaws, ELBOWS, SHOULDERS, WRISTS)
+    )
+    return [way for one in tasks if (way := cell.rank(one, ways="fastest").candidates[0]).feasible]
+
+
+def undominated(figures: list[Figures]) -> list[Figures]:
+    """Those that no other dominates, each once, in order."""
+    return sorted({one for one in figures if not any(o != one and all(map(le, o, one)) for o in figures)})
+
+
 def ways(number: int, folder: Path) -> dict[str, Any]:
     """Whether the best of all ways by hand is shown, and exactly those that no other dominates are named, each once."""
     cell, task, yaws = cell_with_ways(folder / "cell", number)
     (row,) = cell.rank(f"{task} approach_yaw=any elbow=any shoulder=any wrist=any").candidates
     shown = compared(row) if row.feasible else None
     named = sorted(map(compared, row.ways.pareto)) if row.ways else []
-    stated = (
-        f"{task} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist}"
-        for yaw, elbow, shoulder, wrist in product(yaws, ELBOWS, SHOULDERS, WRISTS)
-    )
-    found = (cell.rank(one, ways="fastest").candidates[0] for one in stated)
-    by_hand = sorted(compared(way) for way in found if way.feasible)
-
-    def dominated(one: Figures) -> bool:
-        return any(other != one and all(map(le, other, one)) for other in by_hand)
-
-    undominated = sorted({one for one in by_hand if not dominated(one)})
-    good = shown == min(by_hand, default=None) and named == undominated
+    by_hand = sorted(map(compared, stated(cell, task, yaws)))
+    good = shown == min(by_hand, default=None) and named == undominated(by_hand)
     wrong = "" if good else f"  WRONG, by hand {by_hand}"
     return {"said": f"{len(by_hand):2} ways, {len(named)} named, shown {shown}{wrong}", "good": good}
