@@ -64,18 +64,14 @@ class RankingRun:
             Worker(forked(), _assessor, session.assignment, candidates, memory)
             for _ in range(min(jobs, len(candidates)))
         ]
-        self._workers: dict[Worker[int, _Answer], int | None] = dict.fromkeys(workers)
+        self.workers: dict[Worker[int, _Answer], int | None] = dict.fromkeys(workers)
+        """The candidate that each computes; None if it computes none."""
         for worker in workers:
             self._hand_out(worker)
 
-    @property
-    def busy(self) -> list[Worker[int, _Answer]]:
-        """The processes that compute."""
-        return [worker for worker, index in self._workers.items() if index is not None]
-
     def take(self, worker: Worker[int, _Answer]) -> None:
         """Take the answer of a busy process. Raises InputError where it was killed."""
-        index = self._workers[worker]
+        index = self.workers[worker]
         assert index is not None  # noqa: S101 - it is busy
         try:
             assessment, learnt = worker.receive()
@@ -90,11 +86,11 @@ class RankingRun:
 
     def end(self) -> None:
         """End all processes at once."""
-        for worker in self._workers:
+        for worker in self.workers:
             worker.kill()
 
     def _hand_out(self, worker: Worker[int, _Answer]) -> None:
-        self._workers[worker] = index = self._left.popleft() if self._left else None
+        self.workers[worker] = index = self._left.popleft() if self._left else None
         if index is not None:
             worker.send(index)
 
@@ -156,7 +152,8 @@ class _Worker:
 
     def work(self) -> None:
         """Wait for something to happen, and see to it."""
-        workers = [] if self._run is None else self._run.busy
+        computing = {} if self._run is None else self._run.workers
+        workers = [worker for worker, index in computing.items() if index is not None]
         others: list[Worker[Any, Any]] = [*workers, *([] if self._explaining is None else [self._explaining])]
         ready = wait([self._pipe, *(worker.pipe for worker in others)])
         if self._pipe in ready:
