@@ -315,7 +315,7 @@ def _explainer(assignment: RankJob, ranked: CandidateResult) -> Callable[[str], 
 
     def explain(name: str) -> str:
         explained = assignment.explain(ranked)
-        detail = played(assignment, explained, brief=True) if explained.steps else None
+        detail = played(assignment, explained, brief=True) if ranked.feasible else None
         return message("detail", name=name, detail=detail)
 
     return explain

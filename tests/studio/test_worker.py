@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from sqrp_cli.show.pages.candidate_page import played
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.session import program_file
 from sqrp_cli.studio.sketch import SHORTEST, Sketch, joined
-from sqrp_cli.studio.worker import sketches_of
+from sqrp_cli.studio.worker import _explainer, sketches_of
 from sqrp_cli.study.sampling import FixedStep
 from tests.studio.started import ROOT
 
@@ -34,6 +36,13 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
             literal["boxes"] = []
     assert full["hidden"]
     assert {**full, "hidden": [], "to_move": []} == brief
+
+
+def test_a_candidate_of_one_step_is_shown_over_time(explained):
+    assignment, whole = explained
+    told = json.loads(_explainer(assignment, whole.result)("g1"))
+    assert told["do"] == "detail"
+    assert told["detail"]["samples"]
 
 
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
