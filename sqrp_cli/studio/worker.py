@@ -97,6 +97,7 @@ class RankingRun:
 
 def _assessor(assignment: RankJob, candidates: Sequence[Candidate], memory: SightMemory) -> Callable[[int], _Answer]:
     os.nice(LOWER_PRIORITY)
+    os.nice(LOWER_PRIORITY)
 
     def assess(index: int) -> _Answer:
         memory.learnt.clear()
@@ -311,6 +312,7 @@ class _Worker:
 
 
 def _explainer(assignment: RankJob, ranked: CandidateResult) -> Callable[[str], str]:
+    os.nice(LOWER_PRIORITY)
     os.nice(LOWER_PRIORITY)
 
     def explain(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -38,7 +39,8 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
     assert {**full, "hidden": [], "to_move": []} == brief
 
 
-def test_a_candidate_of_one_step_is_shown_over_time(explained):
+def test_a_candidate_of_one_step_is_shown_over_time(explained, monkeypatch):
+    monkeypatch.setattr(os, "nice", lambda _: None)  # of this process
     assignment, whole = explained
     told = json.loads(_explainer(assignment, whole.result)("g1"))
     assert told["do"] == "detail"
