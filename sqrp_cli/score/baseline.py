@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -221,20 +222,18 @@ class Baseline(FileRecord):
                 if cell.name not in found and name not in found.values():
                     found[cell.name] = name
 
-        def likeness(cell: ScoredCell, name: str) -> float:
-            """The share of the values of either workspace file that are equal in both."""
-            before = self.fields.get(self.workspaces[name].files.get(WORKSPACE, ""), {})
-            now = {} if cell.workspace is None else cell.workspace.values
-            equal = sum(path in now and now[path] == value for path, value in before.items())
-            return float(equal / max(1, len(before.keys() | now.keys())))
-
         known = self.workspaces
         meant = {one: (one.workspace.digest, one.workspace.file_digest) for one in cells if one.workspace is not None}
         same = [(cell, name) for cell in meant for name, record in known.items() if record.digest in meant[cell]]
         take(sorted(same, key=lambda pair: pair[0].name != pair[1]))
         take((cell, cell.name) for cell in cells if cell.name in known)
         left, free = [one for one in cells if one.name not in found], known.keys() - found.values()
-        alike = {(cell, name): likeness(cell, name) for cell in left for name in known if name in free}
+        alike: dict[tuple[ScoredCell, str], float] = {}  # the share of the values of either file that are equal in both
+        for cell, name in product(left, [name for name in known if name in free]):
+            before = self.fields.get(known[name].files.get(WORKSPACE, ""), {})
+            now = {} if cell.workspace is None else cell.workspace.values
+            equal = sum(path in now and now[path] == value for path, value in before.items())
+            alike[cell, name] = equal / max(1, len(before.keys() | now.keys()))
         take(sorted((pair for pair in alike if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair]))
         return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from math import inf
 
@@ -141,12 +141,6 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
     Of more than `MOST_TOGETHER` beginnings, the best seen ones and the fastest are followed, in their order.
     """
     candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
-
-    def covered(steps: Sequence[Analysis]) -> float:
-        """How well some steps are seen: their covered time, that of events of interest twice [s]."""
-        figures = [step.assessment("") for step in steps]
-        return sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in figures)
-
     begun: list[tuple[tuple[Analysis, ...], World]] = [
         ((), question.world)
     ]  # the first steps, and the world after them
@@ -162,7 +156,13 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
                     longer.append(((*steps, done), world_after(way, done.motion, world)))
         begun, numbers = longer, range(len(longer))
         if len(longer) > MOST_TOGETHER:
-            seen = sorted(numbers, key=lambda number: -covered(longer[number][0]))
+            covered = []  # how long each is seen, time of events of interest counted twice [s]
+            for steps, _ in longer:
+                each = [step.assessment("") for step in steps]
+                covered.append(
+                    sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in each)
+                )
+            seen = sorted(numbers, key=covered.__getitem__, reverse=True)
             fast = sorted(numbers, key=lambda number: sum(one.motion.time for one in longer[number][0]))
             chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
             begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]

@@ -210,13 +210,11 @@ def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
     radius = 0.5 * spot.entry.body
     sample, target = way.items
     hidden = np.zeros(len(sample), dtype=bool)
-
-    def in_world(one: Spot) -> Array:
-        X_WF = way.states.X_WF[one.frame]
+    at = []  # both places in the world, in the sample of each item
+    for one, X_WF in ((one, way.states.X_WF[one.frame]) for one in (spot, other)):
         places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
-        return places[sample if one.frame != WORLD else np.zeros_like(sample)]
-
-    ball, eye = in_world(spot), in_world(other)
+        at.append(places[sample if one.frame != WORLD else np.zeros_like(sample)])
+    ball, eye = at
     for column, entry in enumerate(way.scene.targets):
         rows = np.flatnonzero(target == column)
         for box in entry.boxes:
