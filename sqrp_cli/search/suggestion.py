@@ -101,36 +101,11 @@ class Suggester:
         candidates: how many will be asked about; of more than `MOST_WITH_FIGURES`, it is only asked whether they can
         be done, after steps in their ways with `--ways fastest`.
         """
-        self.cell, self.world, self.jobs, self._planner = cell, world, jobs, planner
-        self._wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
+        self.cell, self.world, self.jobs, self.planner = cell, world, jobs, planner
+        self.wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
         self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
-
-    def in_best_way(self, suggestions: Sequence[Suggestion]) -> Suggestion | None:
-        """Of suggestions that can be done the one whose last step ranks first, each of its steps in its best way."""
-        if self._wanted.fastest:  # the first of each plan first
-            of_plan = Counter[object]()
-            numbers = []
-            for suggestion in suggestions:
-                plan = tuple(step.action for step in suggestion.steps or ())
-                numbers.append(of_plan[plan])
-                of_plan[plan] += 1
-            order = sorted(range(len(suggestions)), key=numbers.__getitem__)
-            suggestions = [suggestions[number] for number in order[:MOST_WITH_FIGURES]]
-        figures = []
-        for step in (suggestion.last for suggestion in suggestions):
-            if step is not None and step.assessment is not None and step.world is not None:
-                job = RankJob(cell=self.cell, world=step.world, wanted=self._wanted)
-                known = step.assessment
-                figures.append(job.assess(known.candidate) if self._wanted.fastest else known)
-        if not figures:
-            return None
-        first = rank(figures, "q_eoi")[0].candidate
-        best = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
-        if not self._wanted.fastest or best.last is None or best.last.assessment is None:
-            return best
-        return Suggester(self.cell, self.world, self._planner, self.jobs).suggest(best.last.assessment.candidate)
 
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
@@ -139,14 +114,14 @@ class Suggester:
         key = (candidate.skill.name, *candidate.binding.values())
         if key not in self._plans:
             goal, types = candidate.skill.action.precondition, self.cell.workspace.types
-            self._plans[key] = self._planner(self._domain, types, self.world.facts, goal, candidate.binding)
+            self._plans[key] = self.planner(self._domain, types, self.world.facts, goal, candidate.binding)
         match self._plans[key]:
             case Plan(()):
                 return Suggestion("satisfied", "")
             case Plan(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
                 world, assessment = done[-1][1], None
-                if world is not None and self._wanted.fastest:  # only whether it can be done
+                if world is not None and self.wanted.fastest:  # only whether it can be done
                     motion = some_motion(self.cell, candidate, world)
                     reasons = motion.reasons if isinstance(motion, Infeasible) else ()
                     figures = vars(NO_FIGURES)
@@ -171,7 +146,7 @@ class Suggester:
             if world is None:
                 self._done[steps] = SuggestedStep.of(candidates[0], None, None), None
             else:
-                job = RankJob(cell=self.cell, world=world, wanted=self._wanted)
+                job = RankJob(cell=self.cell, world=world, wanted=self.wanted)
                 best = rank(tuple(assess_all(job, candidates, self.jobs)), "q_eoi")[0]
                 step = SuggestedStep.of(best.candidate, world, best)
                 self._done[steps] = step, world_left(self.cell, best, world)
@@ -256,6 +231,26 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
         best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
         done = [(step.before, step.assessment) for step in job.steps_done(best.candidate)]
         return tuple(SuggestedStep.of(one.candidate, world, one) for world, one in done or [(suggester.world, best)])
-    chosen = suggester.in_best_way([one.suggestion for one in found if one.suggestion.feasible])
-    steps = () if chosen is None else (*(chosen.steps or ()), chosen.last)
-    return tuple(step for step in steps if step is not None)
+    suggestions = [one.suggestion for one in found if one.suggestion.feasible]
+    fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
+    if fastest:
+        of_plan, numbers = Counter[object](), list[int]()
+        for suggestion in suggestions:
+            plan = tuple(step.action for step in suggestion.steps or ())
+            numbers.append(of_plan[plan])
+            of_plan[plan] += 1
+        order = sorted(range(len(suggestions)), key=numbers.__getitem__)
+        suggestions = [suggestions[number] for number in order[:MOST_WITH_FIGURES]]
+    figures = []
+    for last in (suggestion.last for suggestion in suggestions):
+        if last is not None and last.assessment is not None and last.world is not None:
+            job, known = RankJob(cell=suggester.cell, world=last.world, wanted=suggester.wanted), last.assessment
+            figures.append(job.assess(known.candidate) if fastest else known)
+    if not figures:
+        return ()
+    first = rank(figures, "q_eoi")[0].candidate
+    chosen = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
+    if fastest and chosen.last is not None and chosen.last.assessment is not None:  # each step in its best way
+        alone = Suggester(suggester.cell, suggester.world, suggester.planner, suggester.jobs)
+        chosen = alone.suggest(chosen.last.assessment.candidate)
+    return tuple(step for step in (*(chosen.steps or ()), chosen.last) if step is not None)

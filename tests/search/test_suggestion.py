@@ -8,7 +8,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.search.suggestion import Suggester
+from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive
@@ -82,12 +82,13 @@ def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_ha
     cell = Cell.load(tabletop)
     suggester = Suggester(cell, cell.initial_world, candidates=21)
     some = read_task("place g2 crate", tabletop).candidates[:3]
-    found = [one for one in map(suggester.suggest, some) if one.feasible]
+    checked = [check_candidate(one, suggester) for one in some]
+    found = [one.suggestion for one in checked if one.suggestion.feasible]
     assert found
     assert all(one.last and one.last.assessment and one.last.assessment.q_eoi is None for one in found)
-    best = suggester.in_best_way(found)
-    alone = Suggester(cell, cell.initial_world).suggest(best.last.assessment.candidate).last
-    assert best.last.assessment.q_eoi == alone.assessment.q_eoi is not None
+    *_, best = best_suggestion(checked, suggester)
+    alone = Suggester(cell, cell.initial_world).suggest(best.assessment.candidate).last
+    assert best.assessment.q_eoi == alone.assessment.q_eoi is not None
 
 
 def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:
