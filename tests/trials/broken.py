@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -35,31 +35,34 @@ SIZES = {
 """What is broken, in turn, and how much, less before more [m or rad]."""
 
 
-class Broken(NamedTuple):
-    """A cell that met a threshold of Q_eoi until something was changed, and by how much, in m or rad."""
-
-    folder: Path
-    task: str
-    kind: str
-    target: str
-    size: float
-    threshold: float
-
-
 def broken(number: int, folder: Path) -> dict[str, Any] | None:
-    """Ask for advice, apply the first, and score."""
-    one = broken_cell(folder / "cell", number)
-    if one is None:
+    """Break a random cell, ask for advice, apply the first, and score; None if nothing that was tried breaks it."""
+    cell = random_cell(folder / "cell", Crowd(number, objects=4 + number % 4, cameras=2 + number % 3))
+    rng, file, workspace = np.random.default_rng(number), cell / "workspace.yaml", load_workspace(cell)
+    names = [name for name, obj in workspace.objects.items() if not obj.fixed]
+    quality, name = max(((_quality_of(workspace, name), name) for name in names), key=lambda pair: pair[0])
+    if quality < 0.3:
         return None
-    found = open_cell(one.folder).advise(one.task, kinds=[one.kind], ways="fastest")
-    what, sizes = f"{one.kind} {one.target} by {one.size:.3f}", [advice.size for advice in found.advice]
+    threshold = float(np.floor(100 * quality) / 100) if quality < 1 else 1.0
+    text, task, kind = file.read_text(encoding="utf-8"), f"pickup {name}", list(SIZES)[number % len(SIZES)]
+    asked = f"\ntasks:\n  - {{task: {task}, min_q_eoi: {threshold}}}\n"
+    file.write_text(text[: text.index("\ntasks:")] + asked, encoding="utf-8")
+    workspace = load_workspace(cell)
+    tried = (change for size in SIZES[kind] for change in _changes(workspace, kind, name, size, rng))
+    loaded = ((target, content, load_workspace(file, content)) for target, content in tried)
+    broke = next((one for one in loaded if 0.0 <= _quality_of(one[2], name) < threshold), None)
+    if broke is None:
+        return None
+    target, content, after = broke
+    file.write_bytes(content)
+    size = _known_size(kind, target, workspace, after)
+    found = open_cell(cell).advise(task, kinds=[kind], ways="fastest")
+    what, sizes = f"{kind} {target} by {size:.3f}", [advice.size for advice in found.advice]
     if not sizes:
         return {"said": f"{what}: no advice", "ratio": np.inf, "passed": False}
     found.apply(1)
-    cell = open_cell(one.folder)
-    (explained,) = cell.explain(one.task, ways="fastest").candidates
-    passed = cell.score().passed and (explained.q_eoi or 0.0) >= one.threshold
-    ratio = float(min(sizes) / one.size)
+    (explained,) = open_cell(cell).explain(task, ways="fastest").candidates
+    passed, ratio = open_cell(cell).score().passed and (explained.q_eoi or 0.0) >= threshold, float(min(sizes) / size)
     return {"said": f"{what}: {ratio:.2f} of it, {len(sizes)} found", "ratio": ratio, "passed": passed}
 
 
@@ -67,33 +70,6 @@ def broken_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
     ratios, passed = [one["ratio"] for one in found], sum(one["passed"] for one in found)
     yield f"{passed} of {len(found)} pass once they are mended", passed == len(found)
     yield f"advice over known change: mean {np.mean(ratios):.2f}, most {max(ratios):.2f}", max(ratios) <= 1.0
-
-
-def broken_cell(folder: Path, seed: int) -> Broken | None:
-    """A random cell, broken; None if nothing that was tried breaks it."""
-    random_cell(folder, Crowd(seed, objects=4 + seed % 4, cameras=2 + seed % 3))
-    rng = np.random.default_rng(seed)
-    workspace = load_workspace(folder)
-    names = [name for name, obj in workspace.objects.items() if not obj.fixed]
-    quality, name = max(((_quality_of(workspace, name), name) for name in names), key=lambda pair: pair[0])
-    if quality < 0.3:
-        return None
-    threshold = float(np.floor(100 * quality) / 100) if quality < 1 else 1.0
-    file = folder / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    tasks = text.index("\ntasks:")
-    file.write_text(f"{text[:tasks]}\ntasks:\n  - {{task: pickup {name}, min_q_eoi: {threshold}}}\n", encoding="utf-8")
-    kind = list(SIZES)[seed % len(SIZES)]
-    workspace = load_workspace(folder)
-    for size in SIZES[kind]:
-        for target, content in _changes(workspace, kind, name, size, rng):
-            after = load_workspace(file, content)
-            if 0.0 <= _quality_of(after, name) < threshold:
-                file.write_bytes(content)
-                return Broken(
-                    folder, f"pickup {name}", kind, target, _known_size(kind, target, workspace, after), threshold
-                )
-    return None
 
 
 def _quality_of(workspace: Workspace, name: str) -> float:

@@ -10,7 +10,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ import numpy as np
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.record import Step
@@ -106,90 +105,71 @@ def _best_of(cell: Cell, task: str) -> Analysis | None:
     return found[ranked[0].candidate.name] if ranked else None
 
 
-@dataclass(frozen=True)
-class Tally:
-    """Images of a motion, each counted for every literal that some formula requires then."""
-
-    counts: Confusion
-    """Promised, and seen."""
-    rest: Confusion
-    """Not promised, but usual, and seen."""
-    misses: Counter[str]
-    """Of the images that differ from the promise: literal, camera and reason."""
-    stop: str | None
-    """Why a run would stop because nothing is seen where it was promised."""
-
-
-@dataclass(eq=False)
-class Photos:
-    """What the images of a motion show, one instant after the other."""
-
-    workspace: Workspace
-    joints: tuple[str, ...]
-    """The arm's."""
-    times: list[float] = field(default_factory=list)
-    truths: list[Mapping[str, bool]] = field(default_factory=list)
-    shown: list[Sequence[Detection]] = field(default_factory=list)
-
-    def take(self, step: Step) -> None:
-        """Draw every image of a step, and look at it."""
-        workspace, body = self.workspace, RobotBody.load(self.workspace.robot)
-        nominal, model = NominalStep(step, self.joints, body), build_model(workspace, placed_objects(step.before))
-        renderer = Renderer(model, tuple(workspace.cameras.values()), 0)
-        known = CellModel.of(workspace, body)
-        detectors = {name: ImageDetector(camera, known) for name, camera in workspace.cameras.items()}
-        for detector in detectors.values():
-            detector.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
-        for t in np.arange(0.0, step.time, PERIOD).tolist():
-            primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
-            q = primitive.trajectory.positions(np.array([t - primitive.start]))[0].tolist()
-            joints = {**step.before.joints, **dict(zip(self.joints, q, strict=True))}
-            X_WO, positions = nominal.object_poses(t), model.qpos0.copy()
-            for name, value in joints.items():
-                positions[model.joint(name).qposadr[0]] = value
-            _follow(model, positions)
-            for name, X in X_WO.items():
-                if not workspace.objects[name].fixed:
-                    at = int(model.joint(name).qposadr[0])
-                    positions[at : at + 7] = *X[:3, 3], *quaternion(X)
-            renderer.move(positions)
-            holding = primitive.held is not None or primitive.action == "Grasp"
-            believed = BelievedState(joints, holding, X_WO)
-            images = [CameraImage(name, t, renderer.image(name, t)) for name in detectors]
-            self.times.append(t)
-            self.truths.append({atom: nominal.holds(atom, t) for atom in step.targets})
-            self.shown.append([detectors[image.camera].look(image, believed) for image in images])
-        renderer.close()
-
-    def against(self, step: Step) -> Tally:
-        """What was promised for the same motion against what the images show."""
-        nominal = NominalStep(step, self.joints, RobotBody.load(self.workspace.robot))
-        monitor, misses, stop = StepMonitor(nominal, PERIOD), Counter[str](), None
-        counts, rest = Confusion(), Confusion()
-        for t, truths, shown in zip(self.times, self.truths, self.shown, strict=True):
-            for detection in shown:
-                for atom in monitor.monitored(t):
-                    seen = detection.truth(atom) == (Truth.TRUE if truths[atom] else Truth.FALSE)
-                    promised = detection.camera in nominal.covering(atom, t)
-                    usual = nominal.usually_shows(atom, detection.camera, t, value=truths[atom])
-                    counts.add(promised, seen)
-                    if not promised:
-                        rest.add(usual, seen)
-                    if seen != promised:
-                        reason = detection.miss_reason(atom).value if promised else "more"
-                        misses[f"{atom} {detection.camera} {reason} {truths[atom]}"] += 1
-            values = {atom: fuse(atom, target, shown).truth for atom, target in step.targets.items()}
-            alarm = monitor.observe(t, values)
-            if alarm is not None and alarm.kind == "blindness" and stop is None:
-                stop = f"{t:.1f} s: {alarm.text}"
-        return Tally(counts, rest, misses, stop)
+def photos(
+    workspace: Workspace, joints: Sequence[str], step: Step
+) -> Iterator[tuple[float, Mapping[str, bool], list[Detection]]]:
+    """Every instant [s] of a step, what is true then, and what the images show that are drawn of it."""
+    body = RobotBody.load(workspace.robot)
+    nominal, model = NominalStep(step, joints, body), build_model(workspace, placed_objects(step.before))
+    renderer = Renderer(model, tuple(workspace.cameras.values()), 0)
+    known = CellModel.of(workspace, body)
+    detectors = {name: ImageDetector(camera, known) for name, camera in workspace.cameras.items()}
+    for detector in detectors.values():
+        detector.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
+    for t in np.arange(0.0, step.time, PERIOD).tolist():
+        primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
+        q = primitive.trajectory.positions(np.array([t - primitive.start]))[0].tolist()
+        at_rest = {**step.before.joints, **dict(zip(joints, q, strict=True))}
+        X_WO, positions = nominal.object_poses(t), model.qpos0.copy()
+        for name, value in at_rest.items():
+            positions[model.joint(name).qposadr[0]] = value
+        for index in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):  # joints that mimic others
+            follower, leader = (model.jnt_qposadr[ids[index]] for ids in (model.eq_obj1id, model.eq_obj2id))
+            positions[follower] = model.eq_data[index, 0] + model.eq_data[index, 1] * positions[leader]
+        for name, X in X_WO.items():
+            if not workspace.objects[name].fixed:
+                at = int(model.joint(name).qposadr[0])
+                positions[at : at + 7] = *X[:3, 3], *quaternion(X)
+        renderer.move(positions)
+        believed = BelievedState(at_rest, primitive.held is not None or primitive.action == "Grasp", X_WO)
+        images = [CameraImage(name, t, renderer.image(name, t)) for name in detectors]
+        truths = {atom: nominal.holds(atom, t) for atom in step.targets}
+        yield t, truths, [detectors[image.camera].look(image, believed) for image in images]
+    renderer.close()
 
 
-def _follow(model: mujoco.MjModel, positions: Array) -> None:
-    """Bring the joints that mimic others to where these want them."""
-    for index in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
-        follower, leader = (model.jnt_qposadr[ids[index]] for ids in (model.eq_obj1id, model.eq_obj2id))
-        positions[follower] = model.eq_data[index, 0] + model.eq_data[index, 1] * positions[leader]
+def compared(
+    workspace: Workspace, joints: Sequence[str], step: Step
+) -> tuple[Confusion, Confusion, Counter[str], str | None]:
+    """What was promised for a motion against what the images show, each counted for every literal required then.
+
+    Returns counts of promised and seen, and of those not promised of usual and seen; of the images that differ from the
+    promise literal, camera and reason; and why a run would stop because nothing is seen where it was promised.
+    """
+    nominal = NominalStep(step, joints, RobotBody.load(workspace.robot))
+    monitor, misses, stop = StepMonitor(nominal, PERIOD), Counter[str](), None
+    counts, rest = Confusion(), Confusion()
+    for t, truths, shown in photos(workspace, joints, step):
+        for detection in shown:
+            for atom in monitor.monitored(t):
+                seen = detection.truth(atom) == (Truth.TRUE if truths[atom] else Truth.FALSE)
+                promised = detection.camera in nominal.covering(atom, t)
+                target = step.targets[atom]
+                spans = target.usual if truths[atom] or not target.refuted else target.refuted
+                usual = any(start <= t <= end for start, end in spans.get(detection.camera, ()))
+                counts.add(promised, seen)
+                if not promised:
+                    rest.add(usual, seen)
+                if seen != promised:
+                    blind = [box for box in detection.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
+                    least = min(blind, key=lambda box: box.share).because.value if blind else "detector"
+                    reason = least if promised else "more"
+                    misses[f"{atom} {detection.camera} {reason} {truths[atom]}"] += 1
+        values = {atom: fuse(atom, target, shown).truth for atom, target in step.targets.items()}
+        alarm = monitor.observe(t, values)
+        if alarm is not None and alarm.kind == "blindness" and stop is None:
+            stop = f"{t:.1f} s: {alarm.text}"
+    return counts, rest, misses, stop
 
 
 def light(number: int, folder: Path) -> dict[str, Any]:
@@ -203,15 +183,11 @@ def light(number: int, folder: Path) -> dict[str, Any]:
         if best is not None:
             result = best.assessment(verdict(judged, best))
             step = make_step(task, best, result, tuple(judged.workspace.cameras))
-            step, photos = (
-                with_usual_images(step, best, judged.observer),
-                Photos(judged.workspace, best.motion.joint_names),
-            )
-            photos.take(step)
-            tally = photos.against(step)
-            found[name] = [asdict(tally.counts), asdict(tally.rest), tally.stop is not None]
-            if tally.stop or (name == "with" and tally.counts.fp):
-                said += f"{name} colours: {dict(tally.misses)} {tally.stop or ''} "
+            step = with_usual_images(step, best, judged.observer)
+            counts, rest, misses, stop = compared(judged.workspace, best.motion.joint_names, step)
+            found[name] = [asdict(counts), asdict(rest), stop is not None]
+            if stop or (name == "with" and counts.fp):
+                said += f"{name} colours: {dict(misses)} {stop or ''} "
     return {"said": said, **found}
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,17 +43,6 @@ STEP = 1e-3
 TASK = "pickup green"
 
 
-class Slit(NamedTuple):
-    """A camera with plates before it."""
-
-    eye: Array
-    """Where the camera is, shape (3,) [m]."""
-    aim: Array
-    """The point that it looks at, shape (3,) [m]."""
-    plates: list[tuple[Array, Array]]
-    """Poses in the world, shape (4, 4), and sizes, shape (3,) [m]."""
-
-
 def _study_of(cell: Cell) -> Analysis | None:
     """The fastest way of the first candidate of the task that can be done; None if there is none."""
     for candidate in read_task(TASK, cell.workspace).candidates:
@@ -61,13 +50,6 @@ def _study_of(cell: Cell) -> Analysis | None:
         if not isinstance(found, Infeasible):
             return found.study
     return None
-
-
-def _watched_box(study: Analysis) -> TargetBox:
-    """The only box that matters: that of what the tool holds."""
-    (target,) = study.targets
-    (sought,) = target.boxes
-    return sought
 
 
 def every_step(stage: Stage) -> Samples:
@@ -97,7 +79,7 @@ def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Analysis, str] | None
     open_study = _study_of(open_cell(folder).cell)
     if open_study is None:
         return None
-    samples, box = every_step(open_study.stage), _watched_box(open_study)
+    samples, box = every_step(open_study.stage), open_study.targets[0].boxes[0]
     X_WB = open_study.stage.states(samples).box_poses(box)
     eye, aim, plates = slit_before(rng, samples, X_WB, box)
     cameras = f"cameras:\n  far: {_camera(eye, aim)}\n"
@@ -123,46 +105,42 @@ def _triple(values: Array | tuple[float, ...]) -> list[float]:
     return [round(float(value), 9) for value in values]
 
 
-def slit_before(rng: np.random.Generator, samples: Samples, X_WB: Array, box: TargetBox) -> Slit:
+def slit_before(
+    rng: np.random.Generator, samples: Samples, X_WB: Array, box: TargetBox
+) -> tuple[Array, Array, list[tuple[Array, Array]]]:
     """A camera behind a slit that shows a box for a moment, if nothing else hides it.
 
     samples: `STEP` apart; X_WB: poses of the box in them, shape (m, 4, 4). The instant and about how long it lasts are
-    random.
+    random. Returns where the camera is, the point that it looks at, and poses and sizes of the plates.
     """
     corners = transform(X_WB, box_corners(np.array(box.size) - 0.002))
-    while True:
-        found = _drawn(rng, samples, corners)
-        if found is not None:
-            return found
-
-
-def _drawn(rng: np.random.Generator, samples: Samples, corners: Array) -> Slit | None:
-    """The same, drawn once; None if a plate would stand in the table, or hardly anything moves then."""
     middle = corners.mean(axis=1)
-    row = int(rng.integers(1, len(samples) - 1))
-    angle, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 1.2)
-    eye = middle[row] + rng.uniform(1.8, 2.6) * np.array([np.cos(angle), np.sin(angle), height])
-    X_WC = look_at(eye, middle[row])
-    plane = (corners - eye) @ X_WC[:3, :3]
-    spots = plane[..., :2] / plane[..., 2:]
-    moved = spots[row + 1].mean(axis=0) - spots[row - 1].mean(axis=0)
-    if samples.piece[row - 1] != samples.piece[row + 1] or np.linalg.norm(moved) < STEP * SLOWEST:
-        return None
-    away = float(rng.uniform(0.3, 0.45))
-    across = moved / np.linalg.norm(moved)
-    along = spots @ across
-    width = 2 * away * _half_width(along - along[row].mean(), row, samples, rng.uniform(SHORTEST, LONGEST))
-    side, normal = X_WC[:3, :2] @ across, X_WC[:3, 2]
-    X_WP = np.eye(4)
-    X_WP[:3, :3] = np.stack([side, np.cross(normal, side), normal], axis=1)
-    center = eye + away * (normal + X_WC[:3, :2] @ across * along[row].mean())
-    plates = []
-    for offset in (-(PLATE + width) / 2, (PLATE + width) / 2):
-        X = X_WP.copy()
-        X[:3, 3] = center + offset * side
-        plates.append((X, np.array([PLATE, PLATE, 1e-3])))
-    lowest = min(float(transform(X, box_corners(size))[:, 2].min()) for X, size in plates)
-    return Slit(eye, middle[row], plates) if lowest > 0.0 else None
+    while True:  # until something moves then, and no plate stands in the table
+        row = int(rng.integers(1, len(samples) - 1))
+        angle, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 1.2)
+        eye = middle[row] + rng.uniform(1.8, 2.6) * np.array([np.cos(angle), np.sin(angle), height])
+        X_WC = look_at(eye, middle[row])
+        plane = (corners - eye) @ X_WC[:3, :3]
+        spots = plane[..., :2] / plane[..., 2:]
+        moved = spots[row + 1].mean(axis=0) - spots[row - 1].mean(axis=0)
+        if samples.piece[row - 1] != samples.piece[row + 1] or np.linalg.norm(moved) < STEP * SLOWEST:
+            continue
+        away = float(rng.uniform(0.3, 0.45))
+        across = moved / np.linalg.norm(moved)
+        along = spots @ across
+        width = 2 * away * _half_width(along - along[row].mean(), row, samples, rng.uniform(SHORTEST, LONGEST))
+        side, normal = X_WC[:3, :2] @ across, X_WC[:3, 2]
+        X_WP = np.eye(4)
+        X_WP[:3, :3] = np.stack([side, np.cross(normal, side), normal], axis=1)
+        center = eye + away * (normal + X_WC[:3, :2] @ across * along[row].mean())
+        plates = []
+        for offset in (-(PLATE + width) / 2, (PLATE + width) / 2):
+            X = X_WP.copy()
+            X[:3, 3] = center + offset * side
+            plates.append((X, np.array([PLATE, PLATE, 1e-3])))
+        lowest = min(float(transform(X, box_corners(size))[:, 2].min()) for X, size in plates)
+        if lowest > 0.0:
+            return eye, middle[row], plates
 
 
 def _half_width(along: Array, row: int, samples: Samples, duration: float) -> float:
@@ -181,34 +159,20 @@ def _half_width(along: Array, row: int, samples: Samples, duration: float) -> fl
     return largest
 
 
-class Event(NamedTuple):
-    """A time in which a box is seen between two in which it is not, or the other way round."""
+def events_of(timeline: Timeline, samples: Samples, covered: Mask) -> Iterator[tuple[bool, float, bool]]:
+    """The times in which a box is seen between two in which it is not, or the other way round.
 
-    start: float
-    end: float
-    """[s]."""
-    gained: bool
-    """Whether it is seen then."""
-    found: bool
-    """Whether a sample says so."""
-
-    @property
-    def length(self) -> float:
-        """[s]."""
-        return self.end - self.start
-
-
-def events_of(timeline: Timeline, samples: Samples, covered: Mask) -> list[Event]:
-    """The events between changes of `covered`, the truth in dense samples; no event goes on where nothing is asked."""
-    own, found = timeline.samples.t, []
+    covered: the truth in dense samples; no event goes on where nothing is asked. Yields of each event whether it is
+    seen then, how long it lasts [s], and whether a sample of the time line says so.
+    """
     edges = np.flatnonzero(covered[1:] != covered[:-1])
     for first, last in pairwise(edges.tolist()):
         start, end = float(samples.t[first + 1]), float(samples.t[last])
         if np.diff(samples.t[first + 1 : last + 1]).max(initial=0.0) < 0.01:
+            own = timeline.samples.t
             within = (own >= start) & (own <= end) & timeline.monitored
             known = bool((timeline.covered[within] == covered[first + 1]).any())
-            found.append(Event(start, end, gained=bool(covered[first + 1]), found=known))
-    return found
+            yield bool(covered[first + 1]), end - start, known
 
 
 def slits(number: int, folder: Path) -> dict[str, Any] | None:
@@ -217,21 +181,20 @@ def slits(number: int, folder: Path) -> dict[str, Any] | None:
     if made is None:
         return None
     observer, study, kind = made
-    samples, box = every_step(study.stage), _watched_box(study)
-    states, sought = study.stage.states(samples), study.targets[0].boxes[0]
-    rays = Rays([solid for solid in observer.solids if solid.name not in sought.encloses], states.X_WF)
+    samples, box = every_step(study.stage), study.targets[0].boxes[0]
+    states = study.stage.states(samples)
+    rays = Rays([solid for solid in observer.solids if solid.name not in box.encloses], states.X_WF)
     (camera,), X_WB = observer.cameras, np.broadcast_to(states.box_poses(box), (len(samples), 4, 4))
-    covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=sought.limits.min_visible)
+    covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=box.limits.min_visible)
     steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
     truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.timeline.T
     error = 100 * abs((qualities_over(study.timeline).q_avg or 0.0) - truth)
-    events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event.length)
+    events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event[1])
     said = ", ".join(
-        f"{'gain' if event.gained else 'loss'} {1000 * event.length:.0f} ms{'' if event.found else ' MISSED'}"
-        for event in events[:4]
+        f"{'gain' if gained else 'loss'} {1000 * length:.0f} ms{'' if found else ' MISSED'}"
+        for gained, length, found in events[:4]
     )
-    told = [[event.gained, event.length, event.found] for event in events]
-    return {"said": f"{kind:5} error of Q {error:5.2f} points  {said}", "error": error, "events": told}
+    return {"said": f"{kind:5} error of Q {error:5.2f} points  {said}", "error": error, "events": events}
 
 
 def slits_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
