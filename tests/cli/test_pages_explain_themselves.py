@@ -72,11 +72,6 @@ def too_wide(opened: Opened) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_nothing_is_wider_than_the_window(opened, size):
-    assert too_wide(resized(opened, size)) == []
-
-
 @pytest.mark.parametrize("labels", [2, 9])
 def test_the_worst_fault_is_in_sight_however_many_columns_there_are(browser, tmp_path, labels):
     opened = Opened(browser, wide(tmp_path, labels))
@@ -91,25 +86,20 @@ def test_the_worst_fault_is_in_sight_however_many_columns_there_are(browser, tmp
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_every_stop_of_the_tab_key_is_in_sight(opened, size):
-    walk(resized(opened, size).page)
+def test_nothing_is_wider_than_the_window_and_every_stop_of_the_tab_key_is_in_sight(opened, size):
+    assert too_wide(resized(opened, size)) == []
+    walk(opened.page)
     assert opened.complaints == []
 
 
-def test_figures_are_those_of_the_document(opened, ranked):
+def test_figures_are_those_of_the_document_and_it_is_said_why_the_first_is_the_best(opened, ranked):
     best = ranked[1][0]
-    shown = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
-    assert shown == {
-        "Q_eoi": f"{100 * best['q_eoi']:.1f} %",
-        "Q_avg": f"{100 * best['q_avg']:.1f} %",
-        "time": f"{best['time']:.2f} s",
-    }
     (name, fault), *_ = best["faults"].items()
+    shown = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
+    shares = {"Q_eoi": f"{100 * best['q_eoi']:.1f} %", "Q_avg": f"{100 * best['q_avg']:.1f} %"}
+    assert shown == {**shares, "time": f"{best['time']:.2f} s"}
     cells = [name, *(f"{fault[key]:.2f} s" for key in ("delay_mean", "delay_worst", "blind_longest"))]
     assert opened.texts("#faults td")[:4] == cells
-
-
-def test_the_page_says_why_the_first_is_the_best(opened):
     (said,) = opened.texts("#summary")
     assert said.startswith("2 of 2 candidates can be done, best Q_eoi first. seen is best: the cameras see")
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,10 +17,27 @@ from sqrp_cli.run.record.bag_recorder import AS_PLANNED
 
 pytestmark = pytest.mark.slow
 
+JOINTS, CAM3, CAM5 = "/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"
+
 
 @pytest.fixture(scope="module")
 def audited(asked, slip_run):
     return asked("audit", slip_run.cell.program, slip_run.cell.folder / "run.mcap", "--json")
+
+
+@pytest.fixture
+def rewritten(slip_run, tmp_path):
+    """Writes messages of the recording anew: of these topics, as `change` gives them, under the topics that it says."""
+
+    def write(topics: set[str], change: Callable[[str, Any], Iterable[tuple[str, Any]]]) -> Path:
+        path = tmp_path / "rewritten.mcap"
+        with Bag(slip_run.cell.folder / "run.mcap") as bag, written(path) as writer:
+            for one in bag.messages(topics):
+                for topic, message in change(one.topic, bag.read(one)):
+                    writer.add(topic, one.t, message)
+        return path
+
+    return write
 
 
 def test_a_recording_has_every_image_and_the_joints(slip_run):
@@ -58,12 +78,12 @@ def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run):
     assert looks[0] == looks[1] != []
 
 
-def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_planned(slip_run, tmp_path):
+def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_planned(slip_run, rewritten):
     opened, told = open_program(slip_run.cell.program), slip_run.cell.folder / "run.mcap"
-    with Bag(told) as bag, written(tmp_path / "foreign.mcap") as writer:
-        for one in bag.messages({topic.name for topic in bag.topics} - {AS_PLANNED}):
-            writer.add(one.topic, one.t, bag.read(one))
-    ours, foreign = (opened.footage(path, {}) for path in (told, tmp_path / "foreign.mcap"))
+    with Bag(told) as bag:
+        topics = {topic.name for topic in bag.topics} - {AS_PLANNED}
+    untold = rewritten(topics, lambda topic, message: [(topic, message)])
+    ours, foreign = (opened.footage(path, {}) for path in (told, untold))
     counted = [frames_of(one, 0, opened.program.steps[0], {}) for one in (ours, foreign)]
     assert set(counted[0].values()) < set(counted[1].values())
     report = audit(opened.program, opened.workspace, foreign, {}, 0.97, lambda: None)
@@ -72,13 +92,10 @@ def test_of_a_recording_that_does_not_tell_images_count_while_the_arm_does_as_pl
 
 
 @pytest.mark.parametrize("topics", [["cam5=/cam3/image_raw/compressed"], ["cam3=/a", "cam5=/a"]])
-def test_images_are_never_taken_from_one_camera_for_another(sqrp, slip_run, tmp_path, topics):
+def test_images_are_never_taken_from_one_camera_for_another(sqrp, slip_run, rewritten, topics):
     recording = slip_run.cell.folder / "run.mcap"
     if len(topics) == 2:
-        with Bag(recording) as bag, written(tmp_path / "one.mcap") as writer:
-            for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed"}):
-                writer.add("/a" if one.topic.endswith("compressed") else one.topic, one.t, bag.read(one))
-        recording = tmp_path / "one.mcap"
+        recording = rewritten({JOINTS, CAM3}, lambda topic, message: [("/a" if topic == CAM3 else topic, message)])
     given = [text for topic in topics for text in ("--topic", topic)]
     found = sqrp("audit", slip_run.cell.program, recording, *given)
     assert found.code == 2
@@ -102,20 +119,22 @@ def test_what_is_no_recording_is_called_so(sqrp, quick_cell, tmp_path, name, con
         assert said in " ".join(found.err.split())
 
 
-def test_what_a_recording_shows_is_asked_for(sqrp, slip_run):
-    found = sqrp("calibrate", slip_run.cell.folder / "run.mcap")
-    assert found.code == 2
-    assert "of a file it is not known what its images show" in " ".join(found.err.split())
-    assert "--program FILE" in found.err
-
-
-def test_topics_with_other_names_are_named(sqrp, slip_run):
+def test_what_a_recording_shows_and_topics_with_other_names_are_asked_for(sqrp, slip_run):
     program, recording = slip_run.cell.program, slip_run.cell.folder / "run.mcap"
-    found = sqrp("audit", program, recording, "--topic", "cam3=/left")
-    assert found.code == 2
-    assert "there are no images on `/left`" in found.err
-    assert sqrp("audit", program, recording, "--topic", "cam3").code == 2
-    assert "no camera cam9" in sqrp("audit", program, recording, "--topic", "cam9=/left").err
+    twice = ["--topic", "cam3=/a", "--topic", "cam3=/b"]
+    for words, said in (
+        (["calibrate", recording], "of a file it is not known what its images show"),
+        (["calibrate", recording], "--program FILE"),
+        (["audit", program, recording, "--topic", "cam3=/left"], "there are no images on `/left`"),
+        (["audit", program, recording, "--topic", "cam3"], "--topic"),
+        (["audit", program, recording, "--topic", "cam9=/left"], "no camera cam9"),
+        (["audit", program, recording, *twice], "--topic names both /a and /b for cam3"),
+        (["audit", recording, program], "this is a recording; expected a program here"),
+        (["audit", recording, program], f"sqrp audit {program} {recording}"),
+    ):
+        found = sqrp(*words, columns=300)
+        assert found.code == 2
+        assert said in found.err
 
 
 def test_what_is_planned_is_exported_with_the_same_topics(sqrp, slip_run, tmp_path):
@@ -133,37 +152,39 @@ def test_what_is_planned_is_exported_with_the_same_topics(sqrp, slip_run, tmp_pa
     assert {one.message for message in seen for one in message.status} >= {"true", "false"}
 
 
-def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(sqrp, slip_run, tmp_path, monkeypatch):
+def test_a_camera_without_images_is_named_with_the_topics_that_may_be_its(sqrp, slip_run, rewritten, monkeypatch):
     seen = Counter[str]()
-    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "one.mcap") as writer:
-        for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
-            seen[one.topic] += 1
-            if one.topic == "/joint_states" or seen[one.topic] % 5 == 0:
-                writer.add(one.topic.replace("cam5", "left"), one.t, bag.read(one))
+
+    def every_fifth(topic: str, message: Any) -> Iterable[tuple[str, Any]]:
+        seen[topic] += 1
+        return [(topic.replace("cam5", "left"), message)] if topic == JOINTS or seen[topic] % 5 == 0 else []
+
+    recording = rewritten({JOINTS, CAM3, CAM5}, every_fifth)
     monkeypatch.setenv("COLUMNS", "200")
-    found = open_program(slip_run.cell.program).audit(tmp_path / "one.mcap", threshold=0.0)
+    found = open_program(slip_run.cell.program).audit(recording, threshold=0.0)
     assert repr(found).endswith("came true, passed)")
     assert "There are no images of cam5: what was predicted of it is left out." in str(found)
     assert "--topic cam5=/left/image_raw/compressed" in str(found)
     assert (found.missing, found.other_topics) == (["cam5"], ["/left/image_raw/compressed"])
-    asked = sqrp("audit", slip_run.cell.program, tmp_path / "one.mcap", "--threshold", "0%", "--json")
+    asked = sqrp("audit", slip_run.cell.program, recording, "--threshold", "0%", "--json")
     assert found.to_json() == asked.out.rstrip("\n")
 
 
-def test_images_that_are_damaged_are_left_out_and_counted(sqrp, slip_run, tmp_path):
-    images, seen, kept = "/cam3/image_raw/compressed", 0, 0
-    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "damaged.mcap") as writer:
-        for one in bag.messages({"/joint_states", images}):
-            message = bag.read(one)
-            seen += one.topic == images
-            if one.topic == images and seen in (3, 9):
-                message.data = message.data[: len(message.data) // 2]
-            if one.topic != images or seen % 3 == 0:
-                kept += one.topic == images
-                writer.add(one.topic, one.t, message)
-    found = sqrp("audit", slip_run.cell.program, tmp_path / "damaged.mcap", "--json").document
+def test_images_that_are_damaged_are_left_out_and_counted(sqrp, slip_run, rewritten):
+    seen, kept = Counter[str](), Counter[str]()
+
+    def every_third(topic: str, message: Any) -> Iterable[tuple[str, Any]]:
+        seen[topic] += 1
+        if topic == CAM3 and seen[topic] in (3, 9):
+            message.data = message.data[: len(message.data) // 2]
+        if topic == CAM3 and seen[topic] % 3:
+            return []
+        kept[topic] += 1
+        return [(topic, message)]
+
+    found = sqrp("audit", slip_run.cell.program, rewritten({JOINTS, CAM3}, every_third), "--json").document
     assert found["damaged"] == 2
-    assert found["images"] + found["skipped"] + 2 == kept
+    assert found["images"] + found["skipped"] + 2 == kept[CAM3]
 
 
 @pytest.mark.parametrize("threshold", ["97%", "97 %", "0.97"])
@@ -183,39 +204,29 @@ def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(sqrp, qui
     assert "mcap recover" in sqrp("audit", quick_cell.program, tmp_path / "run_0.mcap").err
 
 
-def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(sqrp, slip_run, tmp_path):
-    images = "/cam3/image_raw/compressed"
-    others = ("/cam3/aligned_depth/image_raw/compressed", "/cam3/depth/image_raw/compressedDepth")
-    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "depth.mcap") as writer:
-        for one in bag.messages({"/joint_states", images}):
-            for topic in (one.topic, *(others if one.topic == images else ())):
-                writer.add(topic, one.t, bag.read(one))
-    found = sqrp("audit", slip_run.cell.program, tmp_path / "depth.mcap", columns=200)
+def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(sqrp, slip_run, rewritten):
+    others = ["/cam3/aligned_depth/image_raw/compressed", "/cam3/depth/image_raw/compressedDepth"]
+    recording = rewritten(
+        {JOINTS, CAM3}, lambda topic, message: [(one, message) for one in [topic, *(others if topic == CAM3 else [])]]
+    )
+    found = sqrp("audit", slip_run.cell.program, recording, columns=200)
     assert found.code == 2
-    assert f"there are images of cam3 on `{others[0]}`, `{images}`; which are they?" in found.err
-    opened = open_program(slip_run.cell.program)
-    footage = opened.footage(tmp_path / "depth.mcap", {"cam3": images})
+    assert f"there are images of cam3 on `{others[0]}`, `{CAM3}`; which are they?" in found.err
+    footage = open_program(slip_run.cell.program).footage(recording, {"cam3": CAM3})
     assert {one.camera for one in footage.frames} == {"cam3"}
     assert footage.other_topics == []
 
 
-def test_a_camera_whose_clock_is_another_one_is_named(sqrp, slip_run, tmp_path):
-    with Bag(slip_run.cell.folder / "run.mcap") as bag, written(tmp_path / "apart.mcap") as writer:
-        for one in bag.messages({"/joint_states", "/cam3/image_raw/compressed", "/cam5/image_raw/compressed"}):
-            message = bag.read(one)
-            message.header.stamp.sec += 60 if "cam5" in one.topic else 0
-            writer.add(one.topic, one.t, message)
-    found = sqrp("audit", slip_run.cell.program, tmp_path / "apart.mcap", "--threshold", "0%", "--json")
+def test_a_camera_whose_clock_is_another_one_is_named(sqrp, slip_run, rewritten):
+    seen = Counter[str]()
+
+    def late(topic: str, message: Any) -> Iterable[tuple[str, Any]]:
+        seen[topic] += 1
+        message.header.stamp.sec += 60 if topic == CAM5 else 0
+        return [(topic, message)] if topic == JOINTS or seen[topic] % 3 == 0 else []
+
+    recording = rewritten({JOINTS, CAM3, CAM5}, late)
+    found = sqrp("audit", slip_run.cell.program, recording, "--threshold", "0%", "--json")
     assert found.code == 1
     time = open_program(slip_run.cell.program).program.steps[0].time
     assert found.document["apart"] == {"cam5": pytest.approx(60.0 - time, abs=0.3)}
-
-
-def test_a_recording_in_place_of_the_program_is_told(sqrp, slip_run):
-    recording = slip_run.cell.folder / "run.mcap"
-    found = sqrp("audit", recording, slip_run.cell.program, columns=300)
-    assert found.code == 2
-    assert "this is a recording; expected a program here" in found.err
-    assert f"sqrp audit {slip_run.cell.program} {recording}" in found.err
-    twice = sqrp("audit", slip_run.cell.program, recording, "--topic", "cam3=/a", "--topic", "cam3=/b")
-    assert "--topic names both /a and /b for cam3" in twice.err

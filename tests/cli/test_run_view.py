@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -19,11 +20,20 @@ from sqrp_cli.show.terminal.run_view import LiveView, print_disagreements, print
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
 )
+UNSEEN = StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 8.1, "obj_on_table(g)": None})
+PLACING = StepRecord("place", {}, "place g", 9.0)
+WRONG = Disagreement(0, 14.25, "open", "cam4", predicted=True, seen="blind", true=True, share=1.0, because="colour")
+UNPROMISED = replace(WRONG, predicted=False, seen="true", because="")
 
 
-def report(delay: float, predicted: float) -> RunReport:
-    fault = FaultRecord("slip", 6.41, 6.42, 6.42 + delay, 7.0, 9.0, predicted_delay=predicted)
-    return RunReport("stopped", f"the fault `slip` was seen: {FORMULA}", 9.0, faults=[fault])
+def report(outcome: str = "done", reason: str | None = None, *faults: FaultRecord, **more: Any) -> RunReport:
+    return RunReport(outcome, reason, 9.6, faults=list(faults), workspace="cell", **more)
+
+
+def stopped(delay: float) -> RunReport:
+    """Because of a slip, which was predicted to be seen within 0.15 s."""
+    fault = FaultRecord("slip", 6.41, 6.42, 6.42 + delay, 7.0, 9.0, predicted_delay=0.15)
+    return report("stopped", f"the fault `slip` was seen: {FORMULA}", fault)
 
 
 def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was():
@@ -32,29 +42,34 @@ def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was():
     assert short_times("always[a4.start + 0.123456, a4.end] held") == "always[a4.start + 0.12, a4.end] held"
 
 
-def test_why_a_run_stopped_is_said_with_short_times(capsys):
-    found = report(0.1, 0.15)
+LATE = "The images showed slip {} s later than predicted at worst."
+AT_THE_END = "At the end of {} no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
+MISSED = FaultRecord("slip", 5.0, 5.01)
+
+
+@pytest.mark.parametrize(
+    ("found", "told", "untold"),
+    [
+        (stopped(0.08), "was seen: eventually[3.06, 4.95] (not held(b1)", "later than predicted"),
+        (stopped(0.152), "", "later than predicted"),
+        (stopped(0.17), LATE.format("0.020"), FORMULA),
+        (stopped(0.43), LATE.format("0.280"), FORMULA),
+        (report("done", None, MISSED), "No image showed slip, which happened at 5.01 s.", "later than predicted"),
+        (report("done", None, MISSED, steps=[UNSEEN]), f"{AT_THE_END.format('the motion')}.", "would not be noticed"),
+        (
+            report("stopped", "dropped", steps=[UNSEEN, PLACING]),
+            f"{AT_THE_END.format('step 1')}: a fault after that would not be noticed by then.",
+            "step 2 no image",
+        ),
+        (report(steps=[replace(PLACING, end=9.6)]), "", "no image"),
+        (report(prediction=[{}], usual=[{}], disagreements=[WRONG]), " open cam4 ", "1: open"),
+    ],
+)
+def test_of_a_run_is_told_what_matters_with_short_times(capsys, found, told, untold):
     print_run(found)
     shown = " ".join(capsys.readouterr().out.split())
-    assert "was seen: eventually[3.06, 4.95] (not held(b1)" in shown
-    assert FORMULA in str(found.reason)
-
-
-@pytest.mark.parametrize(("delay", "late"), [(0.08, None), (0.152, None), (0.17, "0.020"), (0.43, "0.280")])
-def test_a_fault_that_is_seen_later_than_predicted_at_worst_is_said_to_be(capsys, delay, late):
-    print_run(report(delay, 0.15))
-    shown = " ".join(capsys.readouterr().out.split())
-    assert ("later than predicted" in shown) == (late is not None)
-    assert late is None or f"The images showed slip {late} s later than predicted at worst." in shown
-
-
-def test_a_fault_that_no_image_shows_is_not_left_untold_where_the_run_is_done(capsys):
-    step = StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 4.1})
-    print_run(RunReport("done", None, 9.6, [step], [FaultRecord("slip", 5.0, 5.01)], workspace="cell"))
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "No image showed slip, which happened at 5.01 s." in shown
-    assert "At the end of the motion no image shows hold(g) (last at 4.10 s)." in shown
-    assert "would not be noticed" not in shown
+    assert told in shown
+    assert untold not in shown
 
 
 def test_a_dry_run_that_stops_says_what_it_was(capsys):
@@ -65,110 +80,73 @@ def test_a_dry_run_that_stops_says_what_it_was(capsys):
     )
 
 
-def test_a_fault_is_called_as_it_was_injected_and_as_the_skill_calls_it(capsys):
-    missed = FaultRecord("slip", 0.05, 4.63, 5.05, 5.45, 13.25, 0.53, kind="miss-pick")
-    slipped = FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip")
-    print_run(RunReport(faults=[missed, slipped], workspace="cell"))
-    rows = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()[3:5]]
-    assert rows == ["miss-pick (slip)", "slip"]
+LOST = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
 
 
-def test_faults_of_cameras_name_them(capsys):
-    seen = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
-    other = FaultRecord("camera-loss", 1.05, camera="cam3")
-    print_run(RunReport("stopped", "cam2 is lost", 2.0, faults=[seen, other], workspace="cell"))
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("camera-loss")]
-    assert rows == [
-        ["camera-loss", "cam2", "1.05", "-", "1.17", "-", "-", "1.17", "-"],
-        ["camera-loss", "cam3", "1.05", "-", "-", "-", "-", "-", "-"],
-    ]
-
-
-def test_faults_of_several_steps_name_the_step_in_which_they_were_first_told(capsys):
-    steps = [StepRecord("pickup", {}, "pickup g", 0.0, 9.0), StepRecord("place", {}, "place g", 9.0)]
-    slip, dropped = FaultRecord("slip", 6.0, 6.0, 6.2), FaultRecord("dropped", None, None, 9.4)
-    print_run(RunReport("stopped", "dropped", 9.6, steps, [slip, dropped], workspace="cell"))
-    rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if line[:2] in ("1:", "2:")]
-    assert rows == [["1:", "slip"], ["2:", "dropped"]]
-
-
-def disagreement(step: int, atom: str, *, predicted: bool) -> Disagreement:
-    return Disagreement(
-        step=step,
-        t=14.25,
-        atom=atom,
-        camera="cam4",
-        predicted=predicted,
-        seen="blind" if predicted else "true",
-        true=True,
-        share=1.0,
-        because="same colour behind" if predicted else "",
-    )
+@pytest.mark.parametrize(
+    ("found", "rows"),
+    [
+        (
+            report(
+                "done",
+                None,
+                FaultRecord("slip", 0.05, 4.63, 5.05, 5.45, 13.25, 0.53, kind="miss-pick"),
+                FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip"),
+            ),
+            ["miss-pick (slip) 0.05", "slip 6.00"],
+        ),
+        (
+            report("stopped", "cam2 is lost", LOST, FaultRecord("camera-loss", 1.05, camera="cam3")),
+            ["camera-loss cam2 1.05 - 1.17 - - 1.17 -", "camera-loss cam3 1.05 - - - - - -"],
+        ),
+        (
+            report(
+                "stopped",
+                "dropped",
+                FaultRecord("slip", 6.0, 6.0, 6.2),
+                FaultRecord("dropped", None, None, 9.4),
+                steps=[replace(UNSEEN, unseen={}), PLACING],
+            ),
+            ["1: slip", "2: dropped"],
+        ),
+    ],
+    ids=["as it was injected and as the skill calls it", "camera", "the step in which it was first told"],
+)
+def test_a_fault_is_named_with_kind_camera_and_step(capsys, found, rows):
+    print_run(found)
+    shown = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    (first,) = [index for index, line in enumerate(shown) if line.startswith(rows[0])]
+    for line, row in zip(shown[first:], rows, strict=False):
+        assert line.startswith(row)
 
 
 def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_80_columns(capsys, monkeypatch):
     monkeypatch.setattr(console, "output", lambda: Console(width=80))
-    found = [
-        disagreement(step, "obj_on_table(red1)", predicted=predicted) for step in (0, 1) for predicted in (True, False)
-    ]
-    print_run(
-        RunReport("done", None, 9.6, [], prediction=[{}, {}], usual=[{}, {}], disagreements=found, workspace="cell")
-    )
+    found = [replace(one, step=step, atom="obj_on_table(red1)") for step in (0, 1) for one in (WRONG, UNPROMISED)]
+    print_run(report(prediction=[{}, {}], usual=[{}, {}], disagreements=found))
     lines = capsys.readouterr().out.splitlines()
     assert all(len(line) <= 80 for line in lines)
-    assert [line.split("  ")[0] for line in lines if "obj_on_table" in line] == 2 * [
-        "1: obj_on_table(red1)",
-        "2: obj_on_table(red1)",
-    ]
+    named = [line.split("  ")[0] for line in lines if "obj_on_table" in line]
+    assert named == 2 * ["1: obj_on_table(red1)", "2: obj_on_table(red1)"]
     assert lines.index("Promised, but not seen:") < lines.index("Seen, though neither promised nor usual:")
 
 
-def test_usual_images_that_did_not_show_it_have_a_row(capsys):
+def test_usual_images_that_did_not_show_it_have_a_row_and_the_others_are_no_surprise(capsys):
     print_prediction([{"open": {"cam1": Confusion(tn=9)}}], [{"open": {"cam1": Confusion(fp=9)}}])
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("open "))
     assert "0 of 9" in row
-
-
-def test_what_images_usually_show_is_no_surprise(capsys):
-    print_disagreements([replace(disagreement(0, "open", predicted=False), usual=True)], 1)
+    print_disagreements([replace(UNPROMISED, usual=True)], 1)
     assert capsys.readouterr().out == ""
-
-
-def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys):
-    found = [disagreement(0, "open", predicted=True)]
-    print_run(RunReport("done", None, 9.6, [], prediction=[{}], usual=[{}], disagreements=found, workspace="cell"))
-    assert any(line.startswith("open  ") for line in capsys.readouterr().out.splitlines())
 
 
 @pytest.mark.parametrize("t", [0.45, 0.75, 1.85])
 def test_an_image_has_the_same_time_where_the_start_of_its_step_is_known_to_microseconds_only(capsys, t):
     told = []
     for time in (t, t - 3e-6, t + 3e-6):
-        print_disagreements([replace(disagreement(0, "open", predicted=True), t=time)], 1)
+        print_disagreements([replace(WRONG, t=time)], 1)
         told.append(capsys.readouterr().out)
     assert told[0] == told[1] == told[2]
     assert f"{t:.1f} - {t:.1f}" in told[0]
-
-
-def test_titles_break_where_their_columns_are_wide_enough_anyway(capsys):
-    columns = [Column("a literal"), Column("from - to [s]", right=True), Column("predicted", right=True)]
-    print_table(columns, [["x" * 56, "0.1 - 0.2", "1"]])
-    assert capsys.readouterr().out.splitlines()[:2] == [
-        " " * 58 + "from - to",
-        "a literal" + " " * 55 + "[s]  predicted",
-    ]
-
-
-def test_what_no_image_shows_at_the_end_is_said_of_steps_that_are_done(capsys):
-    steps = [
-        StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 8.1, "obj_on_table(g)": None}),
-        StepRecord("place", {}, "place g", 9.0),
-    ]
-    print_run(RunReport("stopped", "dropped", 9.6, steps, workspace="cell"))
-    told = "At the end of step 1 no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
-    assert f"{told}: a fault after that would not be noticed by then." in " ".join(capsys.readouterr().out.split())
-    print_run(RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)], workspace="cell"))
-    assert "no image" not in capsys.readouterr().out
 
 
 def test_a_log_that_does_not_tell_what_was_predicted_is_shown_live(tmp_path, monkeypatch):
@@ -200,9 +178,25 @@ def test_a_literal_is_named_once_in_a_table_and_in_every_paragraph(capsys, monke
     assert (shown.count("held(b1)"), shown.count("at(b1)")) == ((1, 1) if width == 80 else (2, 1))
 
 
-def test_a_row_without_a_first_value_begins_with_the_next_one(capsys, monkeypatch):
-    monkeypatch.setattr(console, "output", lambda: Console(width=22))
-    print_table(
-        [Column("#"), Column("step"), Column("time [s]")], [["1", "a much longer one", "1.0"], ["", "in all", "1.0"]]
-    )
-    assert capsys.readouterr().out == "# 1: step a much\n  longer one,\n  time [s] 1.0\nstep in all,\n  time [s] 1.0\n"
+@pytest.mark.parametrize(
+    ("width", "columns", "rows", "begins"),
+    [
+        (
+            80,
+            [Column("a literal"), Column("from - to [s]", right=True), Column("predicted", right=True)],
+            [["x" * 56, "0.1 - 0.2", "1"]],
+            f"{'':58}from - to\na literal{'':55}[s]  predicted\n",
+        ),
+        (
+            22,
+            [Column("#"), Column("step"), Column("time [s]")],
+            [["1", "a much longer one", "1.0"], ["", "in all", "1.0"]],
+            "# 1: step a much\n  longer one,\n  time [s] 1.0\nstep in all,\n  time [s] 1.0\n",
+        ),
+    ],
+    ids=["titles break where their columns are wide enough anyway", "a row without a first value"],
+)
+def test_tables_fit_their_terminal(capsys, monkeypatch, width, columns, rows, begins):
+    monkeypatch.setattr(console, "output", lambda: Console(width=width))
+    print_table(columns, rows)
+    assert capsys.readouterr().out.startswith(begins)

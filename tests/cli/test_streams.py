@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import errno
 import fcntl
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
 import sqrp_cli
 from sqrp_cli.cli.streams import _LOOK_ALIKES
+from sqrp_cli.errors import InputError
+from sqrp_cli.run.image import CameraImage
+from sqrp_cli.run.record.images import FrameFolder
 from sqrp_cli.shown import shown_name
 
 PACKAGE = Path(sqrp_cli.__file__).parent
@@ -33,44 +37,33 @@ needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs th
 
 def redirected(arguments: list[str], redirections: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
     """A command run by a shell with redirections."""
-    script = f'exec "$@" {redirections}'
-    environment = {**os.environ, **variables}
-    return subprocess.run(
-        ["/bin/sh", "-c", script, "sh", *SQRP, *arguments],
-        capture_output=True,
-        env=environment,
-        check=False,
-        timeout=60,
-    )
+    words = ["/bin/sh", "-c", f'exec "$@" {redirections}', "sh", *SQRP, *arguments]
+    return subprocess.run(words, capture_output=True, env={**os.environ, **variables}, check=False, timeout=60)
 
 
-QUICK = [(["--version"], 0, True, "", ""), (["rnak"], 2, False, "<&-", "1")]
-"""Words, exit code, whether there are results, and what stdin and PYTHONUNBUFFERED are."""
-
-WITH_LIBRARIES = [
-    (["show", "{watch}", "--json"], 0, True, "<&-", "1"),
-    (["rank", "{watch}", "watch stray"], 1, True, "", ""),
-    (["show", "nowhere"], 2, False, "", ""),
+COMMANDS = [
+    (["--version"], 0, True, "<&- "),
+    (["rnak"], 2, False, "<&-"),
+    (["rank", "{watch}", "watch stray"], 1, True, ""),
+    (["show", "nowhere"], 2, False, ""),
 ]
-"""The same of commands that take half a second to start."""
+"""Words, exit code, whether there are results, and what stdin is; the first two are quick."""
 
 OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
 
 
 @needs_full
 @pytest.mark.parametrize(
-    ("arguments", "code", "has_results", "stdin", "unbuffered", "out", "err"),
+    ("arguments", "code", "has_results", "stdin", "out", "err"),
     [
-        *((*command, out, err) for command in QUICK for out, err in zip(OUT, ERR, strict=True)),
-        *((*command, out, err) for command in WITH_LIBRARIES for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
+        *((*command, out, err) for command in COMMANDS[:2] for out, err in zip(OUT, ERR, strict=True)),
+        *((*command, out, err) for command in COMMANDS[2:] for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
     ],
     ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else None,
 )
-def test_the_exit_code_is_that_of_the_command_or_of_lost_results(
-    watch, arguments, code, has_results, stdin, unbuffered, out, err
-):
+def test_the_exit_code_is_that_of_the_command_or_of_lost_results(watch, arguments, code, has_results, stdin, out, err):
     filled = [argument.format(watch=watch) for argument in arguments]
-    found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED=unbuffered)
+    found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED="1" if stdin == "<&-" else "")
     lost = has_results and out in REASONS
     assert found.returncode == (2 if lost else code)
     assert bool(found.stdout) is (has_results and not out)
@@ -89,12 +82,10 @@ def test_names_of_any_bytes_are_shown_by_any_encoding(watch, tmp_path, variables
     folder = b"caf\xe9 " + "日本".encode()
     cell = os.path.join(os.fsencode(tmp_path), folder)  # noqa: PTH118 - bytes
     shutil.copytree(os.fsencode(watch), cell)
-    for arguments in (["rank", "watch seen"], ["show", "--json"]):
-        command, *rest = arguments
+    for command, *rest in (["rank", "watch seen"], ["show", "--json"]):
         found = redirected([command, os.fsdecode(cell), *rest], "", **variables)
         assert (found.returncode, found.stderr) == (0, b"")
-        if "--json" in arguments:
-            assert json.loads(found.stdout)["workspace"] == shown_name(os.fsdecode(folder))
+    assert json.loads(found.stdout)["workspace"] == shown_name(os.fsdecode(folder))
     missing = redirected(["show", os.fsdecode(os.path.join(cell, b"\xe9"))], "", **variables)  # noqa: PTH118
     assert missing.returncode == 2
     assert b"no such file or folder" in missing.stderr
@@ -241,50 +232,37 @@ def test_a_log_and_a_film_are_named(sqrp, quick_cell, tmp_path, option, name, sa
     assert f"error: {path}: this {said}" in outcome.err
 
 
-KEEP = """
-import numpy as np
-from pathlib import Path
-from sqrp_cli.errors import InputError
-from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.record.images import FrameFolder
-noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
-try:
-    folder = FrameFolder(Path({folder!r}))
-    folder.add(CameraImage("cam1", 0.0, noise), 1, 0.0)
-except InputError as error:
-    print(error)
-"""
-
-
 def test_an_image_is_named(tmp_path):
-    program = LIMIT.format(1000) + KEEP.format(folder=str(tmp_path / "frames"))
-    said: Any = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
-    assert said.stdout == f"{tmp_path / 'frames' / 'cam1-000000.png'}: this file cannot be written: File too large\n"
+    noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
+    folder, usual = FrameFolder(tmp_path / "frames"), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with pytest.raises(InputError) as caught:
+            folder.add(CameraImage("cam1", 0.0, noise), 1, 0.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    image = tmp_path / "frames" / "cam1-000000.png"
+    assert str(caught.value) == f"{image}: this file cannot be written: File too large"
 
 
 SHARED = "/dev/shm/"  # noqa: S108 - only looked at
 
 
-def processes_of(group: int) -> Iterator[Path]:
-    """The folders in /proc of the processes of a group."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if os.getpgid(int(folder.name)) == group:
-                yield folder
-        except ProcessLookupError:
-            continue
-
-
 def shared_by(group: int) -> set[str]:
     """The shared memory that a group has in use, as the system names it; what has no name any more is `(deleted)`."""
     found = set()
-    for folder in processes_of(group):
-        try:
-            lines = (folder / "maps").read_text(encoding="utf-8").splitlines()
-            found |= {line[line.index(SHARED) :] for line in lines if SHARED in line}
-        except OSError:
-            continue
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if os.getpgid(int(folder.name)) == group:
+                lines = (folder / "maps").read_text(encoding="utf-8").splitlines()
+                found |= {line[line.index(SHARED) :] for line in lines if SHARED in line}
     return found
+
+
+def begun(*words: object, **settings: bool) -> subprocess.Popen[bytes]:
+    """A command whose output nobody reads."""
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen([*SQRP, *map(str, words)], **silent, **settings)
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="this system does not tell what memory is shared")
@@ -295,18 +273,12 @@ def test_no_shared_memory_is_left_of_a_group_that_is_killed(quick_cell, watch, t
         "run": ["run", quick_cell.program, "--sim", "--log", log],
         "score": ["score", quick_cell.folder, watch, "--jobs", "2", "--out", out],
     }[command]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sqrp_cli", *map(str, arguments)],
-        start_new_session=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    process = begun(*arguments, start_new_session=True)
     used: set[str] = set()
     deadline = time.monotonic() + 90
     while process.poll() is None and time.monotonic() < deadline:
         used |= shared_by(process.pid)
-        begun = log.is_file() and log.stat().st_size > 5000 if command == "run" else any(out.rglob("*.json"))
-        if begun:
+        if log.is_file() and log.stat().st_size > 5000 if command == "run" else any(out.rglob("*.json")):
             break
         time.sleep(0.01)
     assert process.poll() is None, "it ended before it could be killed"
@@ -318,11 +290,7 @@ def test_no_shared_memory_is_left_of_a_group_that_is_killed(quick_cell, watch, t
 
 
 def test_a_new_cell_that_is_ended_on_the_way_leaves_no_folder(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sqrp_cli", "init", str(tmp_path / "cell")],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    process = begun("init", tmp_path / "cell")
     deadline = time.monotonic() + 60
     while not list(tmp_path.iterdir()) and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)

@@ -37,14 +37,8 @@ def audit(quick_cell):
     for one in (path, path.with_suffix(".bag")):
         record(one, pictures, TRUTH, drawn)
     found = survey(program, workspace, BagFootage(program, workspace, path, {}), silent)
-    none: dict[str, Any] = {
-        "images": 0,
-        "skipped": 0,
-        "repeated": 0,
-        "prediction": [],
-        "usual": [],
-        "disagreements": [],
-    }
+    none: dict[str, Any] = {"images": 0, "skipped": 0, "repeated": 0}
+    none |= {"prediction": [], "usual": [], "disagreements": []}
     step = program.steps[0]
     steps: dict[str, Any] = {"steps": [step.short_task], "times": [step.time], "until": [None]}
     patch = cameras_patch(workspace, found)

@@ -36,14 +36,9 @@ class FixedNominalStep:
 
 def box() -> TargetBox:
     return TargetBox(
-        name="place",
-        detector="color",
-        frame=FrameName("world"),
-        size=(0.04, 0.04, 0.04),
-        X_FB=np.eye(4),
-        normal=None,
+        name="place", detector="color", frame=FrameName("world"), size=(0.04, 0.04, 0.04), X_FB=np.eye(4), normal=None,
         encloses=(),
-    )
+    )  # fmt: skip
 
 
 def formula(text: str, action: str = "stop", fault: str | None = None, settle: float = 0.5) -> ProgramFormula:
@@ -59,23 +54,13 @@ def played(move: Trajectory) -> ProgramPrimitive:
 def step(
     formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
 ) -> Step:
-    still = Trajectory.standstill(np.zeros(1), time)
-    world = World(frozenset(), {}, None, None, {"a": 0.0})
+    still, world = Trajectory.standstill(np.zeros(1), time), World(frozenset(), {}, None, None, {"a": 0.0})
+    wait = ProgramPrimitive(name="a1", action="Wait", start=0.0, end=time, held=None, trajectory=still)
+    targets = {
+        atom: ProgramTarget(cameras=1, boxes=(box(),), seen={name: tuple(spans) for name, spans in cameras.items()})
+        for atom, cameras in seen.items()
+    }
     return Step(
-        task="do",
-        skill="do",
-        parameters={},
-        time=time,
-        q_avg=None,
-        q_eoi=None,
-        faults={},
-        verdict="",
-        primitives=(ProgramPrimitive(name="a1", action="Wait", start=0.0, end=time, held=None, trajectory=still),),
-        formulas=tuple(formulas),
-        targets={
-            atom: ProgramTarget(cameras=1, boxes=(box(),), seen={name: tuple(spans) for name, spans in cameras.items()})
-            for atom, cameras in seen.items()
-        },
-        before=world,
-        after=world,
-    )
+        task="do", skill="do", parameters={}, time=time, q_avg=None, q_eoi=None, faults={}, verdict="",
+        primitives=(wait,), formulas=tuple(formulas), targets=targets, before=world, after=world,
+    )  # fmt: skip

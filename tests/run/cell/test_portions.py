@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.field.cell_server import FollowedTrajectory
 from sqrp_cli.geometry import Array
-from sqrp_cli.run.arm_motion import JointStates
+from sqrp_cli.run.arm_motion import ArmMotion, JointStates
 from sqrp_cli.run.cell.portions import EVERY, LEAD, SETTLES, Portions
 from tests.run.test_arm_motion import ACCELERATION, JERK, Q0, Q1, playback
 
@@ -69,9 +69,15 @@ def test_who_falls_silent_leaves_the_arm_standing_within_a_second_and_on_its_pat
     assert np.abs(velocity[still]).max() <= JERK * 0.01
 
 
-def test_a_stop_is_sent_at_once_and_replaces_what_was_sent() -> None:
-    motion, sent = playback(), []
-    portions = Portions(lambda *portion: sent.append(portion))
+@pytest.fixture
+def following() -> tuple[ArmMotion, list[tuple[Array, JointStates]], Portions]:
+    """A motion, what is sent of it, and who sends that."""
+    sent: list[tuple[Array, JointStates]] = []
+    return playback(), sent, Portions(lambda *portion: sent.append(portion))
+
+
+def test_a_stop_is_sent_at_once_and_replaces_what_was_sent(following) -> None:
+    motion, sent, portions = following
     portions.follow(motion, 1.5)
     portions.follow(motion, 1.51)
     assert len(sent) == 1
@@ -82,9 +88,8 @@ def test_a_stop_is_sent_at_once_and_replaces_what_was_sent() -> None:
     assert not sent[1][1].velocities[-1].any()
 
 
-def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sent_after_it() -> None:
-    motion, sent = playback(), []
-    portions = Portions(lambda *portion: sent.append(portion))
+def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sent_after_it(following) -> None:
+    motion, sent, portions = following
     portions.follow(motion, 1.5)
     motion.stop(1.2)  # what is wanted now is elsewhere
     stands = portions.stop(1.55)
@@ -97,9 +102,8 @@ def test_a_stop_begins_where_the_robot_is_by_the_last_portion_and_nothing_is_sen
 
 
 @pytest.mark.parametrize("pause", [0.43, 1.5])
-def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(pause: float) -> None:
-    sent: list[tuple[Array, JointStates]] = []
-    portions, motion = Portions(lambda *portion: sent.append(portion)), playback()
+def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(following, pause: float) -> None:
+    motion, sent, portions = following
     portions.follow(motion, 1.5)
     portions.follow(motion, 1.5 + pause)
     assert portions.over
@@ -110,9 +114,8 @@ def test_after_a_pause_in_which_the_robot_braked_nothing_is_sent(pause: float) -
 
 
 @pytest.mark.parametrize("stand", [True, False])
-def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(stand: bool) -> None:
-    sent: list[tuple[Array, JointStates]] = []
-    portions, motion = Portions(lambda *portion: sent.append(portion)), playback()
+def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(following, stand: bool) -> None:
+    motion, sent, portions = following
     before = motion.stopped(0.5)
     if stand:
         portions.begin(before, 0.5)

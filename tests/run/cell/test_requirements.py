@@ -19,6 +19,7 @@ from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import RunReport
 
 ROOT = Path(__file__).parents[3]
+INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 
 def problem() -> tuple[str, str, str | None]:
@@ -37,27 +38,29 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
     real = importlib.util.find_spec
     monkeypatch.setattr(requirements, "find_spec", lambda name: None if name in ("mujoco", "cv2") else real(name))
     code, message, mend = problem()
-    assert code == "missing-extra"
+    assert (code, mend) == ("missing-extra", INSTALL)
     assert "`sim`" in message
-    assert mend == "pip install mujoco opencv-contrib-python-headless"
 
 
-def test_without_any_opengl_the_debian_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("chosen", "missing", "says"),
+    [
+        (None, ["EGL", "OSMesa"], ["libegl1 libgl1 libgl1-mesa-dri", "libosmesa6 with MUJOCO_GL=osmesa"]),
+        ("egl", ["EGL"], ["MUJOCO_GL is `egl`, but libEGL is not installed"]),
+        ("off", ["EGL"], ["MUJOCO_GL is `off`"]),
+    ],
+)
+def test_an_opengl_that_is_missing_is_named_with_its_debian_packages(
+    monkeypatch: pytest.MonkeyPatch, chosen: str | None, missing: list[str], says: list[str]
+) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    without_libraries(monkeypatch, "EGL", "OSMesa")
+    if chosen is not None:
+        monkeypatch.setenv("MUJOCO_GL", chosen)
+    without_libraries(monkeypatch, *missing)
     code, message, mend = problem()
     assert code == "no-opengl"
-    assert "libegl1 libgl1 libgl1-mesa-dri" in message
-    assert "libosmesa6 with MUJOCO_GL=osmesa" in message
-    assert mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
-
-
-def test_a_library_that_was_asked_for_and_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MUJOCO_GL", "egl")
-    without_libraries(monkeypatch, "EGL")
-    assert "MUJOCO_GL is `egl`, but libEGL is not installed" in problem()[1]
-    monkeypatch.setenv("MUJOCO_GL", "off")
-    assert "MUJOCO_GL is `off`" in problem()[1]
+    assert all(part in message for part in says)
+    assert chosen or mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
 
 
 @pytest.mark.parametrize(("missing", "chosen"), [((), "egl"), (("EGL",), "osmesa")])
@@ -106,7 +109,6 @@ class Missing:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing)
 """
-INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 
 @pytest.mark.parametrize(

@@ -15,16 +15,7 @@ from pydantic import ValidationError
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.ground_truth import _changes
-from sqrp_cli.run.record.events import (
-    KINDS,
-    MODELS,
-    VERSION,
-    AskedBox,
-    Event,
-    ProgramStep,
-    ShownAtom,
-    event,
-)
+from sqrp_cli.run.record.events import KINDS, MODELS, VERSION, AskedBox, Event, ProgramStep, ShownAtom, event
 from sqrp_cli.run.record.log import LogWriter, Track, read_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.documents.schemas import schema_of
@@ -81,6 +72,7 @@ def test_a_run_with_all_kinds_of_events_is_read_from_its_log_as_it_was_written_a
         assert len(list(read_log(path))) == number + 1
     writer.close(REPORT)
     assert list(read_log(path)) == RUN
+    assert ["camera" in fault for fault in RUN[-1].line()["faults"]] == [False, True]
     assert path.read_text(encoding="utf-8").splitlines() == [json.dumps(one.line()) for one in read_log(path)]
 
 
@@ -260,7 +252,3 @@ def test_what_is_wrong_with_an_event_is_said(tmp_path: Path, number: int, change
     (problem,) = caught.value.problems
     assert problem.place is not None
     assert problem.place.line == number
-
-
-def test_a_log_tells_the_camera_of_a_fault_where_it_has_one() -> None:
-    assert ["camera" in fault for fault in RUN[-1].line()["faults"]] == [False, True]
