@@ -51,14 +51,11 @@ def told() -> tuple[Falling, list[Event]]:
     return cell, events
 
 
-def test_states_are_told_at_a_fixed_rate_and_at_the_end(told: tuple[Falling, list[Event]]) -> None:
-    assert [event.t for event in told[1]] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16, 0.17])
-
-
-def test_time_passes_up_to_where_it_would_without_a_witness(told: tuple[Falling, list[Event]]) -> None:
-    asked = told[0].asked
-    assert list(asked) == sorted(asked)
-    assert {0.0, 0.013, 0.041, 0.16, 0.17} <= set(asked)
+def test_states_are_told_at_a_fixed_rate_and_at_the_end_and_time_passes_as_without_a_witness(told) -> None:
+    cell, events = told
+    assert [event.t for event in events] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16, 0.17])
+    assert list(cell.asked) == sorted(cell.asked)
+    assert {0.0, 0.013, 0.041, 0.16, 0.17} <= set(cell.asked)
 
 
 def test_only_what_has_changed_is_told_again(told: tuple[Falling, list[Event]]) -> None:

@@ -237,6 +237,7 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
     ("number", "change", "says"),
     [
         (2, {"boxes": {"hold(g)": [{"frame": "f", "size": [1.0, 1.0], "pose": IDENTITY}]}}, r"\[0\].size"),
+        (1, {"rates": {"slow": 0.0}}, "`rates.slow`: input should be greater than 0"),
         (3, {"q": [0.0]}, "1 positions `q` of 2 joints"),
         (5, {"literals": {"hold(g)": {"value": "perhaps", "asked": True, "cameras": {}}}}, "literals.*value"),
         (7, {"q": [0.0, 1.0, 2.0]}, "3 positions `q` of 2 joints"),
