@@ -48,9 +48,11 @@ def in_processes(
 ) -> Iterator[Result]:
     """The result of `work` for each item, in order, each as soon as it and those before it are done.
 
-    Processes are forked: they share loaded data, and only results travel. With fewer than two processes, or where the
-    platform cannot fork, this process does all the work. Raises what `work` raises, and InputError as `Pool.map`.
+    processes: so many at most, and no more than items. They are forked: they share loaded data, and only results
+    travel. With fewer than two, or where the platform cannot fork, this process does all the work. Raises what `work`
+    raises, and InputError as `Pool.map`.
     """
+    processes = min(processes, len(items))
     if processes < 2 or not _CAN_FORK:
         yield from map(work, items)
         return

@@ -15,6 +15,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.figures import falls_short
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
@@ -263,7 +264,7 @@ def further_camera(question: Question) -> Found:
 
     if not move(fixed[0]).bound.hopeful:
         return [], "one more camera is not enough"
-    answers = [one for one in question.shared(best, few) if one is not None]
+    answers = [one for one in in_processes(best, few, question.jobs) if one is not None]
     if not answers:
         return [], "from no free place that was tried does one more camera meet the goal"
     return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""

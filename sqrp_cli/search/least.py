@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
 from sqrp_cli.study.whole_study import WholeAnalysis
@@ -96,11 +97,11 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
     moves: each makes a move that has learned nothing, so that answers do not depend on what was asked before; of one
     kind. none: why no change meets the goal; nowhere: why none could be tried.
     """
-    seed, share, numbers, bounds = question.cell.seed, question.shared, range(len(moves)), moves[0]().bounds
+    seed, jobs, numbers, bounds = question.cell.seed, question.jobs, range(len(moves)), moves[0]().bounds
 
     def searched(vectors: Callable[[Move], Iterable[Array]], most: float) -> dict[int, ProposedChange]:
         """What is found in the vectors of each move."""
-        changes = share(lambda number: least(move := moves[number](), vectors(move), seed, most), numbers)
+        changes = in_processes(lambda number: least(move := moves[number](), vectors(move), seed, most), numbers, jobs)
         return {number: change for number, change in enumerate(changes) if change is not None}
 
     found: dict[int, ProposedChange] = {}
@@ -133,7 +134,7 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
                 low, high, one = (low, middle, smaller) if smaller is not None else (middle, high, one)
         return None if one is None else one._replace(margin=margin(move, one.change))
 
-    if answers := [one for one in share(confirmed, list(best.values())) if one is not None]:
+    if answers := [one for one in in_processes(confirmed, list(best.values()), jobs) if one is not None]:
         return answers, ""
 
     def nearest(number: int) -> Tried | None:
@@ -143,7 +144,7 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
         study = move.study(change := move.change(vector))
         return None if study is None else Tried(change, study)
 
-    near = [one for one in share(nearest, numbers) if one is not None]
+    near = [one for one in in_processes(nearest, numbers, jobs) if one is not None]
     return near, none if near else nowhere
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim
@@ -29,9 +28,6 @@ from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 TaskWays = tuple[str, tuple[Candidate, ...]]
 """A task by its text, with the ways in which its candidates are done."""
@@ -218,10 +214,6 @@ class Question:
     def studied(self, way: Candidate, world: World | None = None, *, full: bool = False) -> WholeAnalysis | Infeasible:
         """A way as the cameras see it now. world: from which it starts, by default that of the question."""
         return whole_study(self.cell, way, self.world if world is None else world, self.sampling, full=full)
-
-    def shared(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """The results of some work, in order, by as many processes as may be used."""
-        return list(in_processes(work, items, min(self.jobs, len(items))))
 
     def met_for_sure(self, change: ProposedChange | None, found: WholeAnalysis) -> bool:
         """Whether a way meets the goal, with the samples of `explain`, too: where the verdict of any camera changes.

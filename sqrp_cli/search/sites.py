@@ -149,7 +149,7 @@ and what it shows, as `verdicts_of`."""
 
 def local_verdicts(cell: Cell, jobs: int, batches: Sequence[ViewBatch]) -> Iterator[tuple[int, Mask]]:
     """See `Verdicts`: by as many processes of this machine."""
-    yield from enumerate(in_processes(lambda one: verdicts_of(cell, *one), batches, min(jobs, len(batches))))
+    yield from enumerate(in_processes(lambda one: verdicts_of(cell, *one), batches, jobs))
 
 
 def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> Mask:

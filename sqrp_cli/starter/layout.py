@@ -55,13 +55,12 @@ class Layout:
     cubes: Sequence[Cube] = ()
     views: Mapping[str, tuple[Point, Point]] = field(default_factory=dict)
     """Of each camera by name: where it is, and the point that it looks at."""
-    tasks: Sequence[str] = (TASK,)
     warnings: tuple[Problem, ...] = ()
 
     @property
     def task(self) -> str | None:
         """A task to rank; None if nothing is within reach."""
-        return self.tasks[0] if self.cubes else None
+        return TASK if self.cubes else None
 
 
 _ROBOT = """\
@@ -146,7 +145,7 @@ def workspace_text(layout: Layout) -> str:
             "\nstate:                      # what the sensors report now; every other fact is false\n  - hand_empty\n"
         )
         text += "".join(f"  - obj_on_table({cube.name})\n" for cube in layout.cubes)
-        text += "\ntasks:\n" + "".join(f"  - {{task: {task}}}\n" for task in layout.tasks)
+        text += f"\ntasks:\n  - {{task: {TASK}}}\n"
     return text if layout.guessed else re.sub(r"  # check: .*", "", text)
 
 

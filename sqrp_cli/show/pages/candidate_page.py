@@ -144,7 +144,7 @@ def origin(arguments: Sequence[str], workspace: Workspace | None = None) -> list
 def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, progress: Progress) -> Iterator[Result]:
     """What `work` finds of each item of a page, in order, with the progress shown. jobs: processes to use at most."""
     with progress("Writing the report", len(items)) as advance:
-        for found in in_processes(work, items, min(jobs, len(items))):
+        for found in in_processes(work, items, jobs):
             yield found
             advance(1)
 
