@@ -172,9 +172,8 @@ def in_lens(camera: Camera, p: Array) -> bool:
 def pixel(camera: Camera, p: Array) -> Array:
     """By OpenCV; what the lens does not show, as if it did not bend."""
     bent, still = camera.distortion if in_lens(camera, p) and len(camera.distortion) else np.zeros(4), np.zeros(3)
-    project = (
-        cv2.fisheye.projectPoints if camera.distortion_model == "equidistant" and bent.any() else cv2.projectPoints
-    )
+    is_fisheye = camera.distortion_model == "equidistant" and bent.any()
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
     return project(p.reshape(1, 1, 3), still, still, camera.matrix, bent)[0].reshape(2)
 
 
@@ -290,9 +289,8 @@ class View:
         return np.where(found < self.leave, found, inf)
 
     def visible(self, solids: Sequence[Array]) -> float:
-        return float(
-            np.all([np.isinf(self.depths(one)) for one in solids] or [self.leave > 0], axis=0).sum() / self.count
-        )
+        free = [np.isinf(self.depths(one)) for one in solids] or [self.leave > 0]
+        return float(np.all(free, axis=0).sum() / self.count)
 
 
 def through_box(eye: Array, rays: Array, X_WB: Array, half: Array, middle: Array) -> tuple[Array, Array]:
@@ -316,9 +314,8 @@ def largest(scene: Scene, view: View) -> tuple[str | None, bool]:
 def parts(scene: Scene) -> dict[str, tuple[float, float]]:
     """Of each part, the share of the box's rays on which it is the first, and on which it is the only one."""
     view, names = View(scene.X_WC, scene.X_WB, *scene.shrunk), sorted({one.name for one in scene.opaque})
-    depths = np.array(
-        [view.depths(np.concatenate([scene.triangles(s) for s in scene.opaque if s.name == n])) for n in names]
-    )
+    pieces = [np.concatenate([scene.triangles(s) for s in scene.opaque if s.name == n]) for n in names]
+    depths = np.array([view.depths(one) for one in pieces])
     blocked = np.isfinite(depths)
     nearest, alone = np.where(blocked.any(axis=0), depths.argmin(axis=0), -1), blocked & (blocked.sum(axis=0) == 1)
     return {n: ((nearest == k).sum() / view.count, alone[k].sum() / view.count) for k, n in enumerate(names)}
@@ -326,8 +323,8 @@ def parts(scene: Scene) -> dict[str, tuple[float, float]]:
 
 def background(scene: Scene) -> tuple[float, str | None]:
     """The share of the box before something that looks alike, and the solid with most of it."""
-    own = {scene.box.seeks}
-    scenery = [s for s in scene.solids if s.color is not None and not {s.part.parent, s.part.name} & own]
+    seeks = scene.box.seeks
+    scenery = [s for s in scene.solids if s.color is not None and seeks not in (s.part.parent, s.part.name)]
     alike = np.array([look_alike(scene.box.color, one.color) for one in scenery])
     if not alike.any():
         return 0.0, None
@@ -343,7 +340,7 @@ def background(scene: Scene) -> tuple[float, str | None]:
     rays, start = rays[inside], eye + (leave[inside, None] - 1e-3) * rays[inside]
     along = np.array([hits(start, rays, scene.triangles(one)) for one in scenery])
     nearest = np.where(np.isfinite(along).any(axis=0), along.argmin(axis=0), -1)
-    counts = np.array([(nearest == k).sum() for k in range(len(scenery))]) * alike
+    counts = np.bincount(nearest[nearest >= 0], minlength=len(scenery)) * alike
     return counts.sum() / max(len(rays), 1), scenery[int(counts.argmax())].name if counts.any() else None
 
 
@@ -363,10 +360,8 @@ def lighting(scene: Scene) -> tuple[float, float, str | None, bool]:
         weight = float(np.delete(half, axis).prod() * max(way @ out, 0.0) / np.linalg.norm(way) ** 3)
         if weight <= 0:
             continue
-        strength, reached = (
-            {name: one.intensity for name, one in scene.lights.items()},
-            dict.fromkeys(scene.lights, 1.0),
-        )
+        strength = {name: one.intensity for name, one in scene.lights.items()}
+        reached = dict.fromkeys(scene.lights, 1.0)
         plates: dict[str, View] = {}
         for name, light in shining.items():
             forward, distance, arrives = light.heading, np.inf, light.intensity

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -49,11 +50,8 @@ DEPTH_BAND = 2e-3
 HELD_SIZE, CUBE_SIZE = (0.06, 0.05, 0.04), (0.05, 0.05, 0.05)
 
 
-@dataclass(frozen=True, eq=False)
-class TestScene:
-    """One random scene: the robot in `joints`, shape (states, n), with an object in its tool."""
-
-    __test__ = False
+class RandomScene(NamedTuple):
+    """The robot in `joints`, shape (states, n), with an object in its tool."""
 
     joints: Array
     X_TO: Array
@@ -139,7 +137,7 @@ def picture_of(stage: MujocoScene, X_CB: Array, X_WC: Array, box: SoughtBox) -> 
     return picture, leaves, side / RESOLUTION * float(corners_C[:, 2].mean())
 
 
-def random_scene(seed: int, model: RobotModel) -> TestScene:
+def random_scene(seed: int, model: RobotModel) -> RandomScene:
     rng = np.random.default_rng(seed)
     low, high = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
     low[1], high[1] = -2.8, -0.3
@@ -184,13 +182,13 @@ def random_scene(seed: int, model: RobotModel) -> TestScene:
     cameras.append(make_camera(in_hand, name="in_hand", frame="tool0"))
     wide = [replace(c, matrix=c.matrix * [[0.7, 1, 1], [1, 0.7, 1], [1, 1, 1]]) for c in cameras]
     X_TO = pose(position=(0.0, 0.0, HELD_SIZE[2] / 2))
-    return TestScene(rng.uniform(low, high, (STATES, len(low))), X_TO, things, tuple(fixtures), tuple(wide), boxes)
+    return RandomScene(rng.uniform(low, high, (STATES, len(low))), X_TO, things, tuple(fixtures), tuple(wide), boxes)
 
 
 class Comparison:
     """The package's verdicts on a scene beside the renderer's views of it."""
 
-    def __init__(self, scene: TestScene, seed: int, workspace: Workspace, model: RobotModel) -> None:
+    def __init__(self, scene: RandomScene, seed: int, workspace: Workspace, model: RobotModel) -> None:
         self.scene, self.seed, self.workspace, self.model = scene, seed, workspace, model
         self.held = box_part("held", HELD_SIZE, pose(), "held")
         cubes = [box_part(name, CUBE_SIZE, pose(), name) for name in scene.things]
@@ -200,12 +198,11 @@ class Comparison:
         links = model.link_poses(scene.joints)
         frames |= {**links, "world": pose()[None], "held": links[model.tool_frame] @ scene.X_TO}
         self.states = SceneStates(STATES, frames)
-        self.verdicts = {
-            share: [self._look(replace(box, limits=make_detector(share))) for box in scene.boxes] for share in SHARES
-        }
-
-    def _look(self, box: SoughtBox) -> BoxVerdicts:
-        return self.observer.verdicts([Target(Atom("seen"), 1, (box,))], self.states)[0][0]
+        self.verdicts: dict[float, list[BoxVerdicts]] = {}
+        for share in SHARES:
+            boxes = [replace(box, limits=make_detector(share)) for box in scene.boxes]
+            found = self.observer.verdicts([Target(Atom("seen"), 1, (box,)) for box in boxes], self.states)
+            self.verdicts[share] = [verdicts for (verdicts,) in found]
 
     def name_of(self, solid: int) -> str:
         part = self.solids[solid].part
@@ -246,30 +243,25 @@ class Comparison:
                     for index in np.flatnonzero((cause == Cause.NONE) | (cause == Cause.HIDDEN)):
                         camera = scene.cameras[index]
                         X_WC = camera.X_FC if camera.frame == "world" else stage.body_pose(camera.frame) @ camera.X_FC
-                        yield self._view(stage, state, int(index), number, X_WC, X_WF @ box.X_FB), stage.names
+                        X_CB = inverse(X_WC) @ X_WF @ box.X_FB
+                        name = f"scene {self.seed}, state {state}, {camera.name}, {box.name}"
+                        at = name, state, int(index), number, X_WC, X_CB[:3, 3]
+                        yield View(*at, *picture_of(stage, X_CB, X_WC, box)), stage.names
         finally:
             stage.close()
-
-    def _view(self, stage: MujocoScene, state: int, camera: int, number: int, X_WC: Array, X_WB: Array) -> View:
-        box = self.scene.boxes[number]
-        X_CB = inverse(X_WC) @ X_WB
-        picture, leaves, pixel = picture_of(stage, X_CB, X_WC, box)
-        name = f"scene {self.seed}, state {state}, {self.scene.cameras[camera].name}, {box.name}"
-        return View(name, state, camera, number, X_WC, X_CB[:3, 3], picture, leaves, pixel)
 
 
 @dataclass
 class Tally:
-    """What all comparisons found."""
+    """What all comparisons found; part_errors: of what single parts hide, where several do."""
 
-    verdicts: Counter[float]
-    hidden: Counter[float]
-    wrong: list[tuple[str, str | None]]
-    share_errors: list[tuple[float, str]]
-    culprits: int
-    wrong_culprits: list[str]
-    part_errors: list[tuple[float, str]]
-    """Of what single parts hide, where several do."""
+    verdicts: Counter[float] = field(default_factory=Counter)
+    hidden: Counter[float] = field(default_factory=Counter)
+    wrong: list[tuple[str, str | None]] = field(default_factory=list)
+    share_errors: list[tuple[float, str]] = field(default_factory=list)
+    culprits: int = 0
+    wrong_culprits: list[str] = field(default_factory=list)
+    part_errors: list[tuple[float, str]] = field(default_factory=list)
 
 
 def judge(comparison: Comparison, tally: Tally) -> None:
@@ -347,7 +339,7 @@ def true_culprit(view: View) -> int | None:
 
 @pytest.fixture(scope="module")
 def tally(tabletop: Workspace, ur5: RobotModel) -> Tally:
-    result = Tally(Counter(), Counter(), [], [], 0, [], [])
+    result = Tally()
     for seed in range(SCENES):
         judge(Comparison(random_scene(seed, ur5), seed, tabletop, ur5), result)
     return result
