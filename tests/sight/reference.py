@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from math import acos, atan2, cos, hypot, inf, sin, sqrt
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,8 +30,7 @@ ROWS, COLUMNS, BEHIND_RAYS, SKIN = 64, 32, 16, 1e-3
 CLOSE = 1e-6
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     cause: Cause
     by: str | None = None
     figure: float = 0.0
@@ -323,8 +323,7 @@ def parts(scene: Scene) -> dict[str, tuple[float, float]]:
 
 def background(scene: Scene) -> tuple[float, str | None]:
     """The share of the box before something that looks alike, and the solid with most of it."""
-    seeks = scene.box.seeks
-    scenery = [s for s in scene.solids if s.color is not None and seeks not in (s.part.parent, s.part.name)]
+    scenery = [s for s in scene.solids if s.color is not None and scene.box.seeks not in (s.part.parent, s.part.name)]
     alike = np.array([look_alike(scene.box.color, one.color) for one in scenery])
     if not alike.any():
         return 0.0, None
