@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
@@ -38,20 +38,12 @@ MOST_MOVED = 0.2  # largest shift of the principal point by rectification, as a 
 MOST_CAMERAS_NESTED = 3  # levels of a file in which cameras are looked for
 
 
-class CameraCalibration(NamedTuple):
-    """What a camera calibration file says of a camera."""
-
-    intrinsics: Intrinsics
-    document: SourceDocument
-    """Of the whole file."""
-    part: SourceDocument
-    """What is about this camera."""
-
-
 def read_calibration(
     path: Path, wanted: CalibrationFile | None = None, asked: str = "calibration"
-) -> CameraCalibration:
+) -> tuple[Intrinsics, SourceDocument, SourceDocument]:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
+
+    With the document of the whole file, and that of what is about this camera.
 
     wanted: which camera of the file, and the size of its image if the file lacks it; asked: the key of the workspace
     that says so. The projection matrix, if any, belongs to the rectified image and is not used: cameras see through
@@ -91,7 +83,7 @@ def read_calibration(
         lens_file=title if name is None else f"{title}: {name}",
     )
     check_principal_point(part, stated.K_at, intrinsics)
-    return CameraCalibration(intrinsics, document, part)
+    return intrinsics, document, part
 
 
 def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[SourceDocument, str, str | None]:
@@ -161,13 +153,13 @@ def _size(size: PixelSize | None, part: SourceDocument, wanted: CalibrationFile,
     return size
 
 
-def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
+def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:
     """A warning about a projection matrix that does not fit the camera matrix in the same calibration file.
 
     The projection matrix describes the rectified image, which has the same size: `camera_calibration` scales the focal
-    lengths to keep more or less of the image, and hardly moves its centre.
+    lengths to keep more or less of the image, and hardly moves its centre. document: what is about this camera.
     """
-    document, K = found.part, found.intrinsics.matrix
+    K = intrinsics.matrix
     key = next((key for key in ("projection_matrix", "P", "p") if key in document.data), "")
     entry = document.data.get(key)
     numbers = formats.flat(entry.get("data") if isinstance(entry, dict) else entry)
@@ -176,7 +168,7 @@ def doubtful_projection(found: CameraCalibration) -> Iterator[Problem]:
     if not any(numbers):  # as drivers write an unknown one
         return
     P = np.array(numbers, dtype=float).reshape(3, 4)
-    size = np.array([found.intrinsics.width, found.intrinsics.height])
+    size = np.array([intrinsics.width, intrinsics.height])
     focal, known, why = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]], ""
     lengths = f"found focal lengths {focal[0]:g} and {focal[1]:g}"
     if (focal <= 0).any():

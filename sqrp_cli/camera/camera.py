@@ -118,22 +118,16 @@ def assumed_latency(cameras: Iterable[Sensing]) -> str:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Seat:
-    """Where a camera is."""
+class Camera(Sensing, Intrinsics):
+    """A camera with its calibration, place and sensing range."""
 
+    name: str
     frame: str
     """`world`, or the link that carries the camera."""
     X_FC: Array
     """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
     pose_file: str | None = None
     """Format of the file that says so; None: the workspace does."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Camera(Seat, Sensing, Intrinsics):
-    """A camera with its calibration, place and sensing range."""
-
-    name: str
 
     def __post_init__(self) -> None:
         """Raises ValueError for an invalid pose and for figures that are not finite; `far` may be infinite."""

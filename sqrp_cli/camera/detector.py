@@ -13,7 +13,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
 from math import cos, pi, radians, sqrt
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,20 +96,14 @@ outlines whose perimeter is less than 0.03 of that: sides of 0.0075 and, as outl
 STEEPEST = radians(80.0)  # the largest angle at which markers are read [rad]
 
 
-class MarkerRange(NamedTuple):
-    """Between which distances a camera reads a marker that faces it, in the middle of the image [m]."""
+def marker_range(camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> tuple[float, float]:
+    """Between which distances a camera reads a marker in the middle of the image, turned by an angle [rad]: [m].
 
-    near: float
-    """Where its black square, unturned, fills the image in one direction."""
-    far: float
-    """Up to here nine of ten images show it."""
-
-    @classmethod
-    def of(cls, camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> MarkerRange:
-        """The range of a marker for a camera; incidence: turned by an angle [rad]."""
-        fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
-        near = marker.side * max(fx / camera.width, fy / camera.height)
-        return cls(near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence)))
+    From where its black square, unturned, fills the image in one direction to where nine of ten images show it.
+    """
+    fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
+    near = marker.side * max(fx / camera.width, fy / camera.height)
+    return near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence))
 
 
 def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
@@ -133,15 +127,6 @@ def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Ar
     read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
     found: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
     return found
-
-
-def marker_ranges(
-    cameras: Mapping[str, Intrinsics], markers: Mapping[str, Marker]
-) -> dict[str, dict[str, MarkerRange]]:
-    """The range of each marker for each camera, by their names."""
-    return {
-        eye: {name: MarkerRange.of(camera, one) for name, one in markers.items()} for eye, camera in cameras.items()
-    }
 
 
 GROUP = "sqrp.detectors"
@@ -237,12 +222,12 @@ class Detector(DetectorEntry):
         distance, least = entry.distance, entry.min_pixels
         dictionaries = tuple(dict.fromkeys(one.dictionary for one in markers.values() if entry.kind == "aruco"))
         if distance is None or least is None:
-            reads = [MarkerRange.of(camera, marker) for camera in cameras.values() for marker in markers.values()]
+            reads = [marker_range(camera, marker) for camera in cameras.values() for marker in markers.values()]
             if not reads:
                 raise ValueError("there is no marker, or no camera, that gives the detector its limits")
             looks = product(cameras.values(), dictionaries)
             smallest = max(float(least_pixels(*look, entry.max_incidence)) for look in looks)
-            distance = distance or (min(one.near for one in reads), max(one.far for one in reads))
+            distance = distance or (min(near for near, _ in reads), max(far for _, far in reads))
             least = smallest if least is None else least
         return from_fields(cls, entry, distance=distance, min_pixels=least, dictionaries=dictionaries)
 

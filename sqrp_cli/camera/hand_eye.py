@@ -15,7 +15,6 @@ import ast
 import re
 import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -23,7 +22,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.camera.camera import Seat
 from sqrp_cli.errors import InputError, Place, bad_input, expected_names
 from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
@@ -65,14 +63,20 @@ class StaticTransform(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HandEye(Seat):
+class HandEye:
     """Where a camera is by a file."""
 
+    frame: str
+    """`world`, or the link that carries the camera."""
+    X_FC: Array
+    """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
+    pose_file: str
+    """Format of the file."""
     camera_frame: str
     """The frame at pose `X_FC`, as the file calls it."""
     place: Place
     """Where the file names the frame that carries it."""
-    content: bytes = b""
+    content: bytes
     """What was read of the file."""
     document: SourceDocument | None = None
     """Its keys and values, of easy_handeye."""
@@ -114,8 +118,9 @@ def read_hand_eye(
 ) -> HandEye:
     """The pose of a camera in a file of one of the formats that this module reads.
 
-    camera: its frame, where the file has several. carriers: frames that may carry it, such as the robot's links; of
-    static transforms one after the other, the camera is in the first of these. asked: the key of the workspace that
+    camera: its frame, where the file has several; None: the only one without frames on it, or the only one of these
+    that is optical. carriers: frames that may carry it, such as the robot's links; of static transforms one after the
+    other, the camera is in the first of these above it, else in the topmost frame. asked: the key of the workspace that
     says so. Raises InputError, with the line, for missing keys, values of the wrong kind, and a quaternion whose length
     is not 1.
     """
@@ -126,11 +131,39 @@ def read_hand_eye(
     else:
         read = read_input(path, MAX_BYTES)
         text = decoded(path, read)
-        found = ((title, format_(path, read, text)) for title, format_ in _FORMATS.items())
-        pose_file, transforms = next(((title, those) for title, those in found if those is not None), ("", []))
+        formats = ((title, format_(path, read, text)) for title, format_ in _FORMATS.items())
+        pose_file, transforms = next(((title, those) for title, those in formats if those is not None), ("", []))
         if not pose_file:
             return _easy_handeye(path, read)
-    return replace(camera_seat(transforms, path, camera, carriers, asked), pose_file=pose_file, content=read)
+    above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
+    frame = "" if camera is None else camera.lstrip("/")
+    if camera is None:
+        leaves = [child for child in above if child not in parents]
+        found = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
+        if len(found) != 1:
+            names = found or leaves
+            listed = ", ".join(f"`{name}`" for name in names[:10])
+            mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
+            message = f"which frame is the camera's? The file has {listed}"
+            raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
+        frame = found[0]
+    if frame not in above:
+        message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
+        raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
+    X, at, last = np.eye(4), frame, above[frame]
+    for _ in range(len(above) + 1):
+        if at not in above or (at in carriers and at != frame):
+            return HandEye(
+                frame=at,
+                X_FC=read_only(X),
+                pose_file=pose_file,
+                camera_frame=frame,
+                place=last.place,
+                content=read,
+            )
+        last = above[at]
+        X, at = last.X_PC @ X, last.parent
+    raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
 def _easy_handeye(path: Path, content: bytes) -> HandEye:
@@ -175,38 +208,6 @@ def _easy_handeye(path: Path, content: bytes) -> HandEye:
         content=document.content,
         document=document,
     )
-
-
-def camera_seat(
-    transforms: Sequence[StaticTransform], path: Path, wanted: str | None, carriers: Collection[str], asked: str
-) -> HandEye:
-    """The pose of a camera's frame in the first frame above it that is among the carriers, else in the topmost.
-
-    wanted: the camera's frame; None: the only one without frames on it, or the only one of these that is optical.
-    asked: the key of the workspace that says so. Raises InputError, with the frames that there are.
-    """
-    above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
-    frame = "" if wanted is None else wanted.lstrip("/")
-    if wanted is None:
-        leaves = [child for child in above if child not in parents]
-        found = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
-        if len(found) != 1:
-            names = found or leaves
-            listed = ", ".join(f"`{name}`" for name in names[:10])
-            mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
-            message = f"which frame is the camera's? The file has {listed}"
-            raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
-        frame = found[0]
-    if frame not in above:
-        message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
-        raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
-    X, at, last = np.eye(4), frame, above[frame]
-    for _ in range(len(above) + 1):
-        if at not in above or (at in carriers and at != frame):
-            return HandEye(frame=at, camera_frame=frame, X_FC=read_only(X), place=last.place)
-        last = above[at]
-        X, at = last.X_PC @ X, last.parent
-    raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
 def read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransform] | None:

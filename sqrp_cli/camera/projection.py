@@ -29,9 +29,22 @@ class Projection:
     def radius(self) -> float:
         """Largest distance from the optical axis, in the plane z = 1, up to which the distortion is monotonic.
 
-        Beyond it the polynomial folds back and shows points that the lens does not.
+        Beyond it the polynomial folds back and shows points that the lens does not; infinite if it never does.
         """
-        return monotonic_radius(self.camera)
+        model, distortion = self.camera.distortion_model, self.camera.distortion
+        if model == "none":
+            return float("inf")
+        if model == "equidistant":
+            k1, k2, k3, k4 = distortion
+            angle = _smallest_root([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])
+            return float(np.tan(angle)) if angle < np.pi / 2 else float("inf")
+        k1, k2, _, _, k3, k4, k5, k6 = np.pad(distortion, (0, 8 - len(distortion)))
+        numerator, denominator = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
+        # With u = r^2: d(r N/D)/dr = (N D + 2u (N' D - N D')) / D^2, and a zero of D is a pole.
+        slope = np.convolve(numerator, denominator)
+        orders = np.arange(4)
+        change = np.convolve(orders * numerator, denominator) - np.convolve(numerator, orders * denominator)
+        return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
 
     def pixels(self, points_C: Array) -> tuple[Array, Mask]:
         """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
@@ -73,23 +86,6 @@ class Projection:
             down = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
             moved = np.stack([across, down], axis=-1)
         return np.where(inside[..., None], moved, plane), inside
-
-
-def monotonic_radius(camera: Camera) -> float:
-    """Radius in the plane z = 1 at which the radial distortion stops growing; infinite if it never does."""
-    if camera.distortion_model == "none":
-        return float("inf")
-    if camera.distortion_model == "equidistant":
-        k1, k2, k3, k4 = camera.distortion
-        angle = _smallest_root([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])
-        return float(np.tan(angle)) if angle < np.pi / 2 else float("inf")
-    k1, k2, _, _, k3, k4, k5, k6 = np.pad(camera.distortion, (0, 8 - len(camera.distortion)))
-    numerator, denominator = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
-    # With u = r^2: d(r N/D)/dr = (N D + 2u (N' D - N D')) / D^2, and a zero of D is a pole.
-    slope = np.convolve(numerator, denominator)
-    orders = np.arange(4)
-    change = np.convolve(orders * numerator, denominator) - np.convolve(numerator, orders * denominator)
-    return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
 
 
 _NEVER = 1e-12  # 1 / u below it means infinite u: the radius 1e6 is within 1e-6 rad of 90 degrees off the axis

@@ -75,11 +75,10 @@ class CellReader(RobotReader):
 
                     at = (*path, "calibration")
                     file = self._resolve(entry.calibration.file, self._place_of_file(at))
-                    calibration = read_calibration(file, entry.calibration, dotted(at))
-                    intrinsics = calibration.intrinsics
-                    self.digest[dotted(at)] = source_file(file, calibration.document.content)
-                    self.warnings.extend(unusual_values(calibration.part, CALIBRATION))
-                    self.warnings.extend(doubtful_projection(calibration))
+                    intrinsics, whole, part = read_calibration(file, entry.calibration, dotted(at))
+                    self.digest[dotted(at)] = source_file(file, whole.content)
+                    self.warnings.extend(unusual_values(part, CALIBRATION))
+                    self.warnings.extend(doubtful_projection(intrinsics, part))
                 else:
                     assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
                     intrinsics = entry.image.intrinsics()

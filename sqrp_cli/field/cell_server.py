@@ -134,11 +134,11 @@ class CellServer:
     def step(self) -> None:
         """Let a little time pass."""
         try:
-            for arrived in self._trajectories.take():
-                self.follow(arrived.message)
-            for arrived in self._tool.take():
-                (self._cell.grasp if arrived.message.data else self._cell.release)()
-                self._tell(f"{self.t:.2f} s: the tool {'holds' if arrived.message.data else 'lets go'}")
+            for message, _ in self._trajectories.take():
+                self.follow(message)
+            for message, _ in self._tool.take():
+                (self._cell.grasp if message.data else self._cell.release)()
+                self._tell(f"{self.t:.2f} s: the tool {'holds' if message.data else 'lets go'}")
         except MessageError as error:
             self._complain(f"a message is malformed: {error}")
         for fault in self._faults.due(self.t):

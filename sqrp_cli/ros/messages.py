@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 import numpy as np
 
@@ -155,13 +155,6 @@ class Topic:
     latched: bool = False
 
 
-class Arrived(NamedTuple):
-    """A message, and when it came by `time.monotonic` [s]."""
-
-    message: Message
-    t: float
-
-
 class Inbox:
     """The newest messages of a topic, which another thread puts there as bytes; no more than the topic's depth."""
 
@@ -178,8 +171,8 @@ class Inbox:
         self.count += 1
         self._heard()
 
-    def take(self) -> list[Arrived]:
-        """The messages that wait, in the order in which they came.
+    def take(self) -> list[tuple[Message, float]]:
+        """The messages that wait, in the order in which they came, each with when it did by `time.monotonic` [s].
 
         No more than wait now: who is flooded gets on, too. Raises MessageError for bytes that are no message of the
         topic's type; those before it are gone, too, those after it still wait.
@@ -187,7 +180,7 @@ class Inbox:
         found = []
         for _ in range(len(self._waiting)):
             data, t = self._waiting.popleft()
-            found.append(Arrived(self._types.decode(self.topic.type, data), t))
+            found.append((self._types.decode(self.topic.type, data), t))
         return found
 
 

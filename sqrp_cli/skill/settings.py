@@ -72,11 +72,11 @@ class Kind:
     words: tuple[str, ...] = ()
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return no_info_after_validator_function(self._in_si_units, handler(source))
-
-    def _in_si_units(self, value: units.Quantity | str | Reference) -> units.Quantity | MotionValue | Reference:
-        """A quantity as its number; one of another dimension stays as it is, and `read_skill` refuses it."""
-        return value.value if isinstance(value, units.Quantity) and self.complaint(value) is None else value
+        # A quantity becomes its number in SI units; one of another dimension stays, and `read_skill` refuses it.
+        return no_info_after_validator_function(
+            lambda value: value.value if isinstance(value, units.Quantity) and self.complaint(value) is None else value,
+            handler(source),
+        )
 
     def complaint(self, value: units.Quantity | str) -> tuple[str, str] | None:
         """What is wrong with a value, as the code and message of a problem; None if nothing is."""

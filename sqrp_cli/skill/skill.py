@@ -5,7 +5,7 @@ The models here, from `SkillFile` down, are both the format of skill.yaml and th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, get_args
@@ -36,23 +36,13 @@ class Names:
     home: bool = False
 
 
-def marked(
-    value: object, path: KeyPath = (), marks: Sequence[object] = ()
-) -> Iterator[tuple[KeyPath, object, Names | Kind]]:
-    """The names and settings of an entry at `path`, also those in lists and in entries within it.
-
-    Each with its path and the mark of its field. marks: of the field that holds the value.
-    """
-    if isinstance(value, Entry):
-        for name, info in type(value).model_fields.items():
-            yield from marked(
-                getattr(value, name), (*path, info.alias or name), [*info.metadata, *marks_in(info.annotation)]
-            )
-    elif isinstance(value, list | tuple):
-        for index, item in enumerate(value):
-            yield from marked(item, (*path, index), marks)
-    elif value is not None:
-        yield from ((path, value, mark) for mark in marks if isinstance(mark, Names | Kind))
+def marked(entry: Entry, path: KeyPath = ()) -> Iterator[tuple[KeyPath, object, Names | Kind]]:
+    """The names and settings of an entry at `path`, also those in lists, each with its path and its field's mark."""
+    for name, info in type(entry).model_fields.items():
+        value, at = getattr(entry, name), (*path, info.alias or name)
+        items = [((*at, index), item) for index, item in enumerate(value)] if isinstance(value, list) else [(at, value)]
+        marks = [mark for mark in (*info.metadata, *marks_in(info.annotation)) if isinstance(mark, Names | Kind)]
+        yield from ((key, item, mark) for key, item in items if item is not None for mark in marks)
 
 
 def marks_in(annotation: object) -> Iterator[object]:

@@ -168,7 +168,7 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
 def test_every_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
     writer, model, coefficients, lens_file = FILES[name]
     wanted = writer(tmp_path)
-    found = read_calibration(Path(wanted.file), wanted).intrinsics
+    found = read_calibration(Path(wanted.file), wanted)[0]
     assert (found.width, found.height) == SIZE
     assert (found.distortion_model, found.lens_file) == (model, lens_file)
     np.testing.assert_allclose(found.matrix, K, rtol=0, atol=1e-9)
@@ -184,7 +184,7 @@ def test_every_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
 ])  # fmt: skip
 def test_colmap_counts_pixels_from_the_corner_of_the_first(tmp_path, model, parameters, distortion):
     wanted = typed(f"1 {model} 1280 720 {parameters}\n")(tmp_path)
-    found = read_calibration(Path(wanted.file), wanted).intrinsics
+    found = read_calibration(Path(wanted.file), wanted)[0]
     np.testing.assert_allclose(found.matrix, [[900, 0, 639.5], [0, 900, 359.5], [0, 0, 1]])
     assert (found.distortion_model, tuple(found.distortion)) == distortion
 
@@ -217,7 +217,7 @@ SEEN_BY_COLMAP = (
 @pytest.mark.parametrize("number", range(1, 8))
 def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path: Path, number: int) -> None:
     wanted = typed(WRITTEN_BY_COLMAP, camera=str(number))(tmp_path)
-    lens = read_calibration(Path(wanted.file), wanted).intrinsics
+    lens = read_calibration(Path(wanted.file), wanted)[0]
     camera = Camera(**vars(lens), name="c", frame="world", X_FC=np.eye(4), rate=10.0)
     seen = Projection(camera).pixels(np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]]))[0]
     np.testing.assert_allclose(seen, np.array(SEEN_BY_COLMAP[number - 1]) - 0.5, rtol=0, atol=2e-9)

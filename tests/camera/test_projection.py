@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.projection import Projection, monotonic_radius
+from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array
 from tests.sight.views import make_camera
 
@@ -80,7 +80,7 @@ def test_pixels_are_those_of_opencv(model: str, units: list[float], seed: int) -
 def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(model: str, units: list[float]) -> None:
     assume(model != "rational_polynomial" or (units[:2] + units[4:5]) != units[5:])  # the identity, over its own poles
     camera = lens(model, np.array(units))
-    radius = monotonic_radius(camera)
+    radius = Projection(camera).radius
     radii = np.linspace(0, 20, 200_001)
     found = searched_radius(camera, radii)
     if radius > 19.9:
@@ -98,7 +98,7 @@ def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(mode
         ("equidistant", (-1 / 3, 0, 0, 0), np.tan(1.0)), ("equidistant", (0, 0, 0, 0), np.inf), ("none", (), np.inf),
 ])  # fmt: skip
 def test_radius_worked_out_by_hand(model: str, distortion: tuple[float, ...], radius: float) -> None:
-    assert monotonic_radius(make_camera(model=model, distortion=distortion)) == pytest.approx(radius)
+    assert Projection(make_camera(model=model, distortion=distortion)).radius == pytest.approx(radius)
 
 
 def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side() -> None:

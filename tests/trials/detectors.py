@@ -18,7 +18,7 @@ import numpy as np
 
 from sqrp_cli.ask.api.calibration import calibrate
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.detector import Detector, MarkerRange
+from sqrp_cli.camera.detector import Detector, marker_range
 from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
@@ -191,7 +191,7 @@ class Case(NamedTuple):
     @property
     def predicted(self) -> float:
         """How far away nine of ten images show it [m]."""
-        return MarkerRange.of(self.camera, self.markers[0].on(self.size), self.incidence).far
+        return marker_range(self.camera, self.markers[0].on(self.size), self.incidence)[1]
 
     def measured(self, count: int, seed: int) -> float:
         """The same by random views, at distances up to `SPREAD` times nearer and farther than predicted [m]."""

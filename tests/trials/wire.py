@@ -90,7 +90,7 @@ class Served:
         inbox = transport.subscribe(CLOCK)
         while not inbox.count:
             transport.wait(0.1)
-        t = nanoseconds(inbox.take()[-1].message.clock)
+        t = nanoseconds(inbox.take()[-1][0].clock)
         transport.close()
         (start,) = re.findall(r"time 0 is ([\d.]+)", self.log.read_text())
         return t * 1e-9 - float(start)

@@ -62,9 +62,9 @@ class RosClock:
         looked, self._looked = self._looked, time.monotonic()
         if self._looked - looked > PAUSE:
             self._heard, self._settles = self._looked, self._looked + SETTLE
-        for arrived in self.inbox.take() if self.inbox is not None else ():
-            if (newest := nanoseconds(arrived.message.clock)) > self._newest:
-                self._newest, self._heard = newest, max(self._heard, arrived.t)
+        for message, t in self.inbox.take() if self.inbox is not None else ():
+            if (newest := nanoseconds(message.clock)) > self._newest:
+                self._newest, self._heard = newest, max(self._heard, t)
 
     @property
     def ns(self) -> int:
@@ -212,16 +212,16 @@ class RosCell(AbstractContextManager["RosCell"]):
             self.clock.read()
             now = self.t
             self._pauses.look(now)
-            for arrived in self.states.take():
-                self.joints.add(self.clock.since(arrived.message.header.stamp), arrived.message, now)
-            for arrived in self._force.take() if self._force is not None else ():
-                force = arrived.message.wrench.force
+            for message, _ in self.states.take():
+                self.joints.add(self.clock.since(message.header.stamp), message, now)
+            for message, _ in self._force.take() if self._force is not None else ():
+                force = message.wrench.force
                 self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
             for name, inbox in self.images.items():
                 about, camera = self.file.cameras[name], self.cameras[name]
-                for arrived in inbox.take():
-                    image = image_of(arrived.message, camera, Place(Path(about.image)), f"`{name}`")
-                    t = self.clock.since(arrived.message.header.stamp) - about.clock_offset
+                for message, _ in inbox.take():
+                    image = image_of(message, camera, Place(Path(about.image)), f"`{name}`")
+                    t = self.clock.since(message.header.stamp) - about.clock_offset
                     self._waiting[name].append(CameraImage(name, t, image))
                     self.ages[name].append((t, now))
         except MessageError as error:

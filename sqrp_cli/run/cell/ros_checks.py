@@ -73,12 +73,12 @@ def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:
     if not cell.measured_joints() and not any(cell.ages.values()) and not cell.transport.senders():
         return [CellCheck("network", "senders", "none", "", f"nobody sends anything {cell.file.where}")]
     checks = [*_connections(cell), *_joints(cell, start, seen)]
-    arrived = [one for inbox in tf for message in inbox.take() for one in message.message.transforms]
+    arrived = [one for inbox in tf for message, _ in inbox.take() for one in message.transforms]
     found = [transform for one in arrived if (transform := StaticTransform.of(one, _ON_TF)) is not None]
     transforms = {transform.child: transform for transform in found}
     for name, about in cameras.items():
         camera = cell.cameras[name]
-        said = [message.message for message in infos[name].take()] if name in infos else []
+        said = [message for message, _ in infos[name].take()] if name in infos else []
         checks += _images(cell, camera)
         checks += _info(cell, camera, said[-1] if said else None, about)
         frame = about.frame or (said[-1].header.frame_id if said else None)

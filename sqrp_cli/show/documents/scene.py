@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, DistortionModel
-from sqrp_cli.camera.detector import Curve, DetectorKind, marker_ranges
+from sqrp_cli.camera.detector import Curve, DetectorKind, marker_range
 from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many
 from sqrp_cli.files.entries import from_fields
@@ -218,7 +218,10 @@ class ShowDocument(WorkspaceDocument):
     def of(cls, cell: Cell) -> ShowDocument:
         """What was understood of a cell."""
         workspace, X_WO = cell.workspace, cell.initial_world.X_WO
-        ranges = marker_ranges(workspace.cameras, workspace.markers)
+        ranges = {
+            eye: {name: marker_range(camera, one) for name, one in workspace.markers.items()}
+            for eye, camera in workspace.cameras.items()
+        }
         detectors = {}
         for name, one in workspace.detectors.items():
             known = ranges if one.kind == "aruco" and any(ranges.values()) else None

@@ -346,7 +346,7 @@ def test_a_malformed_message_takes_none_after_it_along(inbox: Inbox) -> None:
         inbox.put(b"\0\1" if number == 2 else types.encode(types.make(CLOCK.type, clock=types.time(number * NS))))
     with pytest.raises(MessageError, match="2 bytes that are no rosgraph_msgs/msg/Clock"):
         inbox.take()
-    assert [arrived.message.clock.sec for arrived in inbox.take()] == [3, 4]
+    assert [message.clock.sec for message, _ in inbox.take()] == [3, 4]
     assert inbox.take() == []
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sqrp_cli.camera.detector import Curve, Detector, DetectorEntry, MarkerRange, least_pixels
+from sqrp_cli.camera.detector import Curve, Detector, DetectorEntry, least_pixels, marker_range
 from sqrp_cli.camera.markers import DICTIONARIES, Marker, opencv_name
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
@@ -47,7 +47,7 @@ def test_nine_of_ten_images_show_a_marker_at_the_end_of_its_range(case: Case) ->
 @pytest.mark.parametrize(("share", "seen"), [(0.8, False), (1.02, True)])
 def test_nearer_than_its_range_a_marker_does_not_fit_the_image(share: float, seen: bool) -> None:
     eye, marker = camera(X_FC=look_at((4.0, 0.0, 2.0), (4.0, 0.0, 0.0), (1.0, 0.0, 0.0))), FACING[0].markers[0]
-    near = MarkerRange.of(eye, marker.on((0.075, 0.075, 0.002))).near
+    near = marker_range(eye, marker.on((0.075, 0.075, 0.002)))[0]
     with staged([thing("plate", (4, 0, 0.02), (0.075, 0.075, 0.002), color="white", marker=marker)], [eye]) as stage:
         stage.put("plate", pose(position=(4.0, 0.0, 2.0 - share * near - 0.001)))
         assert bool(find_markers(stage.frame("cam", 0.0).image, "4x4_50")) == seen
@@ -102,8 +102,8 @@ def test_limits_that_nothing_gives_are_asked_for(folder: str, old: str, new: str
 def test_more_pixels_and_larger_markers_are_read_farther_away() -> None:
     small, large = Marker(id=1, side=0.02), Marker(id=1, side=0.04)
     wide, narrow = camera(focal=(300.0, 300.0)), camera(focal=(900.0, 900.0))
-    assert MarkerRange.of(wide, large).far == pytest.approx(2 * MarkerRange.of(wide, small).far)
-    assert MarkerRange.of(narrow, small).far == pytest.approx(3 * MarkerRange.of(wide, small).far)
+    assert marker_range(wide, large)[1] == pytest.approx(2 * marker_range(wide, small)[1])
+    assert marker_range(narrow, small)[1] == pytest.approx(3 * marker_range(wide, small)[1])
     assert least_pixels(wide, small.dictionary, 1.0) > least_pixels(wide, small.dictionary)
 
 
@@ -112,7 +112,7 @@ def test_what_is_usually_read_is_what_its_range_says_whatever_margin_is_stated(t
     eye, marker = camera(focal=(900.0, 900.0)), Marker(id=1, side=0.02)
     entry = DetectorEntry(kind="aruco", distance=(0.15, 1.0), max_incidence=0.8, min_pixels=60.0)
     stated = Detector.of(entry, {"cam": eye}, {"plate": marker})
-    far, R = MarkerRange.of(eye, marker, turned).far, rpy_to_matrix((turned, 0.0, 0.0))
+    far, R = marker_range(eye, marker, turned)[1], rpy_to_matrix((turned, 0.0, 0.0))
     for share, usual in ((0.96, Cause.NONE), (1.04, Cause.TOO_SMALL)):
         X_WB, size = pose(R, (0.0, 0.0, share * far)), (marker.side, marker.side, 1e-6)
         boxes = [make_box(size, X_WB, detector=one, normal=(0.0, 0.0, -1.0)) for one in (stated, stated.usual)]
