@@ -7,10 +7,9 @@ What a format says of a camera is a `StatedLens`; all the rest is common to them
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
@@ -98,20 +97,15 @@ def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tu
             for key, value in data.items() if isinstance(data, dict) else enumerate(data):
                 yield from cameras(value, (*at, key))
 
-    def own_name(camera: Mapping[str, Any]) -> str | None:
-        keys = ("camera_name", "name", "id")
-        return next((str(camera[key]) for key in keys if isinstance(camera.get(key), str | int)), None)
-
     found, names = dict(cameras(document.data, ())), dict[str, KeyPath]()
     is_one = () in found or not found
     if not found and not any(key in document.data for key in formats.TOP_KEYS):
         raise InputError(formats.no_calibration(document.path))
-    if is_one:
-        own = own_name(document.data)
-        names = {} if own is None else {own: ()}
-    for at in () if is_one else found:  # a camera of a list is called by its own name, any other by its key
-        own = own_name(document.at(at)) if isinstance(at[-1], int) else None
-        names[own or str(at[-1])] = at
+    for at in [()] if is_one else found:  # a camera alone or of a list is called by its own name, others by their keys
+        camera, own_keys = document.at(at), ("camera_name", "name", "id") if not at or isinstance(at[-1], int) else ()
+        own = next((str(camera[key]) for key in own_keys if isinstance(camera.get(key), str | int)), None)
+        if own or at:
+            names[own or str(at[-1])] = at
     if wanted.camera is not None and wanted.camera not in names:
         held = f"the file has {', '.join(f'`{one}`' for one in names)}" if names else "the file has one camera, unnamed"
         close = nearest(wanted.camera, names)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import ClassVar, TypeAlias
 from typing import Literal as OneOf
 
@@ -140,10 +141,28 @@ def check_formula(
     primitives: names of the skill's primitive actions, in order of execution.
     """
     lists = argument_lists(action)
+    types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
     for part in nested(formula):
         if isinstance(part, Predicate):
-            for code, message in _check_predicate(part, lists, domain, action):
-                yield problem_at(part.origin, code, message)
+            wrong = partial(problem_at, part.origin)
+            if part.name not in lists:
+                message = f"action `{action.name}` does not use a predicate `{part.name}`"
+                yield wrong("mtl-unknown-predicate", f"{message}; {expected_names(part.name, lists)}")
+            elif part.arguments is None:
+                if len(lists[part.name]) > 1 or any(name.startswith("?") for name in lists[part.name][0]):
+                    uses = ", ".join(f"{part.name}({', '.join(names)})" for names in lists[part.name])
+                    reason = f"because action `{action.name}` uses it as {uses}"
+                    yield wrong("mtl-missing-arguments", f"the arguments of `{part.name}` must be given, {reason}")
+            elif mismatch := domain.predicates[part.name].mismatch(part.arguments):
+                yield wrong("mtl-arity", mismatch)
+            else:
+                for name, parameter in zip(part.arguments, domain.predicates[part.name].parameters, strict=True):
+                    if name not in types:
+                        message = f"`{name}` is no parameter of `{action.name}` and no constant"
+                        yield wrong("mtl-unknown-argument", f"{message}; {expected_names(name, types)}")
+                    elif not domain.fits([types[name]], parameter.type):
+                        message = f"`{name}` is of type `{types[name]}`, but `{part.name}` expects `{parameter.type}`"
+                        yield wrong("mtl-type", message)
         elif (interval := part.interval) is not None:
             bounds = (interval.start, interval.end)
             unknown = [bound for bound in bounds if bound.primitive is not None and bound.primitive not in primitives]
@@ -157,30 +176,6 @@ def check_formula(
                 if begun >= ended and (later > 0 or (later == 0 and begun > ended)):
                     message = f"the interval {interval} ends before it starts"
                     yield problem_at(interval.start.origin, "mtl-empty-interval", message)
-
-
-def _check_predicate(
-    use: Predicate, lists: ArgumentLists, domain: pddl.Domain, action: pddl.Action
-) -> Iterator[tuple[str, str]]:
-    """Codes and messages of what is wrong with a predicate's name and arguments."""
-    if use.name not in lists:
-        known = expected_names(use.name, lists)
-        yield "mtl-unknown-predicate", f"action `{action.name}` does not use a predicate `{use.name}`; {known}"
-    elif use.arguments is None:
-        if len(lists[use.name]) > 1 or any(name.startswith("?") for name in lists[use.name][0]):
-            uses = ", ".join(f"{use.name}({', '.join(names)})" for names in lists[use.name])
-            reason = f"because action `{action.name}` uses it as {uses}"
-            yield "mtl-missing-arguments", f"the arguments of `{use.name}` must be given, {reason}"
-    elif mismatch := domain.predicates[use.name].mismatch(use.arguments):
-        yield "mtl-arity", mismatch
-    else:
-        types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
-        for name, expected in zip(use.arguments, domain.predicates[use.name].parameters, strict=True):
-            if name not in types:
-                known = expected_names(name, types)
-                yield "mtl-unknown-argument", f"`{name}` is no parameter of `{action.name}` and no constant; {known}"
-            elif not domain.fits([types[name]], expected.type):
-                yield "mtl-type", f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
 
 
 def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> Formula:

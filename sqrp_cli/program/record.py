@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -27,21 +27,19 @@ from sqrp_cli.trajectory import Trajectory
 Numbers = tuple[Finite, ...]
 
 
-class _PathNumbers(Entry):
-    breaks: Numbers
-    coefficients: tuple[tuple[Numbers, ...], ...]
+Piece = TypeVar("Piece")
 
 
-class _LawNumbers(Entry):
+class _Pieces(Entry, Generic[Piece]):
     breaks: Numbers
-    coefficients: tuple[Numbers, ...]
+    coefficients: tuple[Piece, ...]
 
 
 class _TrajectoryNumbers(Entry):
     """Fields of a `trajectory.Trajectory` with its path and law in a file, checked before arrays are made of them."""
 
-    path: _PathNumbers
-    law: _LawNumbers
+    path: _Pieces[tuple[Numbers, ...]]
+    law: _Pieces[Numbers]
 
     @model_validator(mode="after")
     def _consistent(self) -> _TrajectoryNumbers:

@@ -24,6 +24,7 @@ from sqrp_cli.run.record.packed_image import DamagedImageError, image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 """Types of images; the first one is taken where a camera has both."""
+PACKED = "/compressed"  # ends the topics of packed images, whose stream has the same name without it
 JOINTS = "sensor_msgs/msg/JointState"
 STRAYS = 0.05
 """A robot that is farther than this [rad or m] from where the program wants it does not do as planned any more."""
@@ -52,11 +53,11 @@ class BagFootage:
             self._topics = _cameras_of(there, workspace, topics, path)
             self._index(bag)
         self.recorded: Collection[str] = set(self._topics.values())
-        used = {_stream(name) for name in self._topics}
+        used = {name.removesuffix(PACKED) for name in self._topics}
         self.other_topics: Sequence[str] = [
             name
             for name in _names(there)
-            if _stream(name) not in used and not {*workspace.cameras} & {*name.split("/")}
+            if name.removesuffix(PACKED) not in used and not {*workspace.cameras} & {*name.split("/")}
         ]
         check_recorded(workspace, self.recorded)
         arm = [name for name in program.joints if name in workspace.robot.home]
@@ -153,7 +154,7 @@ def _cameras_of(
         if not own and camera in given:
             message = f"there are no images on `{given[camera]}`; {expected_names(given[camera], _names(topics))}"
             raise bad_input("no-images", message, Place(path))
-        if len({_stream(name) for name in names}) > 1:
+        if len({name.removesuffix(PACKED) for name in names}) > 1:
             message = f"there are images of {camera} on {first_names(names)}; which are they?"
             raise bad_option(message, Place(path), mend=f"{mend} {camera}={names[0]}")
         if own:
@@ -171,11 +172,6 @@ def _cameras_of(
         message = f"this recording has no images of {cameras}: {there}"
         raise bad_input("no-images", message, Place(path), mend=f"{mend} CAMERA=TOPIC" if topics else None)
     return found
-
-
-def _stream(topic: str) -> str:
-    """The name of a stream of images, packed or not."""
-    return topic.removesuffix("/compressed")
 
 
 def _names(topics: Sequence[RecordedTopic]) -> list[str]:

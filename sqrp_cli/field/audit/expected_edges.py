@@ -94,7 +94,19 @@ class EdgeRenderer:
         """
         X_WL, X_WL_later = (self._body.link_poses(q) for q in joints)
         self._renderer.move(self._positions(joints[0], X_WO))
-        points, beside, body = self._outlines(self._renderer.solids(camera, X_FC), held)
+        # Points on the outlines of the robot's links and of each object but a held one.
+        solids = self._renderer.solids(camera, X_FC)
+        groups = np.where([True, *self._objects[1:]], np.arange(len(self._objects)), -1)
+        group = groups[solids.body].astype(np.int16)
+        there = np.flatnonzero(np.bincount(solids.body.ravel()))
+        left_out = (0, self._names.index(held) if held in self._names else 0)
+        wanted = [number for number in np.unique(groups[there]).tolist() if number not in left_out]
+        outlines = (_outline(solids, group, one, -TOUCH if one in self._movable else TOUCH) for one in wanted)
+        found = [one for one in outlines if one is not None]
+        kept = [self._rng.permutation(len(one[2]))[: max(POINTS // len(found), 40)] for one in found]
+        chosen = [[column[rows] for column in one] for one, rows in zip(found, kept, strict=True)]
+        nothing = (np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=np.int64))
+        points, beside, body = map(np.concatenate, zip(nothing, *chosen, strict=True))
         frame = self._cameras[camera].frame
         X_CW, X_CW_later = (inverse(X_FC if frame == WORLD else poses[frame] @ X_FC) for poses in (X_WL, X_WL_later))
         later, levers = np.empty_like(points), np.zeros_like(points)
@@ -131,23 +143,6 @@ class EdgeRenderer:
                 x, y, z, w = matrix_to_quaternion(X[:3, :3]).tolist()
                 found[at : at + 7] = *X[:3, 3], w, x, y, z
         return found
-
-    def _outlines(self, solids: PixelSolids, held: str | None) -> Outline:
-        """Points on the outlines of the robot's links and of each object but a held one."""
-        groups = np.where([True, *self._objects[1:]], np.arange(len(self._objects)), -1)
-        group = groups[solids.body].astype(np.int16)
-        there = np.flatnonzero(np.bincount(solids.body.ravel()))
-        left_out = (0, self._names.index(held) if held in self._names else 0)
-        wanted = [number for number in np.unique(groups[there]).tolist() if number not in left_out]
-        outlines = (_outline(solids, group, one, -TOUCH if one in self._movable else TOUCH) for one in wanted)
-        found = [one for one in outlines if one is not None]
-        if not found:
-            return np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=np.int64)
-        most = max(POINTS // len(found), 40)
-        kept = [self._rng.permutation(len(one[2]))[:most] for one in found]
-        points, beside, body = zip(*([column[rows] for column in one] for one, rows in zip(found, kept, strict=True)),
-                                   strict=True)  # fmt: skip
-        return np.concatenate(points), np.concatenate(beside), np.concatenate(body)
 
 
 Outline = tuple[Array, Array, Indices]
