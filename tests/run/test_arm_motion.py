@@ -8,25 +8,22 @@ import numpy as np
 import pytest
 
 from sqrp_cli.motion.timing import MotionLimits, joint_move
-from sqrp_cli.program.record import ProgramGuard, ProgramPrimitive
+from sqrp_cli.program.record import ProgramGuard
 from sqrp_cli.robot.robot import JointLimits
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.trajectory import Trajectory
+from tests.run.steps import played
 
 VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
 LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
 STOP = JointLimits(-7, 7, VELOCITY, 5 * ACCELERATION, 10 * JERK)
+FASTEST = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
 Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
 
 
 def playback() -> ArmMotion:
-    limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
-    move = joint_move(Q0, Q1, limits)
-    primitive = ProgramPrimitive(
-        name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move
-    )
     found = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
-    found.play([primitive], 1.0)
+    found.play([played(joint_move(Q0, Q1, FASTEST))], 1.0)
     return found
 
 
@@ -87,10 +84,11 @@ def test_a_protective_stop_takes_over_from_another_that_is_under_way(later: floa
     assert_stays_on_the_path(reference, stands, STOP.acceleration, 1.1 * STOP.jerk + 2.2 * JERK)
 
 
-def test_a_stop_that_is_nearly_over_is_left_to_itself() -> None:
+def test_a_stop_that_is_nearly_over_is_left_to_itself_and_one_while_standing_takes_no_time() -> None:
     reference = playback()
     stands = reference.stop(2.0)
     assert reference.stop(stands - 0.02, protective=True) == stands
+    assert ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0).stop(3.0) == 3.0
 
 
 def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() -> None:
@@ -106,34 +104,21 @@ def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() 
     assert np.allclose(reference.state(11.0)[0], Q0)
 
 
-def test_a_stop_while_standing_takes_no_time() -> None:
-    reference = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
-    assert reference.stop(3.0) == 3.0
-
-
 def guarded() -> ArmMotion:
     """A joint move, a guarded move down to 0.2 that is expected to end at 0.15, a wait, and a joint move back."""
-    limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
     poses = [Q0, Q0 + np.array([0.15, 0.0]), Q0 + np.array([0.2, 0.0])]
-    approach, beyond = (joint_move(one, other, limits) for one, other in pairwise(poses))
-    back = joint_move(poses[1], Q1, limits)
-    duration = approach.duration + beyond.duration
-    moves = [
-        ("StraightMove", approach.resting(beyond.duration)),
-        ("Wait", Trajectory.standstill(poses[1], 0.5)),
-        ("JointMove", back),
-    ]
+    approach, beyond = (joint_move(one, other, FASTEST) for one, other in pairwise(poses))
     primitives, start = [], 0.0
-    for name, (action, trajectory) in enumerate(moves, 1):
-        end = start + trajectory.duration
-        guard = ProgramGuard(force=5.0, trajectory=approach.followed_by(beyond)) if name == 1 else None
-        primitives.append(
-            ProgramPrimitive(
-                name=f"a{name}", action=action, start=start, end=end, held=None, trajectory=trajectory, guard=guard
-            )
-        )
-        start = end
-    assert primitives[0].end == pytest.approx(duration)
+    for name, action, trajectory in (
+        ("a1", "StraightMove", approach.resting(beyond.duration)),
+        ("a2", "Wait", Trajectory.standstill(poses[1], 0.5)),
+        ("a3", "JointMove", joint_move(poses[1], Q1, FASTEST)),
+    ):
+        guard = ProgramGuard(force=5.0, trajectory=approach.followed_by(beyond)) if name == "a1" else None
+        known = {"name": name, "action": action, "guard": guard, "start": start, "end": start + trajectory.duration}
+        primitives.append(played(trajectory).model_copy(update=known))
+        start += trajectory.duration
+    assert primitives[0].end == pytest.approx(approach.duration + beyond.duration)
     found = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     found.play(primitives, 0.0)
     return found

@@ -144,36 +144,32 @@ def test_a_slip_that_all_cameras_see_counts_within_the_predicted_delay(late: lis
     assert found[0] - x <= predicted + 1e-6
 
 
-def test_an_image_that_arrives_late_counts_from_when_it_was_taken() -> None:
-    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}
-    once = lambda name, t: U if name == "quick" else F if abs(t - 1.0) < 0.01 else T  # noqa: E731
-    assert first(watched(cameras, once)) == (1.35, "fault")
+QUICK, SLOW = {"quick": (10.0, 0.05)}, {"slow": (10.0, 0.35)}
+HELD, SLOW_SEES = [formula(f"always[0, {TOTAL}] held", settle=0.5)], {"slow": [(0.0, 3.0)]}
 
 
-def test_what_is_under_way_is_not_missing() -> None:
-    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.45)}
-    formulas = [formula(f"always[0, {TOTAL}] held")]
-    seen = {"slow": [(0.0, 3.0)]}
-    only = lambda name, t: T if name == "slow" else U  # noqa: E731, ARG005
-    assert first(watched(cameras, only, formulas=formulas, seen=seen)) is None
-    until = lambda name, t: T if name == "slow" and t < 0.95 else U  # noqa: E731
-    t, kind = first(watched(cameras, until, formulas=formulas, seen=seen))
-    assert kind == "blindness"
-    assert t == pytest.approx(1.0 + PATIENCE + 0.45)
-
-
-def test_a_violation_counts_after_the_time_to_settle_by_the_camera_that_sees_it_first() -> None:
-    formulas = [formula(f"always[0, {TOTAL}] held", settle=0.5)]
-    slipped = lambda _, t: T if t < 0.95 else F  # noqa: E731
-    for cameras in ({"quick": (10.0, 0.05)}, {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}):
-        assert first(watched(cameras, slipped, formulas=formulas)) == (1.55, "violation")
+@pytest.mark.parametrize(
+    ("cameras", "vote", "formulas", "seen", "told"),
+    [
+        (QUICK | SLOW, lambda name, t: U if name == "quick" else F if abs(t - 1.0) < 0.01 else T, [SLIP], None,
+         (1.35, "fault")),
+        (QUICK | SLOW, lambda name, _: T if name == "slow" else U, HELD, SLOW_SEES, None),
+        (QUICK | SLOW, lambda name, t: T if name == "slow" and t < 0.95 else U, HELD, SLOW_SEES,
+         (pytest.approx(1.0 + PATIENCE + 0.35), "blindness")),
+        *((cameras, lambda _, t: T if t < 0.95 else F, HELD, None, (1.55, "violation"))
+          for cameras in (QUICK, QUICK | SLOW)),
+    ],
+    ids=["an image counts from when it was taken", "what is under way is not missing", "but what does not come",
+         "after the time to settle", "by the camera that sees it first"],
+)  # fmt: skip
+def test_an_alarm_counts_by_what_is_known_of_its_time(cameras, vote, formulas, seen, told) -> None:
+    assert first(watched(cameras, vote, formulas=formulas, seen=seen)) == told
 
 
 def test_a_fault_is_told_once_whether_the_other_cameras_confirm_it_or_not() -> None:
-    cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.35)}
     for late in (T, F, U):
         votes = lambda name, t, late=late: T if t < 0.95 else F if name == "quick" else late  # noqa: E731
-        alarms = [(round(t, 6), alarm.kind) for t, alarm in watched(cameras, votes)]
+        alarms = [(round(t, 6), alarm.kind) for t, alarm in watched(QUICK | SLOW, votes)]
         assert alarms == [(1.05, "fault")]
 
 

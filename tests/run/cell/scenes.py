@@ -51,17 +51,9 @@ def camera(
     matrix = read_only([[focal[0], 0.0, cx], [0.0, focal[1], cy], [0.0, 0.0, 1.0]])
     X = look_at(eye, target) if X_FC is None else X_FC
     return Camera(
-        name=name,
-        width=size[0],
-        height=size[1],
-        matrix=matrix,
-        distortion_model=lens[0],
-        distortion=read_only(lens[1]),
-        frame=frame,
-        X_FC=read_only(X),
-        rate=10.0,
-        latency=0.05,
-    )
+        name=name, width=size[0], height=size[1], matrix=matrix, distortion_model=lens[0],
+        distortion=read_only(lens[1]), frame=frame, X_FC=read_only(X), rate=10.0, latency=0.05,
+    )  # fmt: skip
 
 
 def thing(
@@ -77,17 +69,10 @@ def thing(
 ) -> SceneObject:
     """A thing made of one part, a box unless `shape` says otherwise."""
     part = Part(name, name, shape or Box(size), read_only(pose()))
-    X_WO = read_only(pose(rotation, position))
     return SceneObject(
-        name=name,
-        type="thing",
-        color=color,
-        size=size,
-        pose=X_WO,
-        fixed=fixed,
-        marker=ObjectMarker(id=marker) if isinstance(marker, int) else marker,
-        parts=(part,),
-    )
+        name=name, type="thing", color=color, size=size, pose=read_only(pose(rotation, position)), fixed=fixed,
+        marker=ObjectMarker(id=marker) if isinstance(marker, int) else marker, parts=(part,),
+    )  # fmt: skip
 
 
 TABLE = thing("table", (0.0, 0.0, -0.02), (2.0, 2.0, 0.04), color="grey", fixed=True)

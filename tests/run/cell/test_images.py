@@ -165,9 +165,7 @@ def test_an_image_is_never_that_before_it_again_as_that_of_a_frozen_camera_is() 
 @pytest.mark.parametrize(
     ("name", "constant", "turn"),
     [
-        ("original", cv2.aruco.DICT_ARUCO_ORIGINAL, 0.0),
-        ("original", cv2.aruco.DICT_ARUCO_ORIGINAL, 0.7),
-        ("original", cv2.aruco.DICT_ARUCO_ORIGINAL, 2.5),
+        *(("original", cv2.aruco.DICT_ARUCO_ORIGINAL, turn) for turn in (0.0, 0.7, 2.5)),
         ("4x4_50", cv2.aruco.DICT_4X4_50, 0.0),
         ("7x7_1000", cv2.aruco.DICT_7X7_1000, 0.0),
         ("apriltag_36h11", cv2.aruco.DICT_APRILTAG_36h11, 0.0),

@@ -60,22 +60,15 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
     return None
 
 
-def test_a_stream_that_keeps_its_rate_never_fails() -> None:
-    assert failure(eyes(), 20.0) is None
-
-
 @pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
-def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing(at: float) -> None:
+def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing_and_told_from_a_late_one(at: float) -> None:
     told, how = failure(eyes(), 20.0, at, lambda found: found.fail("camera-loss", "cam"))
     assert how.startswith("camera-loss: cam is lost")
     missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
     assert missing < told <= missing + 0.021
-
-
-def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
-    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.fail("latency", "cam", 0.4))
+    told, how = failure(eyes(), 20.0, at, lambda found: found.fail("latency", "cam", 0.4))
     assert how.startswith("latency: the images of cam come too late")
-    assert told < 3.2
+    assert told < missing + 0.05
 
 
 def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_late_ones() -> None:
@@ -177,14 +170,17 @@ def test_cameras_that_keep_their_rates_never_fail_and_all_images_are_looked_at()
     assert cameras.until(5.0) is None
     assert len(cameras.seen) >= 2 * 48
     assert cameras.settled == sorted(cameras.settled)
+    assert failure(eyes(), 20.0) is None
 
 
-@pytest.mark.parametrize("at", np.linspace(2.0, 2.1, 5))
-def test_a_lost_camera_is_told_soon_after_its_first_image_is_missing(at: float) -> None:
-    told, how = Cameras(lost=lambda name, t: name == "cam2" and t >= at).until(5.0)
+@pytest.mark.parametrize(
+    ("at", "step", "slack"), [*((at, 0.005, 1) for at in np.linspace(2.0, 2.1, 5)), (2.0, 0.05, 2)]
+)
+def test_a_lost_camera_is_told_soon_even_by_who_pauses_again_and_again(at: float, step: float, slack: int) -> None:
+    told, how = Cameras(lost=lambda name, t: name == "cam2" and t >= at, step=step).until(5.0)
     assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
     last = max(t for t in np.arange(50) / RATE + 0.033 if t < at)
-    assert told <= last + TOLD
+    assert told <= last + slack * TOLD
 
 
 @pytest.mark.parametrize(
@@ -230,10 +226,3 @@ def test_a_pause_of_our_own_is_not_taken_for_a_lost_camera_but_one_that_is_lost_
     told, how = cameras.until(5.0)
     assert how.fault == "camera-loss"
     assert told < 2.2 + TOLD
-
-
-def test_who_pauses_again_and_again_still_notices_a_lost_camera() -> None:
-    cameras = Cameras(lost=lambda name, t: name == "cam2" and t >= 2.0, step=0.05)
-    told, how = cameras.until(5.0)
-    assert (how.fault, list(how.cameras)) == ("camera-loss", ["cam2"])
-    assert told <= 2.0 + 2 * TOLD

@@ -31,16 +31,12 @@ ATOMS = {
 }  # fmt: skip
 WHOLE = {"joints": ["a"], "q": [0.0], "held": None, "objects": {"g": [0.0] * 7, "table": [1.0] * 7}}
 REPORT = RunReport(
-    outcome="stopped",
-    reason="it was seen",
-    time=0.5,
+    outcome="stopped", reason="it was seen", time=0.5, wall={"all": 1.0},
     steps=[StepRecord("pickup", {"object": "g", "speed": 0.1}, "pickup g", 0.0, unseen={"open": None})],
     faults=[FaultRecord("slip", 0.1), FaultRecord("camera-loss", 0.1, camera="cam1")],
-    prediction=[{"held": {"cam1": Confusion(1, 2, 3, 4)}}],
-    usual=[{"held": {"cam1": Confusion(3, 2, 0, 1)}}],
+    prediction=[{"held": {"cam1": Confusion(1, 2, 3, 4)}}], usual=[{"held": {"cam1": Confusion(3, 2, 0, 1)}}],
     disagreements=[Disagreement(1, 0.1, "held", "cam1", True, "blind", True, 0.5, "lighting")],
-    wall={"all": 1.0},
-)
+)  # fmt: skip
 STEPS = [ProgramStep(skill="pickup", parameters={"object": "g", "speed": 0.1}, time=1.5)]
 RUN = [
     event("run", 0.0, sqrp_log=VERSION, workspace="cell", digest="d", seed=3, cameras=["cam1"], rates={"cam1": 10.0},
@@ -76,17 +72,16 @@ def test_a_run_with_all_kinds_of_events_is_read_from_its_log_as_it_was_written_a
     assert path.read_text(encoding="utf-8").splitlines() == [json.dumps(one.line()) for one in read_log(path)]
 
 
-def logged(path: Path, *lines: dict[str, Any]) -> list[Event]:
-    """The events of a log with these lines after the first."""
-    path.write_text("".join(json.dumps(line) + "\n" for line in (RUN[0].line(), *lines)), encoding="utf-8")
+def read(path: Path, log: list[dict[str, Any]]) -> list[Event]:
+    path.write_text("".join(json.dumps(line) + "\n" for line in log), encoding="utf-8")
     return list(read_log(path))
 
 
 def test_a_log_that_knows_of_no_usual_images_has_none(tmp_path: Path) -> None:
-    *_, reported = logged(tmp_path / "log", {**RUN[-1].line(), "usual": []})
+    *_, reported = read(tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": []}])
     assert reported.report.usual == [{"held": {"cam1": Confusion(tn=2, fn=4)}}]
     with pytest.raises(InputError, match="has other literals under `usual`"):
-        logged(tmp_path / "log", {**RUN[-1].line(), "usual": [{"held": {}}]})
+        read(tmp_path / "log", [RUN[0].line(), {**RUN[-1].line(), "usual": [{"held": {}}]}])
 
 
 @pytest.mark.parametrize("found", RUN, ids=lambda one: type(one).__name__)
@@ -103,8 +98,8 @@ def test_a_line_begins_with_its_time_and_kind_and_no_other_key_fits_its_schema(f
 
 
 def test_an_event_of_a_kind_that_is_not_known_is_passed_over_but_has_its_time(tmp_path: Path) -> None:
-    lines = ({"t": 0.1, "event": "later", "x": 1}, event("primitive", 0.2, name="a1").line())
-    assert [found.event for found in logged(tmp_path / "log", *lines)] == ["run", "primitive"]
+    lines = [RUN[0].line(), {"t": 0.1, "event": "later", "x": 1}, event("primitive", 0.2, name="a1").line()]
+    assert [found.event for found in read(tmp_path / "log", lines)] == ["run", "primitive"]
 
 
 @pytest.mark.parametrize(
@@ -148,12 +143,9 @@ def test_a_truth_value_has_one_word(truth: Truth, word: Literal["true", "false",
 BOXES = {"hold(g)": [{"frame": "tool0", "size": [0.1, 0.1, 0.1], "pose": IDENTITY}]}
 SHOWN = {"hold(g)": {"value": "blind", "true": True, "asked": True, "cameras": {"cam1": "false"}}}
 SEEN = RunReport(
-    outcome="stopped",
-    reason="the fault was seen",
-    time=0.3,
-    steps=[StepRecord("pickup", {"object": "g"}, "pickup g", 0.0)],
-    faults=[FaultRecord("slip", 0.1)],
-)
+    "stopped", "the fault was seen", 0.3, [StepRecord("pickup", {"object": "g"}, "pickup g", 0.0)],
+    [FaultRecord("slip", 0.1)],
+)  # fmt: skip
 LOG: list[dict[str, Any]] = [
     {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": ["cam1"],
      "rates": {"cam1": 10.0}},
@@ -166,11 +158,6 @@ LOG: list[dict[str, Any]] = [
     {"t": 0.2, "event": "retry", "attempt": 1, "of": 2},
     {"t": 0.3, "event": "report", **asdict(SEEN)},
 ]  # fmt: skip
-
-
-def read(path: Path, log: list[dict[str, Any]]) -> list[Event]:
-    path.write_text("".join(json.dumps(line) + "\n" for line in log))
-    return list(read_log(path))
 
 
 @pytest.mark.parametrize(
