@@ -68,11 +68,11 @@ def random_cell(folder: Path, crowd: Crowd) -> Path:
         cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
     places = np.array([cube.position for cube in cubes])
     views = {f"cam{index + 1}": _view_of_some(rng, base, reach, places) for index in range(crowd.cameras)}
-    colors = dict.fromkeys(cube.color for cube in cubes)
     edge = max(farthest + float(np.abs(base).max()), taken.edge)
     side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
-    tasks = tuple(f"pickup {color}" for color in colors)
-    text = workspace_text(replace(layout, cubes=cubes, views=views, tasks=tasks, table_side=side))
+    text = workspace_text(replace(layout, cubes=cubes, views=views, table_side=side))
+    tasks = "".join(f"  - {{task: pickup {color}}}\n" for color in dict.fromkeys(cube.color for cube in cubes))
+    text = text[: text.index("tasks:\n")] + f"tasks:\n{tasks}"
     start = text.index("\n", text.index(f"  {cubes[-1].name}: {{")) + 1
     (folder / "workspace.yaml").write_text(text[:start] + "".join(obstacles) + text[start:], encoding="utf-8")
     return folder

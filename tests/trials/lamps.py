@@ -19,7 +19,6 @@ import numpy as np
 
 from sqrp_cli.camera.light import hue_of
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
@@ -74,9 +73,15 @@ def lamps(seed: int, folder: Path) -> dict[str, Any]:
     X_WO = {name: obj.X_WO[None] for name, obj in workspace.objects.items() if obj.X_WO is not None}
     states = SceneStates(1, {**cell.model.link_poses(q), "world": pose()[None], **X_WO})
     parts = [obj for obj in workspace.objects.values() if not obj.fixed and hue_of(obj.color) is not None]
-    found = cell.observer.verdicts([_target(cell, obj) for obj in parts], states)
-    model = SimulatedCell(workspace, cell.initial_world).model
-    positions = SimulatedCell(workspace, cell.initial_world).positions
+    boxes = [
+        SoughtBox(
+            name=obj.name, detector="color", frame=obj.name, size=obj.size, X_FB=pose(), normal=None,
+            encloses=(obj.name,), limits=workspace.detectors["color"], seeks=obj.name, color=obj.color,
+        ) for obj in parts
+    ]  # fmt: skip
+    found = cell.observer.verdicts([Target(Atom.of(f"seen({box.name})"), 1, (box,)) for box in boxes], states)
+    simulated = SimulatedCell(workspace, cell.initial_world)
+    model, positions = simulated.model, simulated.positions
     for name, value in joints.items():
         positions[model.joint(name).qposadr[0]] = value
     renderer = Renderer(model, tuple(workspace.cameras.values()), 0)
@@ -100,12 +105,3 @@ def lamps_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
     pairs = [pair for one in found for pair in one["pairs"]]
     agree, told = sum(said == told for said, told in pairs), sum(told for _, told in pairs)
     yield f"{agree} of {len(pairs)} verdicts agree; without regard to light {told}", agree >= AGREE * len(pairs)
-
-
-def _target(cell: Cell, obj: SceneObject) -> Target:
-    """The object in its place, for the detector of colours."""
-    box = SoughtBox(
-        name=obj.name, detector="color", frame=obj.name, size=obj.size, X_FB=pose(), normal=None, encloses=(obj.name,),
-        limits=cell.workspace.detectors["color"], seeks=obj.name, color=obj.color,
-    )  # fmt: skip
-    return Target(Atom.of(f"seen({obj.name})"), 1, (box,))
