@@ -43,6 +43,7 @@ def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was():
 
 
 LATE = "The images showed slip {} s later than predicted at worst."
+SLIPPED = FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip")
 AT_THE_END = "At the end of {} no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
 MISSED = FaultRecord("slip", 5.0, 5.01)
 
@@ -80,35 +81,20 @@ def test_a_dry_run_that_stops_says_what_it_was(capsys):
     )
 
 
+MISPICKED = replace(SLIPPED, injected=0.05, happened=4.63, detected=5.05, acted=5.45, kind="miss-pick")
+DROPPED = FaultRecord("dropped", None, None, 9.4)
 LOST = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
 
 
 @pytest.mark.parametrize(
     ("found", "rows"),
     [
-        (
-            report(
-                "done",
-                None,
-                FaultRecord("slip", 0.05, 4.63, 5.05, 5.45, 13.25, 0.53, kind="miss-pick"),
-                FaultRecord("slip", 6.0, 6.1, 6.2, 6.4, 13.25, 0.53, kind="slip"),
-            ),
-            ["miss-pick (slip) 0.05", "slip 6.00"],
-        ),
+        (report("done", None, MISPICKED, SLIPPED), ["miss-pick (slip) 0.05", "slip 6.00"]),
         (
             report("stopped", "cam2 is lost", LOST, FaultRecord("camera-loss", 1.05, camera="cam3")),
             ["camera-loss cam2 1.05 - 1.17 - - 1.17 -", "camera-loss cam3 1.05 - - - - - -"],
         ),
-        (
-            report(
-                "stopped",
-                "dropped",
-                FaultRecord("slip", 6.0, 6.0, 6.2),
-                FaultRecord("dropped", None, None, 9.4),
-                steps=[replace(UNSEEN, unseen={}), PLACING],
-            ),
-            ["1: slip", "2: dropped"],
-        ),
+        (report("stopped", "dropped", SLIPPED, DROPPED, steps=[UNSEEN, PLACING]), ["1: slip", "2: dropped"]),
     ],
     ids=["as it was injected and as the skill calls it", "camera", "the step in which it was first told"],
 )

@@ -54,14 +54,15 @@ OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
 
 @needs_full
 @pytest.mark.parametrize(
-    ("arguments", "code", "has_results", "stdin", "out", "err"),
+    ("command", "out", "err"),
     [
-        *((*command, out, err) for command in COMMANDS[:2] for out, err in zip(OUT, ERR, strict=True)),
-        *((*command, out, err) for command in COMMANDS[2:] for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
+        *((command, out, err) for command in COMMANDS[:2] for out, err in zip(OUT, ERR, strict=True)),
+        *((command, out, err) for command in COMMANDS[2:] for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
     ],
-    ids=lambda value: " ".join(value)[:30] if isinstance(value, list) else None,
+    ids=lambda value: " ".join(value[0])[:30] if isinstance(value, tuple) else None,
 )
-def test_the_exit_code_is_that_of_the_command_or_of_lost_results(watch, arguments, code, has_results, stdin, out, err):
+def test_the_exit_code_is_that_of_the_command_or_of_lost_results(watch, command, out, err):
+    arguments, code, has_results, stdin = command
     filled = [argument.format(watch=watch) for argument in arguments]
     found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED="1" if stdin == "<&-" else "")
     lost = has_results and out in REASONS
@@ -310,11 +311,8 @@ def odd(watch, tmp_path_factory):
 @pytest.mark.parametrize(
     "words",
     [
-        ["check", "ODD"],
         ["check", "ODD", "watch", "--json"],
-        ["rank", "ODD", "watch turned"],
-        ["rank", "ODD", "watch turned", "--report", "ODD/page.html"],
-        ["rank", "ODD", "watch turned", "--program", "ODD/program.yaml"],
+        ["rank", "ODD", "watch turned", "--report", "ODD/page.html", "--program", "ODD/program.yaml"],
         ["explain", "ODD", "watch turned", "--json"],
         ["explain", "ODD", "watch turned", "--images", "ODD/pictures"],
         ["show", "ODD"],
@@ -332,13 +330,10 @@ def test_no_command_takes_a_path_that_is_not_utf8_for_a_fault_of_its_own(sqrp, o
         assert json.loads(outcome.out)["schema"] == 1
 
 
-def test_json_spells_out_a_path_so_that_it_is_found_again(sqrp, odd):
-    document = json.loads(sqrp("show", odd, "--json").out)
+def test_json_spells_out_a_path_and_a_program_elsewhere_finds_it_again(sqrp, odd, tmp_path):
+    document = sqrp("show", odd, "--json").document
     assert document["workspace"] == r"w\xff\xe9"
     assert os.fsencode(document["robot"]["urdf"]) == os.fsencode(odd / "arm.urdf")
-
-
-def test_a_program_in_another_folder_finds_a_workspace_whose_path_is_not_utf8(sqrp, odd, tmp_path):
     program = tmp_path / "program.yaml"
     assert sqrp("rank", odd, "watch turned", "--program", program).code == 0
-    assert json.loads(sqrp("program", program, "--json").out)["stale"] is False
+    assert sqrp("program", program, "--json").document["stale"] is False
