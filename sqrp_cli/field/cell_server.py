@@ -164,9 +164,7 @@ class CellServer:
             self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
         self._stood = not moves and (self._stood or self._still >= STILL_FOR)
         self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
-        if self._steps % JOINTS_EVERY == 0 and not self._faults.has("joints-loss"):
-            self._publish_joints()
-        self._publish_images()
+        self._publish()
 
     def follow(self, message: Message) -> None:
         """Follow a trajectory from now on, unless no controller would."""
@@ -174,8 +172,7 @@ class CellServer:
             stamp, stands = nanoseconds(message.header.stamp), self.reference.ends <= self.t
             start = None if stamp == 0 else (stamp - self._origin) * 1e-9
             if self.reference.replace(message, self.t, start) and stands:
-                for told in self._faults.motion_begins(self.t, self.reference):
-                    self._tell(f"{self.t:.2f} s: {told}")
+                self._faults.motion_begins(self.t, self.reference, self._tell)
         except ValueError as error:
             self._complain(f"a trajectory is refused: {error}")
 
@@ -185,20 +182,20 @@ class CellServer:
             self._tell(f"{self.t:.2f} s: {what}")
             self._complaint, self._complained = what, self.t
 
-    def _publish_joints(self) -> None:
-        found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
-        names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
-        message = self._types.make(
-            _JOINT_STATE,
-            header=self._types.header(self.stamp),
-            name=[names[name] or name for name in found],
-            position=np.array(list(found.values())),
-        )
-        self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
-        wrench = {"force": {"z": self._cell.tool_force()}}
-        self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
-
-    def _publish_images(self) -> None:
+    def _publish(self) -> None:
+        """Joint states and force, images that are due, and what was on its way until now."""
+        if self._steps % JOINTS_EVERY == 0 and not self._faults.has("joints-loss"):
+            found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
+            names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
+            message = self._types.make(
+                _JOINT_STATE,
+                header=self._types.header(self.stamp),
+                name=[names[name] or name for name in found],
+                position=np.array(list(found.values())),
+            )
+            self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
+            wrench = {"force": {"z": self._cell.tool_force()}}
+            self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
         cameras = self._workspace.cameras
         due = [name for name, camera in cameras.items() if self._exposures[name] / camera.rate <= self.t + 1e-9]
         for name in due:
@@ -244,7 +241,8 @@ class FollowedTrajectory:
         self.joints: Sequence[str] = (*names.values(), *fixed)
         self._fixed = np.array(list(fixed.values()), dtype=float)
         q = np.array([[at[name] for name in names.values()]])
-        self._times = np.zeros(1)
+        self._times, self.ends = np.zeros(1), 0.0
+        """When the points are reached, and when the last one is [s]."""
         self._points = JointStates(q, np.zeros_like(q), np.zeros_like(q))
         self._order = 5
 
@@ -275,12 +273,8 @@ class FollowedTrajectory:
         self._order = 1 if not len(first.velocities) else 3 if not len(first.accelerations) else 5
         self._points = JointStates(*(np.concatenate([a, b[times > t]]) for a, b in zip(before, rows, strict=True)))
         self._times = np.concatenate([[t], times[times > t]])
+        self.ends = float(self._times[-1])
         return leads_away
-
-    @property
-    def ends(self) -> float:
-        """When its last point is reached [s]."""
-        return float(self._times[-1])
 
     def states(self, t: Array) -> JointStates:
         """As `ArmReference` says."""
@@ -331,26 +325,26 @@ class Faults:
         self._happened: list[InjectedFault] = []
         self._next = 0
 
-    def motion_begins(self, t: float, reference: FollowedTrajectory) -> list[str]:
-        """A motion begins at time t [s]; returns what is to be told of it.
+    def motion_begins(self, t: float, reference: FollowedTrajectory, tell: Callable[[str], None]) -> None:
+        """A motion begins at time t [s]; tells if it is that of a step.
 
         The first is the first step, the next ones where the arm stands where the next step was planned to begin.
         """
         if self._next >= len(self._steps):
-            return []
+            return
         step = self._steps[self._next]
         if self._next:
             q = dict(zip(reference.joints, reference.states(np.array([t])).positions[0].tolist(), strict=True))
             first = step.primitives[0].trajectory.positions([0.0])[0].tolist()
             planned = dict(zip(self._joints, first, strict=True))
             if any(abs(q[name] - planned[name]) >= SAME_START for name in q if name in planned):
-                return []
+                return
         self._next += 1
         begins = next((one.start for one in step.primitives if not one.trajectory.stands), 0.0)
         mine = [fault for fault in self._faults if fault.step == self._next]
         self._due += [(t - begins + (fault.t or 0.0), fault) for fault in mine]
         self._due.sort(key=lambda one: one[0])
-        return [f"step {self._next} ({step.short_task}) begins"]
+        tell(f"{t:.2f} s: step {self._next} ({step.short_task}) begins")
 
     def due(self, t: float) -> list[InjectedFault]:
         """The faults that happen by time t [s] and were not given before."""

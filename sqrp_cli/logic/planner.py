@@ -94,7 +94,7 @@ def find_plan(
                     reachable |= action.gains
             waiting = [action for action in waiting if not action.need.holds(before)]
     except OutOfBudgetError as error:
-        return GaveUp(error.within, error.why)
+        return GaveUp(*error.args)
     never = [part for part, need in task.goal_parts if not need.holds(reachable)]
     if task.goal.holds(reachable):
         search.actions = tuple(action for action in task.actions if action.need.holds(reachable))
@@ -134,7 +134,7 @@ class _Search:
             if found is None:
                 found = self.best_first(goal)
         except OutOfBudgetError as error:
-            return GaveUp(error.within)
+            return GaveUp(*error.args)
         if found is None:
             return ProvenImpossible(())
         index = 0

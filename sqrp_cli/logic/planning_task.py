@@ -82,11 +82,7 @@ class PlanningTask:
 
 
 class OutOfBudgetError(Exception):
-    """A limit is exceeded; within: the limit, such as `50,000 ground actions`. why: the cause, if known."""
-
-    def __init__(self, within: str, why: str = "") -> None:
-        super().__init__(f"{within}: {why}")
-        self.within, self.why = within, why
+    """A limit is exceeded: which, such as `50,000 ground actions`, and why, if known."""
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ class SourceText:
         shift = self.indent if lines_before else (self.place.column or 1) - 1
         return Place(self.place.file, (self.place.line or 1) + lines_before, column + shift)
 
-    def excerpt(self, offset: int) -> str:
-        """The line of the text that holds `offset`, and a second line with a caret under that character.
+    def problem(self, code: str, message: str, offset: int, mend: str | None = None) -> Problem:
+        """An error at the character at `offset`, with the line that holds it and a caret under it as the excerpt.
 
         Of a long line, the part around it. Invisible characters are shown as `\N{REPLACEMENT CHARACTER}`.
         """
@@ -59,11 +59,7 @@ class SourceText:
             line = self.text[start : offset + LONGEST // 2].split("\n", 1)[0].rstrip()
         before = "".join("\t" if character == "\t" else " " for character in self.text[start:offset])
         seen = "".join("\N{REPLACEMENT CHARACTER}" if is_unseen(c) and c != "\t" else c for c in line)
-        return f"{seen}\n{before}^"
-
-    def problem(self, code: str, message: str, offset: int, mend: str | None = None) -> Problem:
-        """An error at the character at `offset`."""
-        return Problem(code, message, self.place_at(offset), mend=mend, excerpt=self.excerpt(offset))
+        return Problem(code, message, self.place_at(offset), mend=mend, excerpt=f"{seen}\n{before}^")
 
 
 TextOrigin: TypeAlias = tuple[SourceText, int]

@@ -47,7 +47,7 @@ def engine_planner(name: str) -> Planner:
         try:
             task = planning_task(domain, objects, facts, goal, binding)
         except OutOfBudgetError as error:
-            return GaveUp(error.within, error.why)
+            return GaveUp(*error.args)
         if task.goal.holds(task.initial):
             return Plan(())
         problem = _problem(environment, task)

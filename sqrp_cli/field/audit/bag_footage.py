@@ -99,7 +99,7 @@ class BagFootage:
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
         planned = planned_at(self._program, self.starts, t)
-        return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.names}}
+        return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.by_name}}
 
     def as_planned(self, t: Array) -> Mask:
         """Whether every joint of the arm has been near where the program wants it since the step began.
@@ -211,35 +211,26 @@ class JointTracks:
                     times, values = points.setdefault((topic, name), (array("d"), array("d")))
                     times.append(t)
                     values.append(float(position))
-        self._tracks: dict[str, tuple[Array, Array]] = {}
+        self.by_name: dict[str, tuple[Array, Array]] = {}
+        """Times [s] and positions of each joint, (n,)."""
         for (_, name), (times, values) in points.items():
-            if len(times) > len(self._tracks.get(name, ((), ()))[0]):
+            if len(times) > len(self.by_name.get(name, ((), ()))[0]):
                 order, first = np.unique(np.array(times), return_index=True)
-                self._tracks[name] = (order, np.array(values)[first])
-
-    @property
-    def names(self) -> list[str]:
-        """The joints."""
-        return list(self._tracks)
+                self.by_name[name] = (order, np.array(values)[first])
 
     def position(self, name: str, t: Array) -> Array:
         """Of a joint at times t (m,) [s]; between two states linear."""
-        times, values = self._tracks[name]
+        times, values = self.by_name[name]
         return np.interp(t, times, values)
 
     def covers(self, names: Collection[str], t: Array) -> Mask:
         """Whether all of some joints are known at times t (m,) [s]."""
         known = np.ones(len(t), dtype=bool)
         for name in names:
-            times, _ = self._tracks[name]
+            times, _ = self.by_name[name]
             after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
             known &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
         return known
-
-    def span(self, names: Collection[str]) -> TimeInterval:
-        """When all of some joints are known."""
-        tracks = [self._tracks[name][0] for name in names]
-        return TimeInterval(max(float(t[0]) for t in tracks), min(float(t[-1]) for t in tracks))
 
 
 def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> tuple[list[float], int]:
@@ -248,13 +239,14 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     Returns when each step began, by the robot's clock [s], and how many times all of its steps are there, one after the
     other; of several runs the first one counts. Raises InputError where a joint was not recorded, or a step is missing.
     """
-    missing = [name for name in arm if name not in tracks.names]
+    missing = [name for name in arm if name not in tracks.by_name]
     if missing:
-        there = first_names(sorted(tracks.names)) or "none"
+        there = first_names(sorted(tracks.by_name)) or "none"
         message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
         raise bad_input("no-joints", message, Place(path))
     columns = [program.joints.index(name) for name in arm]
-    left = known = tracks.span(arm)
+    times = [tracks.by_name[name][0] for name in arm]
+    left = known = TimeInterval(max(float(t[0]) for t in times), min(float(t[-1]) for t in times))
     if known.length > LONGEST:
         hours = known.length / 3600
         message = f"the joint states of this recording span {hours:,.0f} hours, more than {LONGEST / 3600:.0f}"
