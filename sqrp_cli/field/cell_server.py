@@ -147,7 +147,7 @@ class CellServer:
                 case "slip":
                     self._cell.slip()
                 case "miss-pick":
-                    self._cell.miss_next_grasp()
+                    self._cell.misses_next_grasp = True
                 case "joints-frozen":
                     self._frozen = self._cell.measured_joints()
         self._steps += 1

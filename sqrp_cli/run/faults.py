@@ -251,7 +251,7 @@ class FaultTracker:
             case "slip":
                 cell.slip()
             case "miss-pick":
-                cell.miss_next_grasp()
+                cell.misses_next_grasp = True
             case "camera-loss" | "frozen" | "latency" | "perception-crash" as kind:
                 streams.fail(kind, camera, fault.delay)
         # The skill's own name for what is injected, if it has one.

@@ -5,7 +5,7 @@ And the events of a run that goes exactly as planned: a program for ROS tools.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.monitor.nominal_step import NominalStep, in_boxes, planned_joints
 from sqrp_cli.run.monitor.step_monitor import Attempt, StepMonitor
 from sqrp_cli.run.record.bag_recorder import BagRecorder
-from sqrp_cli.run.record.events import AskedBox, Event, EventPublisher, ShownAtom, event
+from sqrp_cli.run.record.events import AskedBox, EventPublisher, ShownAtom, event
 from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
 
 if TYPE_CHECKING:
@@ -121,44 +121,41 @@ def step_began(step: Step, number: int) -> Mapping[str, Any]:
     return {"number": number, "skill": step.skill, "parameters": parameters, "time": time, "boxes": boxes}
 
 
-def planned_events(program: Program, body: RobotBody) -> Iterator[Event]:
-    """The events that a run would have if it went exactly as planned."""
-    begin, last = 0.0, None
-    for number, step in enumerate(program.steps, 1):
-        nominal = NominalStep(step, program.joints, body)
-        yield event("step", begin, **step_began(step, number))
-        t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
-        q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
-        literals: Mapping[str, ShownAtom] = {}
-        for now, positions in zip(t.tolist(), q.tolist(), strict=True):
-            while due and due[0].start <= now + 1e-9:
-                primitive = due.pop(0)
-                yield event("primitive", begin + primitive.start, name=primitive.name)
-            held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
-            objects = _logged_poses(nominal.object_poses(now))
-            state = {"joints": list(program.joints), "q": positions, "held": held, "objects": objects}
-            yield event("state", begin + now, **_changes(state, last))
-            last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
-            for atom in step.targets:
-                value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
-                covered, cameras = nominal.is_covered(atom, now), dict.fromkeys(nominal.covering(atom, now), value)
-                shown = value if covered else Truth.UNKNOWN
-                seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
-            if seen != literals:
-                yield event("evidence", begin + now, exposed=begin + now, step_time=now, literals=seen)
-                literals = seen
-        begin += step.time
-    yield event("done", begin)
-
-
 def write_planned_run(path: Path, program: Program, workspace: Workspace) -> None:
-    """Write what is planned as a recording, by the suffix of its name. Raises InputError where that cannot be."""
+    """Write the events that a run would have if it went exactly as planned as a recording, by the suffix of its name.
+
+    Raises InputError where that cannot be.
+    """
     body = RobotBody.load(workspace.robot)
     with written(path) as writer:
         recorder = BagRecorder(writer, workspace, body)
         recorder.tell_planned(0.0, planned=True)
-        for found in planned_events(program, body):
-            recorder(found)
+        begin, last = 0.0, None
+        for number, step in enumerate(program.steps, 1):
+            nominal = NominalStep(step, program.joints, body)
+            recorder(event("step", begin, **step_began(step, number)))
+            t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
+            q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
+            literals: Mapping[str, ShownAtom] = {}
+            for now, positions in zip(t.tolist(), q.tolist(), strict=True):
+                while due and due[0].start <= now + 1e-9:
+                    primitive = due.pop(0)
+                    recorder(event("primitive", begin + primitive.start, name=primitive.name))
+                held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
+                objects = _logged_poses(nominal.object_poses(now))
+                state = {"joints": list(program.joints), "q": positions, "held": held, "objects": objects}
+                recorder(event("state", begin + now, **_changes(state, last)))
+                last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
+                for atom in step.targets:
+                    value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
+                    covered, cameras = nominal.is_covered(atom, now), dict.fromkeys(nominal.covering(atom, now), value)
+                    shown = value if covered else Truth.UNKNOWN
+                    seen[atom] = ShownAtom(value=shown, predicted=covered, asked=atom in asked, cameras=cameras)
+                if seen != literals:
+                    recorder(event("evidence", begin + now, exposed=begin + now, step_time=now, literals=seen))
+                    literals = seen
+            begin += step.time
+        recorder(event("done", begin))
 
 
 def _logged_poses(X_WO: Mapping[str, Array]) -> dict[str, list[float]]:

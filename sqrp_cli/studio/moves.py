@@ -67,11 +67,30 @@ class Move:
 
 
 def moved(workspace: Workspace, move: Move) -> Workspace:
-    """The workspace with something elsewhere. Raises InputError for what cannot be put there."""
+    """The workspace with something elsewhere.
+
+    Raises InputError for what cannot be put there, and for a camera that would look at its own lens.
+    """
     if max(map(abs, move.position)) > FARTHEST:
         raise bad_option(f"{move.in_words()}, expected at most {FARTHEST:g} m from the origin")
     if move.kind == "camera":
-        camera = moved_camera(workspace, move)
+        if move.name not in workspace.cameras:
+            message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
+            raise bad_input("unknown-camera", message)
+        camera = workspace.cameras[move.name]
+        point, up = aim(workspace, camera)
+        try:
+            X_FC = look_at(move.position, point if move.look_at is None else np.array(move.look_at), up)
+        except ValueError as error:
+            raise bad_option(f"`{move.name}` cannot look at its own lens") from error
+        matrix = camera.matrix.copy()
+        if move.fov is not None:
+            if not NARROWEST <= move.fov <= WIDEST:
+                least, most = np.degrees([NARROWEST, WIDEST])
+                message = f"a view angle of {np.degrees(move.fov):g} deg, expected {least:g} to {most:g} deg"
+                raise bad_option(message)
+            matrix[[0, 1], [0, 1]] *= 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
+        camera = replace(camera, X_FC=X_FC, matrix=matrix)
         return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
     if move.kind == "base":
         return replace(workspace, robot=replace(workspace.robot, X_WB=_turned(workspace.robot.X_WB, move)))
@@ -82,28 +101,6 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
         raise bad_option(f"it is not known where `{move.name}` is")
     place = replace(workspace.objects[move.name], pose=_turned(X_WO, move))
     return replace(workspace, objects={**workspace.objects, move.name: place})
-
-
-def moved_camera(workspace: Workspace, move: Move) -> Camera:
-    """A camera elsewhere. Raises InputError for a name that none has, and where it would look at its own lens."""
-    if move.name not in workspace.cameras:
-        message = f"there is no camera `{move.name}`; {expected_names(move.name, workspace.cameras)}"
-        raise bad_input("unknown-camera", message)
-    camera = workspace.cameras[move.name]
-    point, up = aim(workspace, camera)
-    try:
-        X_FC = look_at(move.position, point if move.look_at is None else np.array(move.look_at), up)
-    except ValueError as error:
-        raise bad_option(f"`{move.name}` cannot look at its own lens") from error
-    matrix = camera.matrix.copy()
-    if move.fov is not None and not NARROWEST <= move.fov <= WIDEST:
-        least, most = np.degrees([NARROWEST, WIDEST])
-        message = f"a view angle of {np.degrees(move.fov):g} deg, expected {least:g} to {most:g} deg"
-        raise bad_option(message)
-    if move.fov is not None:
-        scale = 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
-        matrix[[0, 1], [0, 1]] *= scale
-    return replace(camera, X_FC=X_FC, matrix=matrix)
 
 
 def aim(workspace: Workspace, camera: Camera) -> Array:

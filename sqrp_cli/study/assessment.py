@@ -44,11 +44,17 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     parts = [delays(windows, onset, lambda t: t + recovery.at(t) + total, recovery.t) for onset in onsets]
     lengths = np.array([onset.x[-1] - onset.x[0] for onset in onsets])
     weights = lengths / lengths.sum() if lengths.any() else np.full(len(parts), 1.0 / len(parts))
+    longest = 0.0  # stretch of an interval that no window contains
+    for one in onsets:
+        until, end = float(one.x[0]), float(one.x[-1])
+        for window in sorted(windows):
+            longest, until = max(longest, min(window.start, end) - until), max(until, window.end)
+        longest = max(longest, end - until)
     noticed, unseen = weights * [part.noticed for part in parts], float(weights @ [part.unseen for part in parts])
     return FaultMetrics(
         delay_mean=float(noticed @ [part.mean or 0.0 for part in parts] / noticed.sum()) if noticed.any() else None,
         delay_worst=None if unseen else max(part.worst or 0.0 for part in parts),
-        blind_longest=max(_longest_gap(windows, float(one.x[0]), float(one.x[-1])) for one in onsets),
+        blind_longest=longest,
         unseen=unseen,
         expected_time=None if unseen else float(weights @ [part.cost or 0.0 for part in parts]),
     )
@@ -66,14 +72,6 @@ def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[On
     if parting > _PROMPT:
         return f"tool and part have to part for up to {parting:.2f} s before an image shows it"
     return "so long take a frame and the latency of the camera that sees it"
-
-
-def _longest_gap(windows: Sequence[Window], start: float, end: float) -> float:
-    """The longest stretch between two times that no window contains [s]."""
-    found, until = 0.0, start
-    for window in sorted(windows):
-        found, until = max(found, min(window.start, end) - until), max(until, window.end)
-    return max(found, end - until)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,10 +33,10 @@ def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
     totals = []
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
-        first = first_failing(boxes, rows)
+        first, box_of = first_failing(boxes, rows)
         sums: dict[tuple[int, ...], float] = defaultdict(float)
         camera, at = np.nonzero(first.cause.T != Cause.NONE)
-        kinds = np.stack([camera, *(values[at, camera] for values in (first.cause, first.by, first.box))], axis=1)
+        kinds = np.stack([camera, *(values[at, camera] for values in (first.cause, first.by, box_of))], axis=1)
         for kind, weight in zip(kinds.tolist(), weights[rows[at]].tolist(), strict=True):
             sums[tuple(kind)] += weight
         found = [
@@ -55,20 +55,15 @@ def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
     return tuple(totals)
 
 
-@dataclass(frozen=True, eq=False)
-class FirstFailing(BoxVerdicts):
-    """The verdict on the first box of a target that each camera does not see, for each of m samples."""
+def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices | list[int]) -> tuple[BoxVerdicts, Indices]:
+    """The verdict on the first box that each camera does not see, for each of the m samples `rows`.
 
-    box: Indices
-    """Index of that box; 0 where all are seen, shape (m, c)."""
-
-
-def first_failing(boxes: Sequence[BoxVerdicts], rows: Indices | list[int]) -> FirstFailing:
-    """The verdict on the first box that each camera does not see, for each of the samples `rows`."""
+    The second is the index of that box, 0 where all are seen, shape (m, c).
+    """
     of_boxes = [np.stack([getattr(box, part.name)[rows] for box in boxes]) for part in fields(BoxVerdicts)]
     first = (of_boxes[0] != Cause.NONE).argmax(axis=0)[None]
     cause, by, figure, visible = (np.take_along_axis(values, first, axis=0)[0] for values in of_boxes)
-    return FirstFailing(cause=cause, by=by, figure=figure, visible=visible, box=first[0])
+    return BoxVerdicts(cause=cause, by=by, figure=figure, visible=visible), first[0]
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
@@ -175,7 +170,7 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
-        first = first_failing(boxes, rows)
+        first, _ = first_failing(boxes, rows)
         t, piece, blind = samples.t[rows].tolist(), samples.piece[rows].tolist(), {}
         for index, camera in enumerate(cell.observer.cameras):
             failures, spans = list(zip(first.cause[:, index].tolist(), first.by[:, index].tolist(), strict=True)), []

@@ -62,11 +62,11 @@ def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenT
     found = []
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
-        first = first_failing(boxes, rows)
+        first, box_of = first_failing(boxes, rows)
         for index, camera in enumerate(cell.observer.cameras):
             hidden = np.flatnonzero(first.cause[:, index] == Cause.HIDDEN)
             some = [
-                (float(weights[rows[at]]), views[column, int(first.box[at, index]), int(rows[at]), index])
+                (float(weights[rows[at]]), views[column, int(box_of[at, index]), int(rows[at]), index])
                 for at in hidden.tolist()
             ]
             duration = sum(weight for weight, _ in some)

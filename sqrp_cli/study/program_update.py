@@ -20,7 +20,6 @@ from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.skill.settings import ANY
 from sqrp_cli.skill.skill import RetryEntry
@@ -36,32 +35,26 @@ if TYPE_CHECKING:
     from sqrp_cli.program import record
 
 
-@dataclass(frozen=True, eq=False)
-class StepReplanner:
-    """Plans the steps of one cell again; its `replan` is a `Replanner`."""
+def replanned(cell: Cell, step: record.Step, world: World) -> record.Step | None:
+    """The same skill with the same parameters from `world`; None if that is infeasible.
 
-    cell: Cell
+    Where its branch is, after the object was moved, any other branch that the skill leaves free.
+    """
+    candidate = candidate_of(step, cell)
+    if candidate.open_paths:
+        from sqrp_cli.study.seen_ways import way_with_seen_paths
 
-    def replan(self, step: record.Step, world: World) -> record.Step | None:
-        """The same skill with the same parameters from `world`; None if that is infeasible.
-
-        Where its branch is, after the object was moved, any other branch that the skill leaves free.
-        """
-        candidate = candidate_of(step, self.cell)
-        if candidate.open_paths:
-            from sqrp_cli.study.seen_ways import way_with_seen_paths
-
-            candidate = way_with_seen_paths(self.cell, candidate, world)
-        found = study(self.cell, candidate, world, Adaptive(), full=True)
-        if isinstance(found, Infeasible):
-            left_free = (name for name, value in candidate.skill.defaults.items() if value == ANY)
-            free = {name: ANY for name in left_free if isinstance(candidate.values[name], str)}
-            candidate = replace(candidate, values={**candidate.values, **free}, branch={}, vias={})
-            found = study(self.cell, candidate, world, Adaptive(), full=True)
-        if isinstance(found, Infeasible):
-            return None
-        cameras = tuple(camera.name for camera in self.cell.observer.cameras)
-        return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
+        candidate = way_with_seen_paths(cell, candidate, world)
+    found = study(cell, candidate, world, Adaptive(), full=True)
+    if isinstance(found, Infeasible):
+        left_free = (name for name, value in candidate.skill.defaults.items() if value == ANY)
+        free = {name: ANY for name in left_free if isinstance(candidate.values[name], str)}
+        candidate = replace(candidate, values={**candidate.values, **free}, branch={}, vias={})
+        found = study(cell, candidate, world, Adaptive(), full=True)
+    if isinstance(found, Infeasible):
+        return None
+    cameras = tuple(camera.name for camera in cell.observer.cameras)
+    return make_step(step.task, found, found.assessment(verdict(cell, found)), cameras)
 
 
 def candidate_of(step: record.Step, cell: Cell) -> Candidate:

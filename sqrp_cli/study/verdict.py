@@ -315,7 +315,7 @@ def _worst_loss(cell: Cell, study: Analysis, rows: Indices) -> _Loss:
 def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
     """Why each camera does not see the lost target, if it does not: its commonest first failing limit."""
     rows = np.flatnonzero(loss.few)[loss.lost]
-    first = first_failing(loss.boxes, rows)
+    first, _ = first_failing(loss.boxes, rows)
     causes = []
     for index, camera in enumerate(cell.observer.cameras):
         missed: dict[tuple[int, int], list[float]] = defaultdict(list)

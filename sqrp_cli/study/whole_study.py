@@ -43,6 +43,10 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
         return replace(CandidateResult.infeasible(candidate, reasons, reasons[0]), steps=tuple(done))
     times = [one.time or 0.0 for one in done]
     seen = mean_qualities((one, one.t_total, one.t_eoi) for one in done)
+    # The worst seen first; where all miss nothing, one stands for all.
+    numbered = sorted(enumerate(done, 1), key=lambda pair: _worth(pair[1]))
+    losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
+    verdicts = [f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing]
     return CandidateResult(
         candidate=candidate,
         feasible=True,
@@ -64,7 +68,7 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),
-        verdict=_verdict(done),
+        verdict=" ".join(verdicts) or done[0].verdict,
         why_late=max(done, key=lambda one: one.latest or 0.0).why_late,
         recalibrated=tuple(
             mean_qualities((drawn, one.t_total, one.t_eoi) for drawn, one in zip(draw, done, strict=True))
@@ -100,15 +104,6 @@ def mean_qualities(steps: Iterable[tuple[Qualities, float | None, float | None]]
     known = list(steps)
     q_avg, q_eoi = [(one.q_avg, T) for one, T, _ in known], [(one.q_eoi, T_eoi) for one, _, T_eoi in known]
     return Qualities(mean_quality(q_avg), mean_quality(q_eoi))
-
-
-def _verdict(done: Sequence[CandidateResult]) -> str:
-    """The verdicts of the steps, the worst seen first; of several that miss nothing one stands for all."""
-    numbered = sorted(enumerate(done, 1), key=lambda one: _worth(one[1]))
-    losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
-    if not losing:
-        return done[0].verdict
-    return " ".join(f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing)
 
 
 def _worth(seen: Qualities | Step) -> tuple[float, ...]:

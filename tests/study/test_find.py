@@ -10,7 +10,7 @@ from sqrp_cli import new_cell, open_cell
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import load_program
-from sqrp_cli.study.program_update import StepReplanner
+from sqrp_cli.study.program_update import replanned
 from sqrp_cli.study.result import CandidateResult
 from tests.conftest import TABLETOP
 from tests.trials.ways import SLOW_LIFT, YAWS, compared, stated, undominated
@@ -142,7 +142,7 @@ def test_a_retry_takes_another_branch_where_that_of_the_program_is_blocked(cell:
     cell.rank("pickup g2").write(tmp_path / "pick.yaml")
     (step,) = load_program(tmp_path / "pick.yaml").steps
     below_the_table = step.model_copy(update={"parameters": {**step.parameters, "elbow": "down"}})
-    again = StepReplanner(cell.cell).replan(below_the_table, step.before)
+    again = replanned(cell.cell, below_the_table, step.before)
     assert again is not None
     assert again.primitives[-1].trajectory.path.end == pytest.approx(step.primitives[-1].trajectory.path.end)
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace, World
     from sqrp_cli.field.audit.bag_footage import Footage
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
+    from sqrp_cli.motion.cell import Cell
     from sqrp_cli.program.record import Program, Step
     from sqrp_cli.run.faults import InjectedFault
     from sqrp_cli.run.record.bag_recorder import BagRecorder
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from sqrp_cli.run.run import Recording
     from sqrp_cli.run.start import Simulation
     from sqrp_cli.show.documents.explanation import Explanation
-    from sqrp_cli.study.program_update import StepReplanner
 
 PROGRAM = "program.yaml"  # the program in a folder of frames that a run keeps
 DEFAULT_RUNS = 20  # runs of a sweep
@@ -427,16 +427,18 @@ def _shown_again(log: Path) -> str:
 
 
 def late_replanner(workspace: Workspace) -> Callable[[Step, World], Step | None]:
-    """Plans a step again, see `StepReplanner.replan`; loads the planning code only when the first one is."""
+    """Plans a step again, see `replanned`; loads the cell and the planning code only when the first one is."""
+    cell: Cell | None = None
 
-    @cache
-    def planner() -> StepReplanner:
+    def replan(step: Step, world: World) -> Step | None:
         from sqrp_cli.motion.cell import Cell
-        from sqrp_cli.study.program_update import StepReplanner
+        from sqrp_cli.study.program_update import replanned
 
-        return StepReplanner(Cell.load(workspace))
+        nonlocal cell
+        cell = cell or Cell.load(workspace)
+        return replanned(cell, step, world)
 
-    return lambda step, world: planner().replan(step, world)
+    return replan
 
 
 def _recorders(

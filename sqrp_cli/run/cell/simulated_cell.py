@@ -98,7 +98,9 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         # What a force sensor between arm and tool would carry, without what is held.
         links = (robot.tool_frame,) if robot.tool is None else robot.tool.urdf.links
         self._tool_bodies = {int(model.body(link).id) for link in links}
-        self._missing, self._steps, self._squared_error = False, 0, 0.0
+        self._steps, self._squared_error = 0, 0.0
+        self.misses_next_grasp = False
+        """Whether the next `grasp` does nothing."""
         # How each motor closes its finger: force with its sign [N or Nm], greatest speed [m/s or rad/s].
         self._pushes: list[tuple[int, float, float]] = []
         if robot.fingers is not None:
@@ -160,8 +162,8 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         Suction takes the nearest object whose surface is within 3 mm of the tool frame's origin, at once, as it lies.
         Fingers hold by friction, as soon as they have closed, at 5 cm/s.
         """
-        missing, self._missing = self._missing, False
-        if missing:
+        if self.misses_next_grasp:
+            self.misses_next_grasp = False
             return
         for push in self._pushes:
             self.model.geom_friction[self._pads] = FRICTION
@@ -184,10 +186,6 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         weld = self._welds[obj]
         self.model.eq_data[weld, :11] = [0.0, 0.0, 0.0, *X_TO[:3, 3], *quaternion(X_TO), 1.0]
         self._data.eq_active[weld] = 1
-
-    def miss_next_grasp(self) -> None:
-        """Let the next `grasp` do nothing."""
-        self._missing = True
 
     def release(self) -> None:
         """Switch suction off, or let the fingers follow the reference again (which then opens them)."""

@@ -6,7 +6,6 @@ The only module that knows Embree, which needs neither a display nor a graphics 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,17 +76,11 @@ _ITERATIONS = 25
 _STEP = 1e-5
 
 
-class SeenDirections(NamedTuple):
-    """Where pixels look."""
+def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The directions that are seen at pixels of shape (n, 2): unit vectors in the optical frame, shape (n, 3).
 
-    rays: Array  # unit vectors in the optical frame, shape (n, 3)
-    shown: NDArray[np.bool_]  # whether the lens shows any direction there, shape (n,)
-
-
-def directions(projection: Projection, pixels: Array) -> SeenDirections:
-    """The directions that are seen at pixels of shape (n, 2).
-
-    Found by Newton's method from the point without distortion.
+    The second is whether the lens shows any direction there, shape (n,). Found by Newton's method from the point
+    without distortion.
     """
     K = projection.camera.matrix
 
@@ -115,7 +108,7 @@ def directions(projection: Projection, pixels: Array) -> SeenDirections:
         found, inside = projection.pixels(rays(plane))
         shown = inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
     unit = rays(plane)
-    return SeenDirections(unit / np.linalg.norm(unit, axis=1, keepdims=True), shown)
+    return unit / np.linalg.norm(unit, axis=1, keepdims=True), shown
 
 
 Image = NDArray[np.uint8]  # rows of pixels, shape (height, width, 3)

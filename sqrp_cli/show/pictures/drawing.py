@@ -12,7 +12,6 @@ import numpy as np
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.errors import needed
 from sqrp_cli.geometry import BOX_SIGNS, Array
-from sqrp_cli.records import dataclass
 from sqrp_cli.show.pages.assembly import Color, visible
 from sqrp_cli.show.pictures.camera_image import Image
 
@@ -35,12 +34,8 @@ BoxOutline = tuple[Array, Color]
 """A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
-
-    photo: Any
-    captions: tuple[Caption, ...]
+Picture = tuple[Any, Sequence[Caption]]
+"""A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
 
 
 def outlined(
@@ -54,12 +49,12 @@ def outlined(
         for color, width in ((_PAPER, 6), (outer, 3)):
             if edge:
                 draw.line([*edge, *edge[:2]], fill=color, width=width, joint="curve")
-    return Picture(photo, tuple(captions))
+    return photo, captions
 
 
 def captioned(picture: Picture) -> Any:  # noqa: ANN401
     """A picture with its captions under it, as Pillow's image."""
-    return _framed(picture.photo, picture.captions, 14)
+    return _framed(*picture, 14)
 
 
 def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> Any:  # noqa: ANN401
@@ -67,9 +62,9 @@ def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> 
     resampling = _pillow("Image").Resampling.LANCZOS
 
     def small(picture: Picture) -> Any:  # noqa: ANN401
-        photo = picture.photo
+        photo, captions = picture
         height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
-        return _framed(photo.resize((_THUMB, height), resampling), picture.captions, 13)
+        return _framed(photo.resize((_THUMB, height), resampling), captions, 13)
 
     thumbs = [(heading, [small(picture) for picture in pictures]) for heading, pictures in rows]
     columns = max(len(pictures) for _, pictures in thumbs)

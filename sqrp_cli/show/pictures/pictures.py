@@ -17,7 +17,6 @@ from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import make_folder, write_atomically
-from sqrp_cli.records import dataclass
 from sqrp_cli.show.pages.assembly import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.show.pictures import drawing
 from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
@@ -34,14 +33,8 @@ SHEET = "contact-sheet.png"
 MOST_PIXELS = 1_000_000  # most pixels of a picture; a camera with more gets a smaller picture
 
 
-@dataclass(frozen=True)
-class BlindInterval:
-    """A stretch in which a state is not covered [s], and the sample nearest to its middle."""
-
-    start: float
-    end: float
-    row: int
-    t: float
+BlindInterval = tuple[float, float, int]
+"""A stretch in which a state is not covered, from when to when [s], and the sample nearest to its middle."""
 
 
 def check_pictures(folder: Path) -> None:
@@ -58,8 +51,7 @@ def blind_intervals(study: Analysis) -> Iterator[BlindInterval]:
     t = timeline.samples.t
     for rows in stretches(timeline.monitored & ~timeline.covered):
         start, end = float(t[rows[0]]), float(t[rows[-1]])
-        row = int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
-        yield BlindInterval(start, end, row, float(t[row]))
+        yield start, end, int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
 
 
 def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
@@ -73,21 +65,19 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
         write_atomically(folder / name, drawing.png(image))
 
     sheet, intervals = [], list(blind_intervals(study))
-    views = hidden_views(cell, study, np.array([interval.row for interval in intervals], dtype=np.int64))
-    for number, interval in enumerate(intervals, 1):
-        states = study.stage.states(study.timeline.samples.some([interval.row]))
+    views = hidden_views(cell, study, np.array([row for _, _, row in intervals], dtype=np.int64))
+    for number, (start, end, row) in enumerate(intervals, 1):
+        t, states = study.timeline.samples.t[row], study.stage.states(study.timeline.samples.some([row]))
         photographer = Photographer(cell, states)
         pictures = []
         for index, camera in enumerate(cell.observer.cameras):
-            made = _picture(cell, study, interval, states, photographer, index, views)
-            when = f"{interval.start:.1f}s-{interval.end:.1f}s"
-            write(f"{_file_name(f'{number:02d}_{when}_{camera.name}')}.png", drawing.captioned(made))
+            made = _picture(cell, study, row, states, photographer, index, views)
+            name = _file_name(f"{number:02d}_{start:.1f}s-{end:.1f}s_{camera.name}")
+            write(f"{name}.png", drawing.captioned(made))
             pictures.append(made)
             advance()
         if pictures:
-            sheet.append(
-                (f"blind from {interval.start:.1f} s to {interval.end:.1f} s; pictures of {interval.t:.1f} s", pictures)
-            )
+            sheet.append((f"blind from {start:.1f} s to {end:.1f} s; pictures of {t:.1f} s", pictures))
     if sheet:
         write(SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
@@ -101,7 +91,7 @@ def folder_of(study: Analysis, folder: Path) -> Path:
 def _picture(
     cell: Cell,
     study: Analysis,
-    interval: BlindInterval,
+    row: int,
     states: SceneStates,
     photographer: Photographer,
     index: int,
@@ -109,30 +99,30 @@ def _picture(
 ) -> drawing.Picture:
     """The picture of one camera, by index, with each target that must be seen then and the first failure of its boxes.
 
-    states: of the instant. views: what hides the boxes that it does not see.
+    row: of the sample that is shown, with its states. views: what hides the boxes that it does not see.
     """
     camera, step = _drawable(cell.observer.cameras[index])
     colors, observation = solid_colors(cell), study.timeline.observation
     smaller = f", 1/{step} of its size" if step > 1 else ""
-    captions: list[drawing.Caption] = [(f"{camera.name} at {interval.t:.2f} s{smaller}", None)]
+    captions: list[drawing.Caption] = [(f"{camera.name} at {study.timeline.samples.t[row]:.2f} s{smaller}", None)]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
-        if not observation.required[interval.row, column]:
+        if not observation.required[row, column]:
             continue
-        first = first_failing(boxes, [interval.row])
-        cause, by, number = (int(one[0, index]) for one in (first.cause, first.by, first.box))
+        first, box_of = first_failing(boxes, [row])
+        cause, by, number = (int(one[0, index]) for one in (first.cause, first.by, box_of))
         why = "covered"
         if cause != Cause.NONE:
             which = f"box {target.boxes[number].name} is " if len(target.boxes) > 1 else ""
             why = which + Cause(cause).by(by_name(cell, Cause(cause), by))
         captions.append((f"{target.atom}: {why}", COVERED if why == "covered" else HIDDEN))
-        if parts := views.get((column, number, interval.row, index)):
+        if parts := views.get((column, number, row, index)):
             hidden = sum(part.share for part in parts)
             captions.append((f"hidden {100 * hidden:.1f} %: {part_shares_in_words(parts)}", None))
         for box, verdicts in zip(target.boxes, boxes, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
-            covered = verdicts.cause[interval.row, index] == Cause.NONE
+            covered = verdicts.cause[row, index] == Cause.NONE
             outlines.append((corners, COVERED if covered else HIDDEN))
         if cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
             culprit = cell.solid_name(by)

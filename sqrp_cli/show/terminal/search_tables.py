@@ -79,12 +79,8 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     if command:
         say()
         say_command(*command)
-    _say_assumed(found.assumed)
-
-
-def _say_assumed(assumed: str) -> None:
-    if assumed:
-        say(f"Delays: {assumed}.")
+    if found.assumed:
+        say(f"Delays: {found.assumed}.")
 
 
 def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None:
@@ -190,7 +186,8 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     say(f"Compared were {found.comparison}.")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
-    _say_assumed(found.assumed)
+    if found.assumed:
+        say(f"Delays: {found.assumed}.")
 
 
 def _print_price(found: PlaceDocument) -> None:

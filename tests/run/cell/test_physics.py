@@ -92,7 +92,7 @@ def test_suction_holds_only_what_it_touches() -> None:
     physics.grasp()
     assert physics.held() is None
     touching, _ = started(suction_cell(), above((0.4, 0.1, 0.0405)))
-    touching.miss_next_grasp()
+    touching.misses_next_grasp = True
     touching.grasp()
     assert touching.held() is None
     touching.grasp()
