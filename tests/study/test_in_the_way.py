@@ -107,7 +107,7 @@ def test_explain_tells_it_in_text_document_and_pictures(
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
     lines: list[str] = []
     monkeypatch.setattr(
-        drawing, "captioned", lambda picture: [lines.extend(text for text, _ in picture.captions), picture.photo][1]
+        drawing, "captioned", lambda picture: [lines.extend(text for text, _ in picture[1]), picture[0]][1]
     )
     pictures.write_pictures(cell, behind, tmp_path / "pictures")
     assert any(line.startswith("hidden 100.0 %: bar ") for line in lines)
