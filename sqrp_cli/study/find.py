@@ -5,7 +5,7 @@ A way is no longer looked at once another one, which takes no longer, surely see
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import compress
@@ -131,7 +131,21 @@ def find_way(
     best = ranked[0]
     chosen = next(study for study in studies if study.candidate is best.candidate)
     ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()
-    found = WaysFound(tried=tried, feasible=len(scenes), pareto=_optimal(ranked), blind_ends=ends)
+    optimal: dict[tuple[float, ...], CandidateResult] = {}  # one of those that are equal, as they are compared
+    for one in (one for one in ranked if one.pareto or one.rank == 1):
+        figures = compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)
+        optimal.setdefault(figures, one)
+    pareto = tuple(
+        from_fields(
+            WayFigures,
+            way,
+            parameters=way.candidate.parameters,
+            vias={name: vias.tolist() for name, vias in way.candidate.vias.items()},
+            time=float(way.time or 0.0),
+        )
+        for way in optimal.values()
+    )
+    found = WaysFound(tried=tried, feasible=len(scenes), pareto=pareto, blind_ends=ends)
     return BestWay(chosen, best, found)
 
 
@@ -271,23 +285,3 @@ def _contending(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling)
         seen = qualities_over(found[number].timeline)
         known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
     return [found[number] for number in range(len(scenes))]
-
-
-def _optimal(ranked: Iterable[CandidateResult]) -> tuple[WayFigures, ...]:
-    """The figures of the first way, and of all that are Pareto-optimal, one of those that are equal."""
-    optimal = (one for one in ranked if one.pareto or one.rank == 1)
-    found: dict[tuple[float, ...], CandidateResult] = {}
-    for one in optimal:
-        found.setdefault(
-            (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one
-        )
-    return tuple(
-        from_fields(
-            WayFigures,
-            way,
-            parameters=way.candidate.parameters,
-            vias={name: vias.tolist() for name, vias in way.candidate.vias.items()},
-            time=float(way.time or 0.0),
-        )
-        for way in found.values()
-    )

@@ -202,7 +202,27 @@ class Optics:
             low = (-0.5 - cx) / fx, (-0.5 - cy) / fy
             high = (camera.width - 0.5 - cx) / fx, (camera.height - 0.5 - cy) / fy
             return cls(low, high, camera.width, camera.height, None)
-        plane, seen = _undistorted(camera)
+        # Where in the plane z = 1 the centre of each pixel looks, and whether it looks anywhere: OpenCV undoes the
+        # distortion by iteration, so a pixel counts only if distorting the result leads back to it. It needs hundreds
+        # of bytes for each pixel, so that some rows are undone at once.
+        rows = max(1, _BAND // camera.width)
+        plane = np.empty((camera.height, camera.width, 2))
+        seen = np.empty((camera.height, camera.width), dtype=bool)
+        K, coefficients = np.array(camera.matrix), np.array(camera.distortion)
+        stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+        for first in range(0, camera.height, rows):
+            v, u = np.mgrid[first : min(first + rows, camera.height), 0 : camera.width].astype(float)
+            pixels, band = np.stack([u, v], axis=-1).reshape(-1, 1, 2), slice(first, first + len(u))
+            if camera.distortion_model == "equidistant":
+                found = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
+                back = cv2.fisheye.distortPoints(found, K, coefficients)
+            else:
+                found = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
+                rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
+                back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
+            error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
+            plane[band] = found.reshape(*u.shape, 2)
+            seen[band] = ((error < 1e-2) & np.isfinite(error)).reshape(u.shape)
         inside = plane[seen & (np.abs(plane).max(axis=-1) <= _WIDEST)]
         pixel = np.array([1.0 / fx, 1.0 / fy])
         low, high = inside.min(axis=0) - pixel, inside.max(axis=0) + pixel
@@ -211,30 +231,3 @@ class Optics:
         where[~seen] = -2.0
         x, y = (np.ascontiguousarray(where[..., axis], dtype=np.float32) for axis in (0, 1))
         return cls((low[0], low[1]), (high[0], high[1]), int(size[0]), int(size[1]), (x, y))
-
-
-def _undistorted(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
-    """Where in the plane z = 1 the centre of each pixel looks, shape (height, width, 2), and whether it looks anywhere.
-
-    OpenCV undoes the distortion by iteration, so a pixel counts only if distorting the result leads back to it. It
-    needs hundreds of bytes for each pixel, so that some rows are undone at once.
-    """
-    rows = max(1, _BAND // camera.width)
-    plane = np.empty((camera.height, camera.width, 2))
-    seen = np.empty((camera.height, camera.width), dtype=bool)
-    K, coefficients = np.array(camera.matrix), np.array(camera.distortion)
-    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-    for first in range(0, camera.height, rows):
-        v, u = np.mgrid[first : min(first + rows, camera.height), 0 : camera.width].astype(float)
-        pixels, band = np.stack([u, v], axis=-1).reshape(-1, 1, 2), slice(first, first + len(u))
-        if camera.distortion_model == "equidistant":
-            found = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
-            back = cv2.fisheye.distortPoints(found, K, coefficients)
-        else:
-            found = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
-            rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=-1)
-            back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
-        error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
-        plane[band] = found.reshape(*u.shape, 2)
-        seen[band] = ((error < 1e-2) & np.isfinite(error)).reshape(u.shape)
-    return plane, seen

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import box_corners, inverse, transform
@@ -101,7 +100,13 @@ def _picture(
 
     row: of the sample that is shown, with its states. views: what hides the boxes that it does not see.
     """
-    camera, step = _drawable(cell.observer.cameras[index])
+    camera = cell.observer.cameras[index]
+    step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
+    if step > 1:  # the same view in fewer pixels
+        matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
+        matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
+        width, height = max(1, camera.width // step), max(1, camera.height // step)
+        camera = replace(camera, width=width, height=height, matrix=matrix)
     colors, observation = solid_colors(cell), study.timeline.observation
     smaller = f", 1/{step} of its size" if step > 1 else ""
     captions: list[drawing.Caption] = [(f"{camera.name} at {study.timeline.samples.t[row]:.2f} s{smaller}", None)]
@@ -128,17 +133,6 @@ def _picture(
             culprit = cell.solid_name(by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
     return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
-
-
-def _drawable(camera: Camera) -> tuple[Camera, int]:
-    """A camera with the same view and at most `MOST_PIXELS`, and the factor by which width and height shrink."""
-    step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
-    width, height = max(1, camera.width // step), max(1, camera.height // step)
-    if step == 1:
-        return camera, 1
-    matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
-    matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
-    return replace(camera, width=width, height=height, matrix=matrix), step
 
 
 def _file_name(name: str) -> str:
