@@ -211,20 +211,16 @@ class _SkillReader:
         if skill.HOME in self.file.waypoints:
             message = "`home` is the robot's home configuration; take another name"
             self._report("ambiguous-name", ("waypoints", skill.HOME), message)
-        others = {name: skill.origins(waypoint) for name, waypoint in self.file.waypoints.items()}
-        in_circles: set[str] = set()
-        for name in others:
-            ways: list[tuple[str, ...]] = [(name,)]  # through its origins, the shortest first
-            reached = set[str]()
-            for way in ways:
-                new = [other for other in others.get(way[-1], ()) if other not in reached]
-                reached.update(new)
-                ways += [(*way, other) for other in new]
-            circle = next((way for way in ways[1:] if way[-1] == name), None)
-            if circle is not None and not in_circles & set(circle):
-                path = ("waypoints", name, *others[name][circle[1]])
-                self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
-            in_circles.update(circle or ())
+        origins = {name: getattr(waypoint, "waypoint", None) for name, waypoint in self.file.waypoints.items()}
+        told: list[str] = []
+        for name in origins:
+            way = [name]
+            while (origin := origins.get(way[-1])) not in (None, skill.HOME, *way):
+                way.append(str(origin))
+            if origin == name != skill.HOME and name not in told:
+                told += way
+                message = f"leads back to itself: {' -> '.join([*way, name])}"
+                self._report("cyclic-waypoint", ("waypoints", name, "from"), message)
 
     def _requirements(self) -> tuple[skill.Requirement, ...]:
         stated: list[tuple[str | None, skill.FormulaEntry | str, KeyPath]] = [

@@ -134,12 +134,6 @@ Waypoint = Annotated[
 ]
 
 
-def origins(waypoint: Waypoint) -> dict[str, KeyPath]:
-    """The other waypoints that one is defined by, apart from `HOME`, each with the path of its name in the entry."""
-    waypoints = (Names("waypoint"), Names("waypoint", home=True))
-    return {str(name): path for path, name, mark in marked(waypoint) if mark in waypoints and name != HOME}
-
-
 class Primitive(Entry):
     """What all primitive actions have in common."""
 
