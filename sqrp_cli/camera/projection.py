@@ -46,6 +46,15 @@ class Projection:
         change = np.convolve(orders * numerator, denominator) - np.convolve(numerator, orders * denominator)
         return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
 
+    @cached_property
+    def view_angles(self) -> tuple[float, float, float, float]:
+        """Up to which angles from the axis the right, left, top and bottom of the image show, by half degrees [rad]."""
+        angles, sides = np.radians(np.arange(0.0, 90.0, 0.5)), np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
+        away, ahead = np.sin(angles), np.tile(np.cos(angles), (4, 1))
+        shown = self.shows(np.dstack([sides[:, :1] * away, sides[:, 1:] * away, ahead]))
+        right, left, top, bottom = angles[np.maximum(np.minimum.accumulate(shown, axis=1).sum(axis=1) - 1, 0)].tolist()
+        return right, left, top, bottom
+
     def pixels(self, points_C: Array) -> tuple[Array, Mask]:
         """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
 

@@ -17,7 +17,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.usual_values import FIELD_OF_VIEW, FISHEYE_VIEW, MOST_STRETCHED
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.shapes import Mesh, contains
+from sqrp_cli.shapes import Mesh, contains, half_extents
 
 MOST_BENT = 3.0
 """By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out."""
@@ -84,25 +84,27 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
     doubted = doubted_objects(workspace)
     objects = [item for item in workspace.objects.values() if item.X_WO is not None and item.name not in doubted]
     shown = shown_objects(workspace)
+    points = points_of(shown)
+    parts = [
+        (item.name, part.shape, item.X_WO @ part.X_PG)
+        for item in objects
+        for part in item.parts
+        if item.X_WO is not None and not isinstance(part.shape, Mesh)
+    ]
+    X_GW = inverse(np.array([X_WG for _, _, X_WG in parts]).reshape(-1, 4, 4))
+    reach = np.array([np.linalg.norm(half_extents(shape, np.eye(3))) for _, shape, _ in parts])
     for camera in workspace.cameras.values():
         if camera.frame != WORLD or not objects:
             continue
-        place = workspace.places.get(f"cameras.{camera.name}")
-        around = next(
-            (
-                item.name
-                for item in objects
-                for part in item.parts
-                if item.X_WO is not None and not isinstance(part.shape, Mesh)
-                if contains(part.shape, transform(inverse(item.X_WO @ part.X_PG), camera.X_FC[None, :3, 3])[0])
-            ),
-            None,
-        )
+        place, eyes = workspace.places.get(f"cameras.{camera.name}"), transform(X_GW, camera.X_FC[None, :3, 3])[:, 0]
+        near = np.flatnonzero(np.linalg.norm(eyes, axis=1) <= reach).tolist()
+        holding = (name for name, shape, eye in ((*parts[k][:2], eyes[k]) for k in near) if contains(shape, eye))
+        around = next(holding, None)
         if around is not None:
             message = f"camera `{camera.name}` is inside `{around}`, which hides everything from it"
             mend = f"move one of them; if `{around}` is the camera's own housing, leave it out of the workspace"
             yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
-        elif shown and not sees_any(camera, camera.X_FC, shown):
+        elif shown and not sees_any(camera, camera.X_FC, points):
             why, mend = _why_blind(workspace, camera, shown)
             message = f"camera `{camera.name}` sees none of the objects: {why}"
             yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
@@ -202,7 +204,8 @@ def _why_implausible(camera: Camera) -> str | None:
 
 def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObject]) -> tuple[str, str]:
     """Why a camera sees none of these objects, and how to mend it."""
-    depths = _depths_in_image(camera, camera.X_FC, np.concatenate([_points(item) for item in objects]))
+    points = points_of(objects)
+    depths = _depths_in_image(camera, camera.X_FC, points)
     if len(depths):
         beyond = depths.min() > camera.far
         closest = f"{depths.min():.2f} m away or more" if beyond else f"{depths.max():.2f} m away or less"
@@ -215,19 +218,19 @@ def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObje
     stated = f"cameras.{camera.name}"
     looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
     axes_are_stated = looks_at_point or f"{stated}.convention" in workspace.places
-    if not axes_are_stated and sees_any(camera, camera_axes_as_body(camera.X_FC), objects):
+    if not axes_are_stated and sees_any(camera, camera_axes_as_body(camera.X_FC), points):
         return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
-    nearest = min(objects, key=lambda item: float(np.linalg.norm(_points(item)[0] - camera.X_FC[:3, 3])))
-    at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
-    mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{nearest.name}`"
+    nearest = int(np.linalg.norm(points[::9] - camera.X_FC[:3, 3], axis=1).argmin())
+    at = ", ".join(f"{value:g}" for value in points[9 * nearest].round(3) + 0.0)
+    mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{objects[nearest].name}`"
     if not looks_at_point:
         mend += "; a rotation is that of the optical frame, z forward, x right, y down"
     return "it looks elsewhere", mend
 
 
-def sees_any(camera: Camera, X_WC: Array, objects: Sequence[SceneObject]) -> bool:
-    """Whether the centre or a corner of one of the objects is within range and image."""
-    depths = _depths_in_image(camera, X_WC, np.concatenate([_points(item) for item in objects]))
+def sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
+    """Whether one of the points (n, 3) is within range and image."""
+    depths = _depths_in_image(camera, X_WC, points)
     return bool(((depths >= camera.near) & (depths <= camera.far)).any())
 
 
@@ -247,7 +250,11 @@ def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
     return found
 
 
-def _points(item: SceneObject) -> Array:
-    """Centre and corners of an object's box in the world, shape (9, 3)."""
-    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
-    return transform(item.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(item.size)]))
+def points_of(objects: Sequence[SceneObject]) -> Array:
+    """Centre and corners of the boxes of objects of known pose in the world, one after the other, shape (9 n, 3)."""
+    boxes = [
+        transform(item.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(item.size)]))
+        for item in objects
+        if item.X_WO is not None
+    ]
+    return np.concatenate([np.empty((0, 3)), *boxes])

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.cell.read_cell import camera_axes_as_body
 from sqrp_cli.cell.workspace import Workspace, World
-from sqrp_cli.checks.cameras import sees_any, shown_objects
+from sqrp_cli.checks.cameras import points_of, sees_any, shown_objects
 from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects, warning
 from sqrp_cli.errors import Infeasible, Place, Problem
 from sqrp_cli.files.frames import WORLD, frame_poses
@@ -161,7 +161,7 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
     ten objects, turned in steps of 90 degrees, in every branch of the arm.
     """
     workspace, model, shown = cell.workspace, cell.model, shown_objects(cell.workspace)
-    home = {WORLD: np.eye(4), **model.home_links}
+    home, points = {WORLD: np.eye(4), **model.home_links}, points_of(shown)
     for camera in workspace.cameras.values():
         place = workspace.places.get(f"cameras.{camera.name}")
         away, moves = float(np.linalg.norm(camera.X_FC[:3, 3])), camera.frame not in (WORLD, *model.still_links)
@@ -171,7 +171,7 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
             mend = "name in `frame` what its pose was measured from, such as `world` or the robot's base"
             yield Problem("doubtful-parent", message, place, severity="warning", mend=mend)
             continue
-        if camera.frame == WORLD or not shown or sees_any(camera, home[camera.frame] @ camera.X_FC, shown):
+        if camera.frame == WORLD or not shown or sees_any(camera, home[camera.frame] @ camera.X_FC, points):
             continue
         poses = [home[camera.frame]]
         for item in shown[:10] if moves else ():
@@ -180,14 +180,14 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
                 X_WT = item.X_WO @ side_pose(item.size, "+z") @ pose(axis_rotation(2, yaw), (0.0, 0.0, -0.1))
                 reached = known_solutions(model, X_WT, cell.seed, 1).solutions
                 poses.extend(model.link_poses(reached)[camera.frame] if len(reached) else ())
-        if (moves and len(poses) == 1) or any(sees_any(camera, X_WF @ camera.X_FC, shown) for X_WF in poses):
+        if (moves and len(poses) == 1) or any(sees_any(camera, X_WF @ camera.X_FC, points) for X_WF in poses):
             continue  # of an arm that reaches none of these places, home alone says nothing
         when = "at home, nor with the tool 10 cm before the top of an object" if moves else f"from `{camera.frame}`"
         message = f"{whose} sees none of the objects {when}: it looks elsewhere"
         body = camera_axes_as_body(camera.X_FC)
-        others = [name for name, X_WF in home.items() if sees_any(camera, X_WF @ camera.X_FC, shown)]
+        others = [name for name, X_WF in home.items() if sees_any(camera, X_WF @ camera.X_FC, points)]
         mend = "correct its pose, which is that of the optical frame: z forward, x right, y down"
-        if not moves and sees_any(camera, poses[0] @ body, shown):
+        if not moves and sees_any(camera, poses[0] @ body, points):
             mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
         elif others and not moves:
             mend = f"say `frame: {others[0]}` if its pose was measured from there: then it sees them"
@@ -209,6 +209,8 @@ def swept_cameras(cell: Cell, world: World, steps: Iterable[Candidate]) -> Itera
         sampled = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
         X_WF = scene.stage.states(sampled).X_WF
         for camera, solid in product(list(left.values()), cell.observer.solids):
+            if len(X_WF[camera.frame]) == len(X_WF[solid.part.parent]) == 1:
+                continue  # both rest, as most do
             X_FP = inverse(X_WF[camera.frame]) @ X_WF[solid.part.parent]
             moves = float(np.ptp(X_FP, axis=0).max()) > 1e-9
             if camera.name in left and moves and touched(solid, X_FP, camera.X_FC[None, :3, 3], CAMERA_RADIUS)[0]:

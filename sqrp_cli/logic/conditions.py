@@ -74,7 +74,8 @@ def ground_atom(use: pddl.Holds, binding: Binding) -> Atom:
 
 def fitting_objects(parameter: pddl.Parameter, objects: Objects, domain: pddl.Domain) -> tuple[str, ...]:
     """The objects that fit a variable's type, in the order of `objects`."""
-    return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
+    fitting = {types for types in set(objects.values()) if domain.fits(types, parameter.type)}  # few of many objects
+    return tuple(name for name, types in objects.items() if types in fitting)
 
 
 def ground_condition(

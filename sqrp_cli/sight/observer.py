@@ -84,7 +84,7 @@ class Observer:
         everywhere = [np.arange(states.count)] * len(targets) if rows is None else rows
         asked = [at for target, at in zip(targets, everywhere, strict=True) for _ in target.boxes]
         counts = list(map(len, asked))
-        request = self._scene.request(self._projections, boxes, states)
+        request = self._scene.request(self.projections, boxes, states)
         found = request.judge(
             np.repeat(np.arange(len(boxes)), counts), np.concatenate(asked), shares=shares, culprits=culprits
         )
@@ -137,7 +137,7 @@ class Observer:
         All corners of the boxes must lie in front of the cameras. The shares of a view add up to what is not visible.
         """
         names = self._scene.parts
-        request = self._scene.request(self._projections, boxes, states)
+        request = self._scene.request(self.projections, boxes, states)
         shares, alone = request.occluders(views.box, views.camera, views.state, len(names))
         found = []
         for first, only in zip(shares, alone, strict=True):
@@ -154,7 +154,7 @@ class Observer:
         Arrays of shape (c, boxes * m): all m states of the first box, then of the next.
         """
         box, state = np.repeat(np.arange(len(boxes)), states.count), np.tile(np.arange(states.count), len(boxes))
-        return self._scene.request(self._projections, boxes, states).measure(box, state)
+        return self._scene.request(self.projections, boxes, states).measure(box, state)
 
     def seen_from(
         self,
@@ -194,7 +194,7 @@ class Observer:
     ) -> None:
         """Replace what is unknown in the `sights` of items, as far as it matters."""
         boxes = [box for target in targets for box in target.boxes]
-        request = self._scene.request(self._projections, boxes, states)
+        request = self._scene.request(self.projections, boxes, states)
         request.cover(items, needed, self._tiers, sights, loss)
 
     @cached_property
@@ -204,7 +204,8 @@ class Observer:
         return [np.flatnonzero(responses == response) for response in sorted({*responses.tolist()})]
 
     @cached_property
-    def _projections(self) -> list[Projection]:
+    def projections(self) -> list[Projection]:
+        """Of each camera."""
         return [Projection(camera) for camera in self.cameras]
 
     @cached_property

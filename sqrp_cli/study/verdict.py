@@ -354,7 +354,7 @@ def _least_change(
         for number, camera in enumerate(cell.observer.cameras):
             others[camera.name] = sees.sum(axis=1) - sees[:, number]
     items = np.arange(len(rows)), np.zeros(len(rows), dtype=np.int64)
-    changes = _changes(cell.observer.cameras, limits, target, states, lost)
+    changes = _changes(cell.observer.projections, limits, target, states, lost)
     for camera, change in sorted(changes, key=lambda one: (abs(one[1].back), one[1].angle))[:_TRIED]:
         missing = target.cameras - others[camera.name]
         X_FD = (camera.X_FC @ change.X_CD)[None]
@@ -365,7 +365,7 @@ def _least_change(
 
 
 def _changes(
-    cameras: Sequence[Camera], limits: Mapping[str, Cause], target: Target, states: SceneStates, lost: Mask
+    projections: Sequence[Projection], limits: Mapping[str, Cause], target: Target, states: SceneStates, lost: Mask
 ) -> Iterator[tuple[Camera, CameraChange]]:
     """Least changes of cameras by the limits that they miss: what may let each see a target in the states `lost`.
 
@@ -374,30 +374,35 @@ def _changes(
     poses = [np.broadcast_to(states.box_poses(box), (len(lost), 4, 4))[lost] for box in target.boxes]
     corners = [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)]
     every = np.concatenate(corners, axis=1)
-    # Of a camera its angles of view, to the right, left, top and bottom, by half degrees.
-    angles, sides = np.radians(np.arange(0.0, 90.0, 0.5)), np.array([(1, 0), (-1, 0), (0, -1), (0, 1)])
-    rays = np.dstack([sides[:, :1] * np.sin(angles), sides[:, 1:] * np.sin(angles), np.tile(np.cos(angles), (4, 1))])
 
-    def beyond(seen: Array, upper: float, lower: float) -> float:
-        """By how much angles are beyond those that a camera shows [rad]."""
-        return float(max(seen.max() - upper, 0.0) or min(seen.min() + lower, 0.0))
-
-    for camera in cameras:
-        limit = limits.get(camera.name, Cause.NONE)
+    def inside(camera: Camera) -> Array:
+        """The world in the camera, shape (m or 1, 4, 4)."""
         X_WC = states.camera_poses(camera)
-        X_CW = inverse(X_WC if len(X_WC) == 1 else X_WC[lost])
-        x, y, z = np.moveaxis(transform(X_CW, every), -1, 0)
-        if limit in (Cause.BEHIND, Cause.OUT_OF_IMAGE):
-            shown = np.minimum.accumulate(Projection(camera).shows(rays), axis=1).sum(axis=1)
-            right, left, top, bottom = angles[np.maximum(shown - 1, 0)].tolist()
-            sideways = np.arctan2(x, z)
-            pan = beyond(sideways, right, left)
-            tilt = beyond(np.arctan2(-y, np.hypot(x, z) * np.cos(sideways - pan)), top, bottom)
-            least = CameraChange(degrees(tilt), degrees(pan))
+        return inverse(X_WC if len(X_WC) == 1 else X_WC[lost])
+
+    def beyond(seen: Array, upper: Array, lower: Array) -> Array:
+        """By how much angles are beyond those that each camera shows, shape (c, 1, 1) [rad]."""
+        over, under = seen.max(axis=(1, 2), keepdims=True) - upper, seen.min(axis=(1, 2), keepdims=True) + lower
+        least: Array = np.where(over > 0.0, over, np.minimum(under, 0.0))
+        return least
+
+    turned = [one for one in projections if limits.get(one.camera.name) in (Cause.BEHIND, Cause.OUT_OF_IMAGE)]
+    if turned:
+        # All cameras at once, as a cell may have dozens.
+        x, y, z = np.moveaxis(np.array([transform(inside(one.camera), every) for one in turned]), -1, 0)
+        right, left, top, bottom = np.array([one.view_angles for one in turned]).T[..., None, None]
+        sideways = np.arctan2(x, z)
+        pan = beyond(sideways, right, left)
+        tilt = beyond(np.arctan2(-y, np.hypot(x, z) * np.cos(sideways - pan)), top, bottom)
+        for one, up, aside in zip(turned, np.degrees(tilt).ravel(), np.degrees(pan).ravel(), strict=True):
+            least = CameraChange(float(up), float(aside))
             if 0.0 < least.angle <= _MOST_TURN:
                 whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
-                yield camera, CameraChange(float(whole * least.up), float(whole * least.right))
-        elif limit in _CHANGED:
+                yield one.camera, CameraChange(float(whole * least.up), float(whole * least.right))
+    for camera in (one.camera for one in projections if one not in turned):
+        if limits.get(camera.name) in _CHANGED:
+            X_CW = inside(camera)
+            z = transform(X_CW, every)[..., 2]
             back, closer = camera.near - z.min(), z.max() - camera.far
             for X, box in zip(poses, target.boxes, strict=True):
                 x, y, depth = np.moveaxis(transform(X_CW, X[:, None, :3, 3])[:, 0], -1, 0)
