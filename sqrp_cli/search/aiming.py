@@ -107,16 +107,19 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
 
     X_FP: poses of what carries the solid in the frame of the places, shape (m, 4, 4). radius: of the ball [m].
     """
-    axes = X_FP[:, :3, :3] @ solid.half_axes.T  # columns
-    half = np.linalg.norm(solid.half_axes, axis=1)
+    half, found = np.linalg.norm(solid.half_axes, axis=1), np.zeros(len(places), dtype=bool)
     center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
-    units = axes / half
-    along = places @ units.swapaxes(0, 1).reshape(3, -1) - (center[:, None] @ units).reshape(-1)  # one product of all
-    gap = np.abs(along).reshape(len(places), len(X_FP), 3) - half
-    found = np.zeros(len(places), dtype=bool)
+    most = float(np.linalg.norm(half + radius)) + 1e-9
+    within = (places >= center.min(axis=0, initial=np.inf) - most) & (
+        places <= center.max(axis=0, initial=-np.inf) + most
+    )
+    near = np.flatnonzero(within.all(axis=1))  # most cameras hang far from where a solid ever is
+    units = X_FP[:, :3, :3] @ solid.half_axes.T / half  # columns
+    along = places[near] @ units.swapaxes(0, 1).reshape(3, -1) - (center[:, None] @ units).reshape(-1)  # all at once
+    gap = np.abs(along).reshape(len(near), len(X_FP), 3) - half
     ball = _ball(radius)
-    for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
-        if not found[place]:
+    for index, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
+        if not found[place := near[index]]:
             inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
             found[place] = inside or distance(ball, pose(position=places[place]), solid, X_FP[state], 0.0) is not None
     return found
