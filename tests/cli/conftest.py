@@ -315,3 +315,15 @@ def scenes(explained, shown, harsh_explained, harsh_shown, watched, watch_shown,
         name: (show.document, [c for c in explain.document["candidates"] if c["feasible"]])
         for name, (show, explain) in pairs.items()
     }
+
+
+@pytest.fixture
+def show(scene):
+    """The `show` document of the cell of a module's fixture `scene`."""
+    return scene[0]
+
+
+@pytest.fixture
+def documents(scene):
+    """The `explain` documents of its feasible candidates."""
+    return scene[1]

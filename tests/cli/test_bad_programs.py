@@ -106,25 +106,32 @@ def test_every_command_refuses_a_damaged_program_alike_and_leaves_it_as_it_was(s
     path.unlink()
 
 
-def test_a_program_that_is_laid_out_anew_or_moved_is_the_same(sqrp, laying, sound):
-    document = yaml.load(sound.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
-    moved = laying / "elsewhere" / "moved.yaml"
+def test_a_program_that_is_laid_out_anew_or_moved_or_of_before_there_were_marks_is_the_same(sqrp, laying, sound):
+    text = sound.read_text(encoding="utf-8")
+    document = {**yaml.load(text, Loader=yaml.CSafeLoader), "workspace": "../workspace.yaml"}
+    moved, before = laying / "elsewhere" / "moved.yaml", laying / "before.yaml"
     moved.parent.mkdir()
-    document["workspace"] = "../workspace.yaml"
     moved.write_text("# mine\n" + yaml.dump(document, Dumper=yaml.CSafeDumper, sort_keys=True), encoding="utf-8")
-    outcome = sqrp("program", moved)
-    assert (outcome.code, outcome.err) == (0, "")
+    before.write_text(re.sub(r"^marks: .*\n", "", text, flags=re.MULTILINE), encoding="utf-8")
+    assert "marks" not in before.read_text(encoding="utf-8")
+    for path in (moved, before):
+        outcome = sqrp("program", path)
+        assert (outcome.code, outcome.err) == (0, "")
+        path.unlink()
 
 
-def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, sound):
-    path = laying / "edited.yaml"
+def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, sound, tmp_path):
+    path, away = laying / "edited.yaml", tmp_path / "away.yaml"
     path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", sound.read_text(encoding="utf-8")), encoding="utf-8")
     for arguments in (["program", path], ["program", path, "--drop-last"], ["run", path, "--sim"]):
         outcome = sqrp(*arguments)
         assert (outcome.code, outcome.out) == (2, "")
         assert "this program is not as sqrp wrote it" in outcome.err
         assert f"to mend it: rm {path} && sqrp rank {laying} 'pickup g2' --program {path}" in outcome.err
-    path.unlink()
+    path.rename(away)  # where its workspace is not there
+    outcome = sqrp("program", away)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "this program is not as sqrp wrote it" in outcome.err
 
 
 def test_what_makes_an_edited_program_anew_makes_the_same(sqrp, laying):
@@ -145,14 +152,6 @@ def _without_tasks(program: str) -> list[dict[str, Any]]:
     """The steps of a program, save for the words in which their tasks were given."""
     steps = yaml.load(program, Loader=yaml.CSafeLoader)["steps"]
     return [{key: value for key, value in step.items() if key != "task"} for step in steps]
-
-
-def test_an_edited_program_is_refused_though_its_workspace_is_not_there(sqrp, sound, tmp_path):
-    path = tmp_path / "away.yaml"
-    path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", sound.read_text(encoding="utf-8")), encoding="utf-8")
-    outcome = sqrp("program", path)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "this program is not as sqrp wrote it" in outcome.err
 
 
 def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
@@ -183,12 +182,3 @@ def test_contradictory_skills_are_refused_and_nothing_is_written(sqrp, laying, t
         assert word in outcome.err
         assert "Traceback" not in outcome.err
     assert not program.exists()
-
-
-def test_a_program_of_before_there_were_marks_is_read_as_before(laying, sound, workspace):
-    path = laying / "before.yaml"
-    text = re.sub(r"^marks: .*\n", "", sound.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert "marks" not in text
-    path.write_text(text, encoding="utf-8")
-    check_program(load_program(path), path, workspace)
-    path.unlink()

@@ -14,38 +14,21 @@ import pytest
 from sqrp_cli.study import pipeline
 from tests.cli.ctrl_c import press_ctrl_c
 
-COMMANDS = ("check", "rank", "explain", "show", "schema")
-
-
-def assert_refused(outcome, *words: str) -> None:
-    """Exit 2, nothing on stdout, one message on stderr that says these words, no traceback."""
-    assert outcome.code == 2, outcome
-    assert outcome.out == ""
-    assert outcome.err.startswith("error: ")
-    assert outcome.err.count("error:") == 1
-    assert "Traceback" not in outcome.err
-    for word in words:
-        assert word in outcome.err
-
-
-def test_help_lists_every_command(sqrp):
-    outcome = sqrp("--help")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert all(command in outcome.out for command in COMMANDS)
-
 
 @pytest.mark.parametrize(
     ("command", "wanted"),
     [
-        ("rank", "--by --samples --dt --tolerance --program --choose --after --jobs --seed --json"),
-        ("explain", "--choose --all --samples --dt --tolerance --after --json"),
-        ("check", "--after --json"),
-        ("show", "--json"),
+        ([], "check rank explain show schema"),
+        (["rank"], "--by --samples --dt --tolerance --program --choose --after --jobs --seed --json"),
+        (["explain"], "--choose --all --samples --dt --tolerance --after --json"),
+        (["check"], "--after --json"),
+        (["show"], "--json"),
     ],
 )
-def test_help_lists_the_options_of_the_contract(sqrp, command, wanted):
-    text = sqrp(command, "--help").out
-    assert [option for option in wanted.split() if option not in text] == []
+def test_help_lists_every_command_and_the_options_of_the_contract(sqrp, command, wanted):
+    outcome = sqrp(*command, "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert [word for word in wanted.split() if word not in outcome.out] == []
 
 
 def test_version_is_printed_alone(sqrp):
@@ -59,14 +42,6 @@ def test_without_a_command_the_help_is_shown_on_stderr_and_it_is_misuse(sqrp):
     outcome = sqrp()
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err == sqrp("--help").out
-
-
-def test_check_without_a_task_lists_no_candidates(sqrp, watch):
-    outcome = sqrp("check", watch, "--json")
-    assert (outcome.code, outcome.err) == (0, "")
-    contract = {"schema", "workspace", "task", "candidates", "problems"}
-    assert set(outcome.document) - {"example"} == contract | {"document", "path", "suggested"}
-    assert (outcome.document["task"], outcome.document["candidates"]) == (None, [])
 
 
 def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
@@ -204,26 +179,21 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
         sqrp("--debug", "rank", watch, "watch seen")
 
 
-def test_a_reader_that_leaves_early_is_no_error(watch):
+@pytest.mark.parametrize(
+    ("command", "read"), [(["explain", "--all", "--json"], 10), (["rank", "--program", "p.yaml"], 0)]
+)
+def test_a_reader_that_leaves_early_is_no_error_and_all_is_written(watch, tmp_path, command, read):
+    name, *options = command
     process = subprocess.Popen(
-        [sys.executable, "-m", "sqrp_cli", "explain", str(watch), "watch cube", "--all", "--json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-    )
-    assert process.stdout.read(10)
+        [sys.executable, "-m", "sqrp_cli", name, str(watch), "watch cube", *options],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", cwd=tmp_path,
+    )  # fmt: skip
+    assert len(process.stdout.read(read)) == read
     process.stdout.close()
     assert process.wait(timeout=60) in (0, 141)
-    assert process.stderr.read() == ""
+    assert process.stderr.read() in ("", "seen is now the last step of p.yaml\n")
     process.stderr.close()
-
-
-def test_a_program_is_written_even_if_the_reader_of_the_ranking_leaves_early(watch, tmp_path):
-    arguments = ["rank", str(watch), "watch cube", "--program", str(tmp_path / "p.yaml")]
-    process = subprocess.Popen([sys.executable, "-m", "sqrp_cli", *arguments], stdout=subprocess.PIPE)
-    process.stdout.close()
-    assert process.wait(timeout=60) in (0, 141)
-    assert (tmp_path / "p.yaml").is_file()
+    assert (tmp_path / "p.yaml").is_file() is ("--program" in options)
 
 
 def test_the_installed_script_runs_from_any_folder(tmp_path, watch):

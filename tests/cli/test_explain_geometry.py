@@ -213,8 +213,7 @@ def some_samples(document: Document) -> list[Document]:
     return [*samples[::6], samples[-1]]
 
 
-def test_q_has_every_movable_joint_of_the_urdf_and_mimics_follow(scene):
-    show, documents = scene
+def test_q_has_every_movable_joint_of_the_urdf_and_mimics_follow(show, documents):
     arm = Arm(show["robot"])
     for document in documents:
         for sample in document["samples"]:
@@ -223,8 +222,7 @@ def test_q_has_every_movable_joint_of_the_urdf_and_mimics_follow(scene):
                 assert sample["q"][joint] == pytest.approx(multiplier * sample["q"][leader] + offset, abs=EXACT)
 
 
-def test_corners_follow_from_frame_size_and_pose(scene):
-    show, documents = scene
+def test_corners_follow_from_frame_size_and_pose(show, documents):
     arm = Arm(show["robot"])
     for document in documents:
         for sample in some_samples(document):
@@ -235,8 +233,7 @@ def test_corners_follow_from_frame_size_and_pose(scene):
                 assert np.abs(np.array(found["corners"]) - corners).max() < EXACT
 
 
-def test_geometric_causes_follow_from_camera_and_corners(scene):
-    show, documents = scene
+def test_geometric_causes_follow_from_camera_and_corners(show, documents):
     arm = Arm(show["robot"])
     lenses = {name: Lens(camera) for name, camera in show["cameras"].items()}
     for document in documents:
@@ -277,8 +274,7 @@ def test_the_cells_stage_every_cause(scenes):
     assert set(causes) == {None, "hidden", "same_colour", *LIMITS}
 
 
-def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_encloses(scene):
-    show, documents = scene
+def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_encloses(show, documents):
     known = Arm(show["robot"]).links | set(show["objects"]) | {part["name"] for part in show["opaque"]}
     for document in documents:
         for target in document["targets"].values():
@@ -290,8 +286,7 @@ def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_enclos
                 assert {v["by"] for v in hidden} <= known
 
 
-def test_normals_are_unit_vectors_and_thin_boxes_have_one(scene):
-    _, documents = scene
+def test_normals_are_unit_vectors_and_thin_boxes_have_one(documents):
     for document in documents:
         for target in document["targets"].values():
             for box in target["boxes"]:
@@ -329,8 +324,7 @@ def test_the_grasp_attaches_at_the_end_of_its_primitive(scenes):
         assert max(free) == pytest.approx(grasp_end, abs=EXACT)
 
 
-def test_an_object_that_is_not_handled_never_moves(scene):
-    show, documents = scene
+def test_an_object_that_is_not_handled_never_moves(show, documents):
     for document in documents:
         handled = set(document["parameters"].values())
         for sample in document["samples"]:
@@ -339,8 +333,7 @@ def test_an_object_that_is_not_handled_never_moves(scene):
                     assert pose == show["objects"][name]["pose"]
 
 
-def test_paths_in_the_documents_are_absolute(scene):
-    show, _ = scene
+def test_paths_in_the_documents_are_absolute(show):
     paths = [
         show["robot"]["urdf"],
         *show["robot"]["package_roots"],

@@ -70,8 +70,7 @@ def negated(literal: str) -> str:
     return literal.removeprefix("not ") if literal.startswith("not ") else f"not {literal}"
 
 
-def test_feasible_candidates_have_every_field_of_the_contract(scene):
-    _, documents = scene
+def test_feasible_candidates_have_every_field_of_the_contract(documents):
     for document in documents:
         assert set(document) >= CANDIDATE_FIELDS
         assert {"primitives", "formulas", "targets", "samples"} <= set(document)
@@ -101,8 +100,7 @@ def test_feasible_candidates_have_every_field_of_the_contract(scene):
                 assert all({"covered", "cause", "by"} <= set(v) <= VERDICT_FIELDS for v in literal["cameras"].values())
 
 
-def test_the_parts_that_hide_a_box_add_up_to_what_is_not_visible(scene):
-    _, documents = scene
+def test_the_parts_that_hide_a_box_add_up_to_what_is_not_visible(documents):
     for document in documents:
         for sample in document["samples"]:
             boxes = [box for literal in sample["literals"].values() for box in literal["boxes"]]
@@ -121,8 +119,7 @@ def hidden_by(sample: Document, atom: str, camera: str) -> list[Document] | None
     return first["hidden_by"] if first["cause"] == "hidden" else None
 
 
-def test_who_is_in_the_way_is_the_mean_of_the_samples(scene):
-    _, documents = scene
+def test_who_is_in_the_way_is_the_mean_of_the_samples(documents):
     for document in documents:
         samples, weights = document["samples"], [0.0] * len(document["samples"])
         for number, (before, after) in enumerate(pairwise(samples)):
@@ -144,8 +141,7 @@ def test_who_is_in_the_way_is_the_mean_of_the_samples(scene):
             assert entry["hidden"] == pytest.approx(seen, abs=EXACT)
 
 
-def test_primitives_follow_one_another_without_a_gap(scene):
-    _, documents = scene
+def test_primitives_follow_one_another_without_a_gap(documents):
     for document in documents:
         primitives = document["primitives"]
         assert primitives[0]["start"] == 0.0
@@ -154,24 +150,21 @@ def test_primitives_follow_one_another_without_a_gap(scene):
         assert document["time"] == pytest.approx(primitives[-1]["end"], abs=EXACT)
 
 
-def test_formula_times_add_up_to_t_total_and_t_eoi(scene):
-    _, documents = scene
+def test_formula_times_add_up_to_t_total_and_t_eoi(documents):
     for document in documents:
         assert document["t_total"] == pytest.approx(length(spans(document)), abs=EXACT)
         assert document["t_eoi"] == pytest.approx(length(spans(document, "eventually")), abs=EXACT)
         assert all(0.0 <= start <= end <= document["time"] + EXACT for start, end in spans(document))
 
 
-def test_samples_hold_exactly_the_literals_of_the_formulas_that_contain_them(scene):
-    _, documents = scene
+def test_samples_hold_exactly_the_literals_of_the_formulas_that_contain_them(documents):
     for document in documents:
         for before, after, _ in steps(document):
             middle = required(document, 0.5 * (before["t"] + after["t"]))
             assert set(before["literals"]) == set(after["literals"]) == middle
 
 
-def test_every_edge_of_a_formula_or_primitive_is_sampled(scene):
-    _, documents = scene
+def test_every_edge_of_a_formula_or_primitive_is_sampled(documents):
     for document in documents:
         instants = [sample["t"] for sample in document["samples"]]
         assert instants == sorted(instants)
@@ -180,8 +173,7 @@ def test_every_edge_of_a_formula_or_primitive_is_sampled(scene):
             assert min(abs(t - edge) for t in instants) < EXACT
 
 
-def test_instants_at_which_literals_or_held_object_change_are_sampled_twice(scene):
-    _, documents = scene
+def test_instants_at_which_literals_or_held_object_change_are_sampled_twice(documents):
     for document in documents:
         doubled = 0
         for before, after in pairwise(document["samples"]):
@@ -193,8 +185,7 @@ def test_instants_at_which_literals_or_held_object_change_are_sampled_twice(scen
         assert doubled >= 2
 
 
-def test_samples_move_continuously(scene):
-    show, documents = scene
+def test_samples_move_continuously(show, documents):
     velocity = {name: joint["velocity"] for name, joint in show["robot"]["joints"].items()}
     for document in documents:
         for before, after, dt in steps(document):
@@ -202,8 +193,7 @@ def test_samples_move_continuously(scene):
                 assert abs(after["q"][joint] - before["q"][joint]) <= limit * dt + EXACT
 
 
-def test_box_verdicts_decide_cameras_and_cameras_decide_literals_and_literals_decide_states(scene):
-    show, documents = scene
+def test_box_verdicts_decide_cameras_and_cameras_decide_literals_and_literals_decide_states(show, documents):
     for document in documents:
         for sample in document["samples"]:
             for name, literal in sample["literals"].items():
@@ -224,8 +214,7 @@ def test_box_verdicts_decide_cameras_and_cameras_decide_literals_and_literals_de
             assert sample["covered"] is (all(v["covered"] for v in literals) if literals else None)
 
 
-def test_a_literal_and_its_negation_have_one_verdict(scene):
-    _, documents = scene
+def test_a_literal_and_its_negation_have_one_verdict(documents):
     for document in documents:
         for sample in document["samples"]:
             for name, literal in sample["literals"].items():
@@ -233,8 +222,7 @@ def test_a_literal_and_its_negation_have_one_verdict(scene):
                     assert sample["literals"][negated(name)] == literal
 
 
-def test_box_verdicts_are_consistent_in_themselves(scene):
-    show, documents = scene
+def test_box_verdicts_are_consistent_in_themselves(show, documents):
     for document in documents:
         for sample in document["samples"]:
             for name, literal in sample["literals"].items():
@@ -265,21 +253,18 @@ def _check_verdict(verdict: Document, box: Document) -> None:
         assert verdict["by"] in (SIDES if verdict["cause"] == "out_of_image" else (None,))
 
 
-def test_states_count_the_samples_with_literals(scene):
-    _, documents = scene
+def test_states_count_the_samples_with_literals(documents):
     for document in documents:
         assert document["states"] == sum(bool(sample["literals"]) for sample in document["samples"])
 
 
-def test_q_avg_is_the_length_of_the_covered_runs_over_t(scene):
-    _, documents = scene
+def test_q_avg_is_the_length_of_the_covered_runs_over_t(documents):
     for document in documents:
         covered = math.fsum(dt for before, after, dt in steps(document) if before["covered"] and after["covered"])
         assert document["q_avg"] == pytest.approx(covered / length(spans(document)), abs=EXACT)
 
 
-def test_q_eoi_is_that_within_the_events_of_interest(scene):
-    _, documents = scene
+def test_q_eoi_is_that_within_the_events_of_interest(documents):
     for document in documents:
         events = union(spans(document, "eventually"))
         covered = math.fsum(
@@ -296,8 +281,7 @@ PHASES, INSTANTS = 60, 240
 """Phases of the cameras, and instants x in each interval, of which every image is looked at."""
 
 
-def _faults(scene) -> Iterator[tuple[Document, str]]:
-    _, documents = scene
+def _faults(documents: list[Document]) -> Iterator[tuple[Document, str]]:
     for document in documents:
         assert set(document["faults"]) == {f["fault"] for f in document["formulas"] if f["fault"]}
         assert set(document["sights"]) == set(document["faults"])
@@ -310,8 +294,8 @@ def _literals(document: Document, fault: str) -> set[str]:
     return {literal for f in document["formulas"] if f["fault"] == fault for literal in f["literals"]}
 
 
-def test_images_show_a_fault_where_samples_say_that_its_literals_are_covered(scene):
-    for document, fault in _faults(scene):
+def test_images_show_a_fault_where_samples_say_that_its_literals_are_covered(documents):
+    for document, fault in _faults(documents):
         literals, sight = _literals(document, fault), document["sights"][fault]
         refuted = any(
             literal.startswith("not ") and len(document["targets"][literal]["boxes"]) > 1 for literal in literals
@@ -331,10 +315,9 @@ def test_images_show_a_fault_where_samples_say_that_its_literals_are_covered(sce
             assert shown if both else refuted or not shown
 
 
-def test_windows_of_a_fault_have_the_clock_of_a_camera(scene):
-    show, _ = scene
+def test_windows_of_a_fault_have_the_clock_of_a_camera(show, documents):
     clocks = {(1.0 / camera["rate"], camera["latency"]) for camera in show["cameras"].values()}
-    for document, fault in _faults(scene):
+    for document, fault in _faults(documents):
         assert {(w["period"], w["lag"]) for w in document["sights"][fault]["windows"]} <= clocks
 
 
@@ -366,8 +349,8 @@ def _noticed(sight: Document, onset: Document, key: str) -> Noticed:
     return Noticed(x, t, np.array([first < count for _, first, count in rows]))
 
 
-def test_delays_of_faults_follow_from_every_image_at_every_phase(scene):
-    for document, fault in _faults(scene):
+def test_delays_of_faults_follow_from_every_image_at_every_phase(documents):
+    for document, fault in _faults(documents):
         sight, figures = document["sights"][fault], document["faults"][fault]
         found, surely = ([_noticed(sight, onset, key) for onset in sight["onsets"]] for key in ("usual", "shown"))
         length = [onset["x"][-1] - onset["x"][0] for onset in sight["onsets"]]
@@ -400,8 +383,7 @@ def test_delays_of_faults_follow_from_every_image_at_every_phase(scene):
         assert figures["blind_longest"] == pytest.approx(max(float((e[1::2] - e[::2]).max()) for e in gaps), abs=EXACT)
 
 
-def test_recovery_takes_at_least_as_long_as_the_joints_need_to_go_back(scene):
-    show, documents = scene
+def test_recovery_takes_at_least_as_long_as_the_joints_need_to_go_back(show, documents):
     joints = show["robot"]["joints"]
     for document in documents:
         samples, recovery = document["samples"], document["recovery"]

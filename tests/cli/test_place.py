@@ -169,3 +169,18 @@ def test_a_search_that_may_end_early_says_so_and_names_its_bound(sqrp, cell, tmp
         refused = sqrp(*arguments, option, value)
         assert (refused.code, refused.out) == (2, "")
         assert option in refused.err
+
+
+def test_the_output_is_the_same_with_a_report_and_the_page_with_every_number_of_processes(sqrp, watch, tmp_path):
+    """What the page shows is tested with the pages."""
+    page, mounts = tmp_path / "page.html", tmp_path / "place.yaml"
+    mounts.write_text(
+        "mounts: {above: {points: [[0.4, 0, 1.5], [0.9, 0.4, 1.2]]}}" + MOUNTS[MOUNTS.index("\nlenses") :]
+    )
+    command = ("place", watch, "watch cube", "--cameras", 1, "--mounts", mounts)
+    first = sqrp(*command, "--report", page, "--jobs", 1)
+    assert (first.code, first.out) == (0, sqrp(*command).out), first.err
+    assert f"open {page} in a browser" in first.err
+    details = [line for line in page.read_text().splitlines() if 'id="overview"' not in line]  # has the command in it
+    sqrp(*command, "--report", page, "--jobs", 2)
+    assert details == [line for line in page.read_text().splitlines() if 'id="overview"' not in line]

@@ -1,12 +1,13 @@
-"""The program file that `rank --program` writes, against what `explain --json` says of the same candidate."""
+"""The program file that `rank --program` writes, against `explain --json`; what lists and shortens it."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
-from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,10 @@ import pytest
 import yaml
 
 from sqrp_cli.ask.api import session
+from sqrp_cli.cell.load import load_workspace
+from sqrp_cli.cli.completion import tasks
 from sqrp_cli.program.file import check_unedited, load_program, save_program
+from tests.cells import edit
 
 Document = dict[str, Any]
 
@@ -39,19 +43,14 @@ def best(explained):
     return explained.document["candidates"][0]
 
 
-@pytest.mark.slow
-def test_a_program_can_be_executed_as_it_stands(program):
-    assert program.read_text(encoding="utf-8").splitlines()[0] == SHEBANG
-    mode = program.stat().st_mode
-    assert mode & stat.S_IXUSR
-    assert mode & stat.S_IRUSR
-
-
-def test_a_program_holds_nothing_but_plain_yaml(program, tabletop):
-    document = yaml.safe_load(program.read_text(encoding="utf-8"))
+def test_a_program_holds_nothing_but_plain_yaml_and_can_be_executed_as_it_stands(program, tabletop):
+    text = program.read_text(encoding="utf-8")
+    document = yaml.safe_load(text)
     assert (program.parent / document["workspace"]).resolve() == (tabletop / "workspace.yaml").resolve()
     assert document["digest"]
     assert len(document["steps"]) == 1
+    assert text.splitlines()[0] == SHEBANG
+    assert program.stat().st_mode & (stat.S_IXUSR | stat.S_IRUSR) == stat.S_IXUSR | stat.S_IRUSR
 
 
 def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
@@ -65,9 +64,6 @@ def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
     for figure in ("q_avg", "q_eoi"):
         assert step[figure] == pytest.approx(best[figure], abs=2e-3)
     assert set(step["faults"]) == set(best["faults"])
-
-
-def test_primitives_have_the_times_of_the_explanation(step, best):
     times = [{name: primitive[name] for name in ("name", "does", "start", "end")} for primitive in step["primitives"]]
     assert times == best["primitives"]
 
@@ -123,22 +119,15 @@ def test_what_each_camera_sees_when_agrees_with_the_samples(step, best):
     assert {name.removeprefix("not ") for name in best["targets"]} == set(step["targets"])
 
 
-def test_the_world_before_is_the_workspace_as_it_stands(step, shown):
-    show = shown.document
-    before = step["before"]
+def test_the_worlds_before_and_after_are_the_workspace_and_what_the_action_makes_of_it(step, best, shown):
+    show, before, after = shown.document, step["before"], step["after"]
+    grasped, last = best["parameters"]["object"], best["samples"][-1]
     assert sorted(before["facts"]) == sorted(show["state"])
     assert before["objects"] == {name: thing["pose"] for name, thing in show["objects"].items() if thing["pose"]}
     assert (before["held"], before["held_pose"]) == (None, None)
     assert before["joints"] == pytest.approx({name: show["robot"]["home"][name] for name in before["joints"]})
-
-
-def test_the_world_after_has_the_effect_of_the_action_and_where_things_are_then(step, best):
-    grasped = best["parameters"]["object"]
-    before, after = step["before"], step["after"]
-    assert set(after["facts"]) == (set(before["facts"]) - {f"obj_on_table({grasped})", "hand_empty"}) | {
-        f"hold({grasped})"
-    }
-    last = best["samples"][-1]
+    effect = {f"obj_on_table({grasped})", "hand_empty"}
+    assert set(after["facts"]) == (set(before["facts"]) - effect) | {f"hold({grasped})"}
     assert after["held"] == grasped == last["held"]
     for name, pose in last["objects"].items():
         assert np.array(after["objects"][name]) == pytest.approx(np.array(pose), abs=1e-9)
@@ -146,24 +135,114 @@ def test_the_world_after_has_the_effect_of_the_action_and_where_things_are_then(
     assert after["joints"] == pytest.approx({name: last["q"][name] for name in after["joints"]}, abs=1e-9)
 
 
-def test_after_a_pickup_nothing_else_can_be_picked_up(sqrp, tabletop, program):
-    outcome = sqrp("rank", tabletop, TASK, "--after", program, "--json")
-    assert outcome.code == 1, outcome.err
-    for candidate in outcome.document["candidates"]:
-        assert any("hand_empty" in reason for reason in candidate["reasons"])
-    assert sqrp("explain", tabletop, TASK, "--after", program, "--json").code == 1
+@pytest.fixture(scope="module")
+def two(sqrp, watch, tmp_path_factory):
+    """A copy of the hand-worked cell, and a program of 4 s `seen`, all the time, and 4 s `turned`, at 60 % of it."""
+    folder = tmp_path_factory.mktemp("two")
+    shutil.copytree(watch, folder / "watch")
+    for task, *choice in (["watch seen"], ["watch cube", "--choose", "turned"]):
+        assert sqrp("rank", folder / "watch", task, *choice, "--program", folder / "program.yaml").code == 0
+    return folder
 
 
-def test_a_second_step_begins_where_the_first_ends(sqrp, watch, tmp_path):
-    path = tmp_path / "program.yaml"
-    assert sqrp("rank", watch, "watch seen", "--program", path).code == 0
-    assert sqrp("rank", watch, "watch turned", "--program", path).code == 0
-    steps = yaml.safe_load(path.read_text(encoding="utf-8"))["steps"]
-    assert [step["parameters"]["object"] for step in steps] == ["seen", "turned"]
-    assert all(first["after"] == then["before"] for first, then in pairwise(steps))
-    assert "watched(seen)" in steps[1]["before"]["facts"]
-    assert {"watched(seen)", "watched(turned)"} <= set(steps[1]["after"]["facts"])
-    assert path.read_text(encoding="utf-8").splitlines()[0] == SHEBANG
+@pytest.fixture
+def folder(two, tmp_path):
+    """A copy of both, to be changed."""
+    return Path(shutil.copytree(two, tmp_path / "own"))
+
+
+def test_a_second_step_begins_where_the_first_ends_and_totals_weight_quality_with_time(sqrp, two, tmp_path):
+    text = (two / "program.yaml").read_text(encoding="utf-8")
+    assert text.splitlines()[0] == SHEBANG
+    first, then = steps = yaml.safe_load(text)["steps"]
+    assert [step["parameters"] for step in steps] == [{"object": "seen"}, {"object": "turned"}]
+    assert first["after"] == then["before"]
+    assert "watched(seen)" in then["before"]["facts"]
+    assert {"watched(seen)", "watched(turned)"} <= set(then["after"]["facts"])
+    assert then["q_avg"] == pytest.approx(0.6, abs=1e-9)
+    figures = {"delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0, "expected_time": 6.6}
+    assert then["faults"] == {"moved": pytest.approx(figures, abs=1e-9)}
+    assert then["targets"]["in_place(turned)"]["seen"] == {"eye": [[0.0, 1.5], [2.0, 3.0]]}
+    assert then["targets"]["faces(turned)"]["seen"] == {"eye": []}
+    assert (then["primitives"][0]["start"], then["primitives"][-1]["end"]) == (0.0, 4.0)
+    outcome = sqrp("program", two / "program.yaml", "--json")
+    document, total = outcome.document, outcome.document["total"]
+    assert (outcome.code, outcome.err, document["stale"], document["tool"]) == (0, "", False, [])
+    assert [(step["start"], step["end"]) for step in document["steps"]] == [(0.0, 4.0), (4.0, 8.0)]
+    assert (total["time"], total["q_avg"], total["delay_worst"]) == (8.0, pytest.approx(0.8), pytest.approx(0.15))
+    for step, listed in zip(steps, document["steps"], strict=True):
+        assert all(step[name] == listed[name] for name in ("task", "skill", "time", "q_avg", "faults"))
+    (tmp_path / "listing.json").write_text(outcome.out, encoding="utf-8")
+    assert sqrp("show", tmp_path / "listing.json").out == sqrp("program", two / "program.yaml").out
+
+
+def test_dropping_the_last_step_leaves_the_program_as_it_was_before_it(sqrp, folder):
+    path = folder / "program.yaml"
+    first = load_program(path).steps[0]
+    assert sqrp("program", path, "--drop-last").code == 0
+    (left,) = load_program(path).steps
+    assert left.model_dump() == first.model_dump()
+
+
+def test_a_program_that_could_not_be_read_again_is_not_written(sqrp, folder, monkeypatch):
+    path = folder / "program.yaml"
+    before = path.read_bytes()
+    monkeypatch.setattr("sqrp_cli.program.file.MAX_BYTES", len(before))
+    outcome = sqrp("rank", folder / "watch", "watch seen", "--program", path)
+    assert (outcome.code, "3 steps" in outcome.err, f"--after {path}" in outcome.err) == (2, True, True)
+    assert path.read_bytes() == before
+
+
+def test_what_a_program_keeps_of_its_workspace_is_believed_only_as_it_was_written(sqrp, folder):
+    edit(folder / "watch", "near: 50 cm", "near: 51 cm")
+    edit(folder / "program.yaml", "near: 0.5", "near: 0.51")
+    assert sqrp("program", folder / "program.yaml", "--json").document["stale"] is True
+
+
+def test_a_program_holds_when_the_order_of_keys_changes(sqrp, folder):
+    file = folder / "watch" / "workspace.yaml"
+    parts = file.read_text(encoding="utf-8").split("\n\n")
+    file.write_text("\n\n".join([parts[0], *reversed(parts[1:])]), encoding="utf-8")
+    outcome = sqrp("program", folder / "program.yaml", "--json")
+    assert (outcome.code, outcome.err, outcome.document["stale"]) == (0, "", False)
+
+
+def test_a_program_of_an_earlier_version_holds_until_a_byte_changes_and_can_be_continued(sqrp, folder):
+    """One as versions wrote it that knew a workspace by the bytes of its files."""
+    path = folder / "program.yaml"
+    known = load_workspace(folder / "watch").file_digest
+    save_program(load_program(path).model_copy(update={"digest": known, "made_for": {}}), path)
+    earlier = path.read_bytes()
+    assert "made_for" not in yaml.safe_load(earlier)
+    assert sqrp("program", path, "--json").document["stale"] is False
+    assert sqrp("rank", folder / "watch", "watch high", "--program", path).code == 0
+    assert load_program(path).made_for["camera eye"]["near"] == 0.5
+    path.write_bytes(earlier)
+    edit(folder / "watch", "detectors:", "# what sees\ndetectors:")
+    outcome = sqrp("program", path, "--json", columns=500)
+    assert outcome.document["stale"] is True
+    assert "an earlier version wrote it" in outcome.err
+
+
+@pytest.mark.parametrize("command", [["check"], ["rank"], ["explain"], ["advise", "--want", "q_avg 1 %"]])
+def test_a_program_in_place_of_a_workspace_starts_where_it_ends(sqrp, two, command):
+    (name, *options), program, task = command, two / "program.yaml", "watch high"
+    told = sqrp(name, program, task, *options, "--jobs", 1, "--json")
+    assert told.out == sqrp(name, two / "watch", task, "--after", program, *options, "--jobs", 1, "--json").out
+    assert told.code in (0, 1)
+    assert told.document["task"] == task
+
+
+def test_a_shell_proposes_tasks_after_a_program(two):
+    parameters = {"workspace": two / "program.yaml"}
+    assert "watch seen" in tasks(SimpleNamespace(params=parameters), "watch s")
+
+
+@pytest.mark.parametrize("command", ["program", "run", "audit", "explain", "rank", "check", "advise"])
+def test_help_calls_it_by_one_word(sqrp, command):
+    text = sqrp(command, "--help").out
+    assert "PROGRAM" in text
+    assert "--program FILE" not in text
 
 
 def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is(sqrp, tabletop, tmp_path, monkeypatch):
@@ -184,29 +263,9 @@ def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is
     assert path.read_text() == other.read_text()
 
 
-def test_a_chosen_candidate_becomes_the_step(sqrp, watch, tmp_path):
-    path = tmp_path / "program.yaml"
-    assert sqrp("rank", watch, "watch cube", "--program", path, "--choose", "turned").code == 0
-    (step,) = yaml.safe_load(path.read_text(encoding="utf-8"))["steps"]
-    assert step["parameters"] == {"object": "turned"}
-    assert step["q_avg"] == pytest.approx(0.6, abs=1e-9)
-    figures = {"delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0, "expected_time": 6.6}
-    assert step["faults"] == {"moved": pytest.approx(figures, abs=1e-9)}
-
-
-def test_a_program_says_when_the_hand_worked_cell_is_seen(sqrp, watch, tmp_path):
-    path = tmp_path / "program.yaml"
-    assert sqrp("rank", watch, "watch turned", "--program", path).code == 0
-    (step,) = yaml.safe_load(path.read_text(encoding="utf-8"))["steps"]
-    assert step["targets"]["in_place(turned)"]["seen"] == {"eye": [[0.0, 1.5], [2.0, 3.0]]}
-    assert step["targets"]["faces(turned)"]["seen"] == {"eye": []}
-    assert (step["primitives"][0]["start"], step["primitives"][-1]["end"]) == (0.0, 4.0)
-
-
 @pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_path, monkeypatch, call):
-    path = tmp_path / "program.yaml"
-    assert sqrp("rank", watch, "watch seen", "--program", path).code == 0
+def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, folder, monkeypatch, call):
+    path = folder / "program.yaml"
     before = path.read_bytes()
 
     def full(*_: object, **__: object) -> None:
@@ -214,11 +273,11 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_pa
 
     monkeypatch.setattr(os, call, full)
     monkeypatch.setattr(Path, "replace", full) if call == "replace" else None
-    outcome = sqrp("rank", watch, "watch turned", "--program", path)
+    outcome = sqrp("rank", folder / "watch", "watch high", "--program", path)
     assert outcome.code == 2
     assert "No space left" in outcome.err
     assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(folder.iterdir()) == [path, folder / "watch"]
 
 
 def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):

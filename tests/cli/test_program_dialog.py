@@ -44,17 +44,16 @@ def test_a_program_of_two_steps_is_made_by_numbers(answer, file):
     assert all(len(line) <= 80 for line in outcome.out.splitlines() if str(file) not in line)
 
 
-def test_what_can_be_done_is_listed_first_and_the_rest_with_its_reason(answer, file):
-    outcome = answer()
+def test_what_can_be_done_is_listed_first_the_rest_with_its_reason_and_without_a_way_no_file_is_asked_for(answer, file):
+    outcome = answer("pickup g2", "0", "")
     lines = outcome.out.splitlines()
     numbered = [line.split()[1:3] for line in lines if line.split()[:1] and line.split()[0].isdecimal()]
     assert ["pickup", "g2"] in numbered
     assert ["pickup", "g6"] not in numbered
     assert any(line.startswith("not pickup g6:") and "too far" in line for line in lines)
     assert "needs `hold(g1)`" in outcome.out
-    assert outcome.code == 0
-    assert not file.exists()
-    assert "nothing was written" in outcome.err
+    assert "File for the program" not in outcome.out
+    assert (outcome.code, file.exists(), "nothing was written" in outcome.err) == (0, False, True)
 
 
 def test_a_task_that_needs_others_first_is_proposed_with_them(answer, file):
@@ -72,12 +71,6 @@ def test_wrong_answers_are_explained_and_asked_for_again(answer, file, laying):
     assert "There is no number 99" in outcome.out
     assert "There is no number 7" in outcome.out
     assert [step.short_task for step in load_program(file).steps] == ["pickup g2"]
-
-
-def test_no_way_means_no_question_for_a_file(answer):
-    outcome = answer("pickup g2", "0", "")
-    assert "File for the program" not in outcome.out
-    assert "nothing was written" in outcome.err
 
 
 def test_a_file_that_is_there_already_is_never_overwritten(answer, laying, file):

@@ -40,34 +40,6 @@ def cells(own_watch, tmp_path):
     return folder
 
 
-def test_a_camera_moved_by_10_cm_turns_the_build_red_and_restoring_it_green(sqrp, own_watch, tmp_path):
-    baseline = tmp_path / "baseline.json"
-    arguments = ("score", own_watch, "--json", "--baseline", baseline)
-    # `seen` is 2.022 m away, and 2.121 m from 10 cm further back. It must be seen until 1.5 s and from 2 s to 3 s.
-    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2.1 m]")
-    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
-    assert sqrp(*arguments).code == 0
-    edit(own_watch, "position: [0, 0, 1], look_at", "position: [-0.1, 0, 1], look_at")
-    outcome = sqrp(*arguments)
-    assert outcome.code == 1
-    (result,) = outcome.document["results"]
-    (reason,) = (reason for reason in result["reasons"] if "got worse for seen" in reason)
-    for words in (
-        "watch green",
-        "Q_avg fell from 100.0 % to 0.0 %",
-        "eye no longer sees in_place(seen) from 0.0 s to 1.5 s: too far for its detector (1 more such stretch)",
-        "cameras.eye.pose.position.0: 0 -> -0.1",
-    ):
-        assert words in reason
-    assert result["baseline"]["verdict"] == "regressed"
-    lost = next(way for way in result["baseline"]["ways"] if way["way"] == "seen")["lost"]
-    assert [(loss["start"], loss["end"]) for loss in lost] == [(0.0, 1.5), (2.0, 3.0)]
-    edit(own_watch, "position: [-0.1, 0, 1], look_at", "position: [0, 0, 1], look_at")
-    restored = sqrp(*arguments)
-    assert restored.code == 0
-    assert restored.document["results"][0]["baseline"]["verdict"] == "unchanged"
-
-
 def test_a_baseline_of_an_earlier_version_knows_a_workspace_by_its_bytes(sqrp, own_watch, tmp_path):
     baseline = tmp_path / "baseline.json"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
@@ -225,30 +197,6 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     assert sqrp("score", own_watch, "--out", tmp_path / "results").code == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], ["no such file or folder"]),
-        (["nothing/*"], ["no workspace fits"]),
-        (["--resume"], ["--out"]),
-        (["--cluster", "tcp://127.0.0.1:1"], ["no Dask scheduler", "tcp://127.0.0.1:1"]),
-        (["--cluster", "nope"], ["no Dask scheduler", "`nope`", "missing port"]),
-        (["--cluster", "foo://host:1"], ["no Dask scheduler", "`foo://host:1`"]),
-        (["--junit", "nowhere/junit.xml"], ["no folder"]),
-    ],
-)
-def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
-    from sqrp_cli.score import cluster
-
-    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
-    outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.err.count("error:") == 1
-    assert "Exception ignored" not in outcome.err
-    for word in words:
-        assert word in outcome.err
-
-
 @pytest.mark.parametrize("option", ["--save-baseline", "--junit", "--summary"])
 def test_only_files_that_score_wrote_are_overwritten(sqrp, own_watch, tmp_path, option):
     file = tmp_path / "p.yaml"
@@ -265,52 +213,6 @@ def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch
     outcome = sqrp("diff", watch, own_watch)
     assert outcome.code == 0
     assert outcome.out == "Nothing that matters differs in the workspace.\n\nNo task gets better or worse.\n"
-
-
-def test_a_sweep_names_the_best_variant_and_writes_it_as_a_patch(sqrp, own_watch, tmp_path):
-    # `seen` is 2.022 m away from x = 0 and 1.921 m from x = 0.1, where it is near enough; x = 0.3 is as good.
-    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
-    edit(own_watch, "task: watch green", "task: watch seen")
-    patch = tmp_path / "best.patch"
-    arguments = ("score", own_watch, "--vary", "cameras.eye.pose.position[0]=-0.1:0.3:3", "--patch", patch)
-    outcome = sqrp(*arguments, "--json")
-    assert outcome.code == 0
-    variants = outcome.document["variants"]
-    assert [variant["values"].get("cameras.eye.pose.position.0") for variant in variants] == [
-        "0.1",
-        "0.3",
-        None,
-        "-0.1",
-    ]
-    assert [variant["q_avg"] for variant in variants] == pytest.approx([1.0, 1.0, 0.0, 0.0])
-    assert outcome.document["best"] == {"cameras.eye.pose.position.0": "0.1"}
-    lines = [line for line in patch.read_text(encoding="utf-8").splitlines() if line[0] in "+-" and line[1] == " "]
-    assert lines == [
-        "-    pose: {position: [0, 0, 1], look_at: [1, 0, 1]}",
-        "+    pose: {position: [0.1, 0, 1], look_at: [1, 0, 1]}",
-    ]
-    shown = sqrp(*arguments).out
-    assert "Best is cameras.eye.pose.position.0 = 0.1." in shown
-    if shutil.which("patch") is None:
-        pytest.skip("there is no `patch` here")
-    (command,) = (line.strip() for line in shown.splitlines() if line.startswith("  patch "))
-    subprocess.run(["/bin/sh", "-c", command], check=True, capture_output=True)
-    assert "None is better than the workspace as it is." in sqrp(*arguments).out
-
-
-def near_enough_from_a_step_aside(workspace: Path) -> None:
-    """Let `seen` be near enough from x = 0.0226 m on, 2 m from it, and not from where the camera is."""
-    edit(workspace, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
-    edit(workspace, "task: watch green", "task: watch seen")
-
-
-def test_of_equal_draws_the_one_farthest_from_those_that_are_worse_is_best(sqrp, own_watch, tmp_path):
-    near_enough_from_a_step_aside(own_watch)
-    arguments = ("--vary", "cameras.eye.pose.position[0]=-0.3:0.7", "--draws", 12, "--patch", tmp_path / "best.patch")
-    document = sqrp("score", own_watch, *arguments, "--json").document
-    drawn = [float(value) for variant in document["variants"] for value in variant["values"].values()]
-    assert sum(value > 0.0226 for value in drawn) == document["equals"] > 1
-    assert float(document["best"]["cameras.eye.pose.position.0"]) == max(drawn)  # worse ones are all below
 
 
 @pytest.mark.parametrize(
@@ -335,20 +237,6 @@ def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_wat
     assert outcome.err.count("nothing of the interval [100, 200]") == 1
 
 
-@pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["table", "document"])
-def test_what_could_be_scored_is_printed_and_what_could_not_is_in_it_as_an_error(sqrp, cells, as_json):
-    outcome = sqrp("score", cells, *as_json)
-    assert outcome.code == 2
-    words = ("good", "passed", "low", "failed", "broken", "error", "50 kg")
-    assert [word for word in words if word not in outcome.out] == []
-    assert "error:" not in outcome.err  # said once, where the results are
-    shutil.rmtree(cells / "good")
-    shutil.rmtree(cells / "low")
-    alone = sqrp("score", cells, *as_json)
-    assert (alone.code, alone.out) == (2, "")
-    assert "50 kg" in alone.err
-
-
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
     monkeypatch.setattr("sqrp_cli.study.assessment.MAX_SAMPLES", 1)
@@ -356,3 +244,58 @@ def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_
     outcome = sqrp(command, watch, own_watch, "--samples", 10)
     assert (outcome.code, outcome.out) == (2, "")
     assert "the limit is 1" in outcome.err
+
+
+def test_where_the_camera_of_a_baseline_saw_and_sees_no_longer_is_in_the_document(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    # `seen` is 2.022 m away, and 2.121 m from 10 cm further back. It must be seen until 1.5 s and from 2 s to 3 s.
+    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2.1 m]")
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    edit(own_watch, "position: [0, 0, 1], look_at", "position: [-0.1, 0, 1], look_at")
+    (result,) = sqrp("score", own_watch, "--json", "--baseline", baseline).document["results"]
+    assert result["baseline"]["verdict"] == "regressed"
+    lost = next(way for way in result["baseline"]["ways"] if way["way"] == "seen")["lost"]
+    assert [(loss["start"], loss["end"]) for loss in lost] == [(0.0, 1.5), (2.0, 3.0)]
+
+
+def test_what_a_sweep_says_is_in_its_document_and_its_command_applies_the_patch(sqrp, own_watch, tmp_path):
+    # `seen` is near enough from x = 0.0226 m on, 2 m from it: the three that are not are all below.
+    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
+    edit(own_watch, "task: watch green", "task: watch seen")
+    path, patch = "cameras.eye.pose.position.0", tmp_path / "best.patch"
+    drawn = ("score", own_watch, "--vary", f"{path}=-0.3:0.7", "--draws", 12, "--patch", patch, "--json")
+    document = sqrp(*drawn).document
+    values = [float(value) for variant in document["variants"] for value in variant["values"].values()]
+    assert sum(value > 0.0226 for value in values) == document["equals"] > 1
+    assert float(document["best"][path]) == max(values)  # the farthest from those that are worse
+    arguments = ("score", own_watch, "--vary", f"{path}=-0.1:0.3:3", "--patch", patch)
+    document = sqrp(*arguments, "--json").document
+    assert [variant["values"].get(path) for variant in document["variants"]] == ["0.1", "0.3", None, "-0.1"]
+    assert [variant["q_avg"] for variant in document["variants"]] == pytest.approx([1.0, 1.0, 0.0, 0.0])
+    assert document["best"] == {path: "0.1"}
+    if shutil.which("patch") is None:
+        pytest.skip("there is no `patch` here")
+    (command,) = (line.strip() for line in sqrp(*arguments).out.splitlines() if line.startswith("  patch "))
+    subprocess.run(["/bin/sh", "-c", command], check=True, capture_output=True)
+    assert "None is better than the workspace as it is." in sqrp(*arguments).out
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [("tcp://127.0.0.1:1", "`tcp://127.0.0.1:1`"), ("nope", "missing port"), ("foo://host:1", "`foo://host:1`")],
+)
+def test_a_scheduler_that_does_not_answer_is_named(sqrp, watch, address, words, monkeypatch):
+    monkeypatch.setattr("sqrp_cli.score.cluster.CONNECT_TIMEOUT", 0.2)
+    outcome = sqrp("score", watch, "--cluster", address)
+    assert (outcome.code, outcome.out, outcome.err.count("error:")) == (2, "", 1)
+    assert "Exception ignored" not in outcome.err
+    assert "no Dask scheduler" in outcome.err
+    assert words in outcome.err
+
+
+def test_what_could_not_be_scored_is_an_error_in_the_document(sqrp, cells):
+    outcome = sqrp("score", cells, "--json")
+    assert (outcome.code, "error:" in outcome.err) == (2, False)  # said once, where the results are
+    assert [
+        word for word in ("good", "passed", "low", "failed", "broken", "error", "50 kg") if word not in outcome.out
+    ] == []

@@ -66,18 +66,14 @@ def printed(sqrp, asked, tmp_path_factory):
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
 @pytest.mark.parametrize("columns", [80, 60, 40])
-def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, arguments, columns):
+def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off_or_ends_in_blanks(printed, arguments, columns):
     outcome = printed(columns, *arguments)
     assert (outcome.code, outcome.err) == (0, "")
     for line in outcome.out.splitlines():
         assert width(line) <= columns or line.startswith("sqrp ")  # a command is never folded, so that it can be copied
+        assert line == line.rstrip()
     assert "…" not in outcome.out
     assert "\x1b" not in outcome.out
-
-
-@pytest.mark.parametrize("columns", [80, 40])
-def test_no_line_ends_in_blanks(printed, arguments, columns):
-    assert [line for line in printed(columns, *arguments).out.splitlines() if line != line.rstrip()] == []
 
 
 def test_a_narrow_terminal_loses_nothing(printed, arguments):
@@ -121,20 +117,18 @@ def test_long_names_are_shown_in_full(sqrp, own_watch):
     assert f"in_place({name})" in sqrp("explain", own_watch, "watch green", "--choose", name).out
 
 
-def without_formulas(workspace: Path, primitives: str | None = None) -> None:
+def without_formulas(workspace: Path, primitives: str = "") -> None:
     """Take formulas and faults from the skill of a copy of the hand-worked cell; give it other primitives."""
     skill = workspace / "watch" / "skill.yaml"
     text = skill.read_text(encoding="utf-8")
-    kept = text[: text.index("formulas:")] if primitives is None else primitives
-    skill.write_text(kept + text[text.index("targets:") :], encoding="utf-8")
+    skill.write_text((primitives or text[: text.index("formulas:")]) + text[text.index("targets:") :], encoding="utf-8")
 
 
 @pytest.mark.parametrize("options", [(), ("--samples", 5)], ids=["adaptive", "samples"])
 @pytest.mark.parametrize("command", ["rank", "explain"])
 def test_a_skill_without_formulas_has_no_quality(sqrp, own_watch, command, options):
     without_formulas(own_watch)
-    plain_outcome = sqrp(command, own_watch, "watch seen", *options)
-    assert plain_outcome.code == 0, plain_outcome.err
+    assert sqrp(command, own_watch, "watch seen", *options).code == 0
     outcome = sqrp(command, own_watch, "watch seen", *options, "--json")
     assert outcome.code == 0, outcome.err
     candidate = outcome.document if command == "explain" else outcome.document["candidates"][0]
@@ -186,10 +180,11 @@ def test_the_shipped_scenes_fit_into_eighty_columns(sqrp, tabletop, name):
     assert sum(re.match(r"(camera|object)  ", line) is not None for line in lines) == 2  # tables, not paragraphs
 
 
-def test_a_terminal_shows_the_same_text_as_a_file(sqrp, watch):
+def test_a_terminal_shows_the_same_text_as_a_file_and_no_colour_where_none_is_wanted(sqrp, watch):
     arguments = ["rank", str(watch), "watch cube"]
-    shown = re.sub(r"\x1b\[[0-9;]*m", "", in_a_terminal(arguments, 80))
-    assert shown == sqrp(*arguments).out
+    shown = in_a_terminal(arguments, 80)
+    assert not re.search(r"\x1b\[3[0-7]m", shown)
+    assert re.sub(r"\x1b\[[0-9;]*m", "", shown) == sqrp(*arguments).out
 
 
 def test_no_line_ends_in_blanks_where_there_is_colour(watch):
@@ -199,30 +194,35 @@ def test_no_line_ends_in_blanks_where_there_is_colour(watch):
     assert [line for line in text.splitlines() if line != line.rstrip()] == []
 
 
-def test_without_colour_no_control_characters_reach_the_terminal(watch):
-    shown = in_a_terminal(["check", str(watch)], 80)
-    assert not re.search(r"\x1b\[3[0-7]m", shown)
-    assert "watch is valid" in shown
-
-
-def test_progress_never_reaches_a_file(sqrp_process, watch):
-    outcome = sqrp_process("rank", watch, "watch green")
-    assert outcome.err == ""
-    assert outcome.out.count("Assessing") == 0
-    assert "watch" in outcome.out
-
-
-def test_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_terminal(monkeypatch):
-    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
+@pytest.fixture
+def diagnostics(monkeypatch):
+    """What is told on stderr where that is no terminal."""
     out = io.StringIO()
     monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
+    return out
+
+
+def test_only_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_terminal(monkeypatch, diagnostics):
+    with console.progress("Assessing pickup green", None):
+        time.sleep(0.01)
+    assert diagnostics.getvalue() == ""
+    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
     with console.progress("Assessing pickup green", 40) as advance:
         advance(12)
         time.sleep(0.5)
-    lines = out.getvalue().splitlines()
+    lines = diagnostics.getvalue().splitlines()
     assert 2 <= len(lines) <= 10
     told = [re.fullmatch(r"Assessing pickup green: 12 of 40 after [01] s, about (\d) s left", line) for line in lines]
     assert all(found is not None and int(found[1]) <= 3 for found in told), lines
+
+
+def test_a_run_says_how_far_it_is_where_stderr_is_no_terminal(monkeypatch, diagnostics):
+    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
+    with LiveView(["cam1"], planned=13.87) as view:
+        for t in (0.4, 1.2, 2.9, 5.1):
+            view(event("stopping", t))
+        time.sleep(0.2)
+    assert diagnostics.getvalue().splitlines()[0].startswith("Running, seconds of the motion: 5 of 14 after 0 s")
 
 
 def test_where_the_last_parts_take_long_no_time_left_is_told(monkeypatch):
@@ -233,25 +233,6 @@ def test_where_the_last_parts_take_long_no_time_left_is_told(monkeypatch):
         time.sleep(0.3)
     assert lines
     assert not [line for line in lines if "left" in line], lines
-
-
-def test_a_run_says_how_far_it_is_where_stderr_is_no_terminal(monkeypatch):
-    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
-    out = io.StringIO()
-    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
-    with LiveView(["cam1"], planned=13.87) as view:
-        for t in (0.4, 1.2, 2.9, 5.1):
-            view(event("stopping", t))
-        time.sleep(0.2)
-    assert out.getvalue().splitlines()[0].startswith("Running, seconds of the motion: 5 of 14 after 0 s")
-
-
-def test_a_step_that_is_quick_has_no_line_where_stderr_is_no_terminal(monkeypatch):
-    out = io.StringIO()
-    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
-    with console.progress("Assessing pickup green", None):
-        time.sleep(0.01)
-    assert out.getvalue() == ""
 
 
 def test_beside_a_document_no_progress_is_told(sqrp, watch, monkeypatch):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -119,15 +118,6 @@ def test_every_file_that_the_workspace_refers_to_is_watched(sqrp, own_watch, sav
     assert "skill.yaml saved" in out
     assert "4.00 → 5.00" in out
     assert "arm.urdf saved" in out
-
-
-@pytest.mark.parametrize("option", [["--json"], ["--program", "pick.yaml"]])
-def test_what_makes_no_sense_again_and_again_is_refused(sqrp, own_watch, option, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    refused = sqrp("rank", own_watch, "watch seen", "--watch", *option)
-    assert (refused.code, refused.out) == (2, "")
-    assert f"--watch and {option[0]} exclude each other" in refused.err
-    assert not Path("pick.yaml").exists()
 
 
 def test_rows_that_come_and_go_stand_beside_nothing_and_long_tables_show_what_differs(capsys):
