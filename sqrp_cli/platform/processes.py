@@ -38,6 +38,9 @@ Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 PATIENCE = 1.0  # a process that takes longer than this to end [s] is killed
 
+MOST_PER_CORE = 8
+"""More workers gain nothing, and a slip of the hand in `--jobs` would take all memory."""
+
 _CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
 
 _pipes: WeakSet[Connection] = WeakSet()  # our ends of the pipes to all workers
@@ -210,13 +213,13 @@ class Pool(Generic[Message, Answer]):
         deadline: float = inf,
         ahead: int = 1,
     ) -> None:
-        """Start the workers; see `Worker`. deadline: of each message; who takes longer is killed [s].
+        """Start the workers, at most `MOST_PER_CORE`; see `Worker`. deadline: of each message; who takes longer is killed [s].
 
         ahead: how many messages a worker gets in advance, while enough are left: none where they are large.
         """
         self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
         self._deadline, self._ahead = deadline, ahead
-        self._workers = [self._new() for _ in range(count)]
+        self._workers = [self._new() for _ in range(min(count, MOST_PER_CORE * (os.cpu_count() or 1)))]
 
     def map(self, messages: Sequence[Message]) -> Iterator[Answer]:
         """The answer to each message, in order, each as soon as it and those before it are there.

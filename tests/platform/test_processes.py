@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.platform.processes import Pool, Worker, WorkerDied, forked, in_processes
+from sqrp_cli.platform.processes import MOST_PER_CORE, Pool, Worker, WorkerDied, forked, in_processes
 from sqrp_cli.run.image import NEEDED
 from tests.cells import ROOT
 
@@ -241,3 +241,10 @@ except InputError as error:
 def test_the_end_of_the_server_that_forks_workers_is_an_error_with_a_reason(tmp_path: Path) -> None:
     run = ran(KILLED_SERVER, tmp_path)
     assert (run.stdout, run.stderr) == ("worker-died\n", "")
+
+
+def test_a_number_of_processes_that_no_machine_has_takes_no_memory() -> None:
+    pool: Pool[int, int] = Pool(10**20, forked(), lambda: lambda number: number)
+    assert list(pool.map([1, 2, 3])) == [1, 2, 3]
+    assert len(pool._workers) <= MOST_PER_CORE * (os.cpu_count() or 1)
+    pool.kill()
