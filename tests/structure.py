@@ -40,7 +40,7 @@ ROOMS = {
     "run": ("run", 7_605),
     "field": ("field ros", 3_072),
     "score": ("score", 2_359),
-    "show": ("show", 4_909),
+    "show": ("show", 4_911),
     "ask": ("ask cli __init__ __main__", 5_215),
     "studio": ("studio", 1_848),
     "starter, platform": ("starter platform", 1_782),

@@ -148,7 +148,7 @@ path = kept(Path, _A_PATH, lambda value: isinstance(value, str | Path) and bool(
 paths = kept(
     list[Path],
     "several paths, in a list",
-    lambda value: _several(value, str | Path),
+    lambda value: _several(value, str | Path) and "" not in value,
     make=lambda all_: tuple(map(Path, all_)),
 )
 urdf = kept(str, _A_PATH, lambda value: isinstance(value, str | Path) and bool(str(value)))  # or of a package
@@ -183,7 +183,7 @@ def quantity(dimension: str, least: float, most: float, bounds: str) -> FieldKin
 
 
 rate = quantity("FREQUENCY", 1.0, 2000.0, "1 to 2000 Hz")
-seconds = quantity("TIME", 1e-9, math.inf, "more than 0")
+seconds = quantity("TIME", math.ulp(0.0), math.inf, "more than 0")
 
 
 @reads(None)

@@ -27,6 +27,8 @@ from sqrp_cli.study.whole_study import mean_qualities
 class ListedPrimitive(Span):
     """A primitive action, on the clock of the whole program [s]."""
 
+    does: str
+    """What it does, in a word or two."""
     action: str
     """What kind of action it is, such as `joint_move` or `grasp`."""
     held: str | None
