@@ -213,8 +213,9 @@ class Pool(Generic[Message, Answer]):
         deadline: float = inf,
         ahead: int = 1,
     ) -> None:
-        """Start the workers, at most `MOST_PER_CORE`; see `Worker`. deadline: of each message; who takes longer is killed [s].
+        """Start the workers, at most `MOST_PER_CORE`; see `Worker`.
 
+        deadline: of each message; who takes longer is killed [s].
         ahead: how many messages a worker gets in advance, while enough are left: none where they are large.
         """
         self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
