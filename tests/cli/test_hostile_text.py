@@ -202,7 +202,7 @@ def program(sqrp, evil):
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else None,
 )
 def test_no_command_prints_what_commands(sqrp, evil, program, watch, tmp_path, code, arguments, columns):
-    log = log_of(tmp_path / "log", 0.1, {"slow": 5.0})
+    log = log_of(tmp_path / "log")
     hostile = log.read_text(encoding="utf-8")
     for name in ("it was seen", "pickup g", "slip", "cell"):
         hostile = hostile.replace(f'"{name}"', json.dumps(f"{name}{EVIL}"))

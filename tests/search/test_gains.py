@@ -9,9 +9,15 @@ import numpy as np
 from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.light import Light
 from sqrp_cli.cell.mounts import LensChoice, Spot
+from sqrp_cli.geometry import look_at
 from sqrp_cli.search.sites import Installation, verdicts_of
 from sqrp_cli.sight.observer import Observer
-from tests.sight.visibility.test_lighting import ABOVE, CUBE, GREEN, STATES
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
+from tests.sight.visibility.test_lighting import CUBE, GREEN
+
+ABOVE = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+"""A camera that sees the top of the cube alone."""
+STATES = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
 
 IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)
 LENSES = [
