@@ -37,10 +37,8 @@ _TOGETHER = 512
 
 _FEW = 32
 """Vectors to test at once where the next ones may pass; twice as many each time that none does."""
-
 _DECIDED = 6
 """Vectors of one batch that pass the bound and are decided, at most; failures sharpen the bound."""
-
 _GIVEN_UP = 4
 """Batches of a fine grid that are given up before all of it is: the bound tells too little of what is decided."""
 
@@ -130,8 +128,10 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
                 low, high = high, high + 2.0 * (high - low)
             while one is not None and high - low > 0.1 * bounds.step:
                 middle = 0.5 * (low + high)
-                smaller = tried(middle)
-                low, high, one = (low, middle, smaller) if smaller is not None else (middle, high, one)
+                if (smaller := tried(middle)) is not None:
+                    high, one = middle, smaller
+                else:
+                    low = middle
         return None if one is None else one._replace(margin=margin(move, one.change))
 
     if answers := [one for one in in_processes(confirmed, list(best.values()), jobs) if one is not None]:

@@ -51,7 +51,7 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {found.want}\n"]))
     command = _conclude(found, written=written)
-    as_it_is = "As it moves with --ways fastest" if found.starts_fastest else "In its best way, as rank takes it"
+    as_it_is = "Now, in its fastest way" if found.starts_fastest else "In its best way, as rank takes it"
     say(f"{as_it_is}, it has {_figures(found.before, found.want)}.")
     if found.best is not None and not found.met:
         say(
