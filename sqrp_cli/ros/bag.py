@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +39,8 @@ def is_bag(path: Path) -> bool:
     """Whether a path is a recording, or the metadata of one."""
     if not path.is_file():
         return (path / METADATA).is_file()
-    head = _head(path)
+    with naming(path, "this file cannot be read"), path.open("rb") as file:
+        head = file.read(1000)
     return head.startswith((_ROS1, *_ROS2)) or (path.name == METADATA and b"rosbag2_bagfile_information" in head)
 
 
@@ -56,11 +57,6 @@ def check_kind(path: Path) -> None:
     if path.is_dir() and not is_bag(path) and (parts := sorted([*path.glob("*.mcap"), *path.glob("*.db3")])):
         message = f"this folder has {parts[0].name}, but no {METADATA}: its recorder was not ended as it should be"
         raise bad_input("unreadable-file", message, Place(path), mend=f"ros2 bag reindex {shlex.quote(str(path))}")
-
-
-def _head(path: Path) -> bytes:
-    with naming(path, "this file cannot be read"), path.open("rb") as file:
-        return file.read(1000)
 
 
 class RecordedTopic(NamedTuple):
@@ -89,7 +85,10 @@ class Bag(AbstractContextManager["Bag"]):
             from rosbags import rosbag1, rosbag2
         self.path = path
         _limit()
-        head = _head(path) if path.is_file() else b""
+        head = b""
+        if path.is_file():
+            with naming(path, "this file cannot be read"), path.open("rb") as file:
+                head = file.read(20)
         self.ros: Ros = 1 if head.startswith(_ROS1) else 2
         self.types = message_types(self.ros)
         at = path.parent if path.name == METADATA else path
@@ -130,13 +129,10 @@ class Bag(AbstractContextManager["Bag"]):
             message = f"a message on `{packed.topic}` is no {packed.type}"
             raise bad_input("unreadable-file", message, Place(self.path)) from error
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file."""
         with suppress(Exception):  # of a damaged file, which was told already
             self._reader.close()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
@@ -153,8 +149,17 @@ class Bag(AbstractContextManager["Bag"]):
             mend, path = None, self.path  # the command that saves what is there of one that was not closed
             if path.suffix == ".bag":
                 mend = shlex.join(["rosbag", "reindex", str(path)])
-            elif path.suffix == ".mcap" and path.is_file() and _lacks_index(path):
-                mend = shlex.join(["mcap", "recover", str(path), "-o", str(path.with_stem(f"{path.stem}-recovered"))])
+            elif path.suffix == ".mcap" and path.is_file():
+                with path.open("rb") as file:
+                    start = file.read(17)  # the last 8 bytes are the length of the header
+                    size = file.seek(0, os.SEEK_END)
+                    file.seek(max(size - 37, 0))
+                    footer = file.read()
+                has_index = footer[:1] == b"\x02" and footer.endswith(_MCAP) and any(footer[9:17])
+                has_more = start.startswith(_MCAP) and 17 + int.from_bytes(start[9:], "little") < size
+                if has_more and not has_index:
+                    saved = str(path.with_stem(f"{path.stem}-recovered"))
+                    mend = shlex.join(["mcap", "recover", str(path), "-o", saved])
             raise bad_input("unreadable-file", message, Place(path), mend=mend) from error
 
 
@@ -171,23 +176,21 @@ def _limit() -> None:
     from rosbags.rosbag2 import metadata, storage_mcap
     from rosbags.rosbag2 import reader as folder_reader
 
-    def unpacking(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-        def unpacked(packed: bytes, _size: int = 0) -> bytes:
-            machine = decompressor()
-            found: bytes = machine.decompress(packed, _LARGEST_CHUNK)
-            if not machine.eof:
-                raise ValueError(f"a chunk is cut off, or has more than {_LARGEST_CHUNK >> 20} MB")
-            return found
-
-        return unpacked
-
     quick = type("Quick", (vars(metadata)["YAML"],), {"load": lambda _, text: _metadata(text)})
     for module in (metadata, folder_reader):
         setattr(module, "YAML", quick)  # noqa: B010 # it is no public name
     mcap: Any = storage_mcap  # it has the zstd that this Python has
-    lz4 = unpacking(LZ4FrameDecompressor)
-    reader.decompressors |= {"bz2": unpacking(BZ2Decompressor), "lz4": lz4}
-    mcap.DECOMPRESSORS |= {"zstd": unpacking(mcap.zstd.ZstdDecompressor), "lz4": lz4}
+    lz4 = partial(_unpacked, LZ4FrameDecompressor)
+    reader.decompressors |= {"bz2": partial(_unpacked, BZ2Decompressor), "lz4": lz4}
+    mcap.DECOMPRESSORS |= {"zstd": partial(_unpacked, mcap.zstd.ZstdDecompressor), "lz4": lz4}
+
+
+def _unpacked(decompressor: Callable[[], Any], packed: bytes, _size: int = 0) -> bytes:
+    machine = decompressor()
+    found: bytes = machine.decompress(packed, _LARGEST_CHUNK)
+    if not machine.eof:
+        raise ValueError(f"a chunk is cut off, or has more than {_LARGEST_CHUNK >> 20} MB")
+    return found
 
 
 def _metadata(text: str) -> object:
@@ -205,18 +208,6 @@ def _metadata(text: str) -> object:
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise ValueError(f"{METADATA}{line}: {error.problem}") from error
-
-
-def _lacks_index(path: Path) -> bool:
-    """Whether a MCAP file has something after its header, but no index of it at the end."""
-    with path.open("rb") as file:
-        head = file.read(17)  # the last 8 bytes are the length of the header
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(size - 37, 0))
-        footer = file.read()
-    begins = 17 + int.from_bytes(head[9:], "little")
-    whole = footer[:1] == b"\x02" and footer.endswith(_MCAP) and any(footer[9:17])
-    return head.startswith(_MCAP) and begins < size and not whole
 
 
 class BagWriter:
@@ -243,11 +234,24 @@ class BagWriter:
 
     def add(self, topic: str, t: int, message: Message, *, latched: bool = False) -> None:
         """Append a message that was received at `t` [ns]; latched: for those who listen later, too."""
+        from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
         with naming(self._path):
             if topic not in self._of_topic:
                 options: Mapping[str, object] = {"latching": 1} if latched else {}
                 if self.types.ros == 2:
-                    options = {"offered_qos_profiles": [_qos(latched=latched)]}
+                    qos = Qos(
+                        history=QosHistory.KEEP_LAST,
+                        depth=1 if latched else 10,
+                        reliability=QosReliability.RELIABLE,
+                        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+                        deadline=(forever := QosTime(0, 0)),
+                        lifespan=forever,
+                        liveliness=QosLiveliness.AUTOMATIC,
+                        liveliness_lease_duration=forever,
+                        avoid_ros_namespace_conventions=False,
+                    )
+                    options = {"offered_qos_profiles": [qos]}
                 kind, store = message.__msgtype__, self.types.store
                 self._of_topic[topic] = self._writer.add_connection(topic, kind, typestore=store, **options)
             self._writer.write(self._of_topic[topic], t, self.types.encode(message))
@@ -266,22 +270,6 @@ class BagWriter:
         with suppress(Exception):  # it is closed already
             self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def _qos(*, latched: bool) -> object:
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=1 if latched else 10,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=(forever := QosTime(0, 0)),
-        lifespan=forever,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=forever,
-        avoid_ros_namespace_conventions=False,
-    )
 
 
 @contextmanager

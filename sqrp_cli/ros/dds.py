@@ -36,7 +36,17 @@ class DdsTransport:
         self.types: MessageTypes = message_types(2)
         try:
             if network is not None and domain not in _DOMAINS:
-                _DOMAINS[domain] = Domain(domain, _configuration(network))
+                # This interface alone; without multicast where that is this computer's own.
+                kind = "address" if network[:1].isdigit() or ":" in network else "name"
+                general, discovery = f"<Interfaces><NetworkInterface {kind}={quoteattr(network)}/></Interfaces>", ""
+                if network in ("lo", "::1") or network.startswith("127."):
+                    general += "<AllowMulticast>false</AllowMulticast>"
+                    discovery = f"<MaxAutoParticipantIndex>{_PEERS}</MaxAutoParticipantIndex>"
+                    discovery += "<ParticipantIndex>auto</ParticipantIndex>"
+                    discovery += '<Peers><Peer address="127.0.0.1"/></Peers>'
+                within = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
+                within += "<Internal><SocketReceiveBufferSize min='default'/></Internal>"
+                _DOMAINS[domain] = Domain(domain, f"<CycloneDDS><Domain>{within}</Domain></CycloneDDS>")
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             message = f"cannot use domain {domain} of DDS on {network or 'the network'}: {error}"
@@ -57,15 +67,12 @@ class DdsTransport:
         """Announce a topic; returns what sends on it."""
         from cyclonedds.pub import DataWriter
 
-        entity = self._topic(topic)
-        writer = DataWriter(self._participant, entity, qos=_qos(topic))
+        made, qos, carrier = self._topic(topic)
+        writer = DataWriter(self._participant, made, qos=qos)
         self._writers[topic.name] = writer
-        carrier = entity.data_type
 
         def send(message: Message) -> None:
-            sample = carrier()
-            sample.data = self.types.encode(message)
-            writer.write(sample)
+            writer.write(carrier(self.types.encode(message)))
 
         return send
 
@@ -74,7 +81,8 @@ class DdsTransport:
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
-        reader = DataReader(self._participant, self._topic(topic), qos=_qos(topic))
+        made, qos, _ = self._topic(topic)
+        reader = DataReader(self._participant, made, qos=qos)
         inbox = Inbox(topic, self.types, self._heard.set)
         self._readers.append((reader, inbox))
         self._waitset.attach(ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
@@ -116,10 +124,29 @@ class DdsTransport:
         self._thread.join(2.0)
         self._participant.__del__()
 
-    def _topic(self, topic: Topic) -> Any:  # noqa: ANN401 # of a library whose types depend on what was made
+    def _topic(self, topic: Topic) -> tuple[Any, Any, Any]:
+        """A topic for DDS, its qualities of service, and the class of its messages, which holds their bytes."""
+        from cyclonedds.core import Policy, Qos
         from cyclonedds.topic import Topic as DdsTopic
+        from cyclonedds.util import duration
 
-        return DdsTopic(self._participant, f"rt/{topic.name.lstrip('/')}", _carrier(topic.type, self.types))
+        # The library learns from the class what the messages are, and takes and gives bytes; one of its own, as it is
+        # changed.
+        carrier = _struct.__wrapped__(topic.type, self.types)
+        carrier.__init__ = lambda carrying, data=b"": carrying.__dict__.update(data=bytes(data))
+        carrier.serialize, carrier.deserialize = (
+            lambda carrying, **_: carrying.data,
+            classmethod(lambda made, data, **_: made(data)),
+        )
+        carrier.deserialize_key = classmethod(lambda *_, **__: None)
+        reliable, best = Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Reliability.BestEffort
+        qos = Qos(
+            reliable if topic.reliable else best,
+            Policy.History.KeepLast(topic.depth),
+            Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )
+        return DdsTopic(self._participant, f"rt/{topic.name.lstrip('/')}", carrier), qos, carrier
 
     def _receive(self) -> None:
         """Bring what comes to the inboxes, until the end."""
@@ -137,69 +164,24 @@ _DOMAINS: dict[int, Any] = {}
 """A process sets up each domain once."""
 
 
-def _configuration(network: str) -> str:
-    """Cyclone's configuration for one network interface; without multicast where that is this computer's own."""
-    address = network[:1].isdigit() or ":" in network
-    interface = f"<NetworkInterface {'address' if address else 'name'}={quoteattr(network)}/>"
-    alone = network in ("lo", "::1") or network.startswith("127.")
-    general = f"<Interfaces>{interface}</Interfaces>" + ("<AllowMulticast>false</AllowMulticast>" if alone else "")
-    discovery = f"<MaxAutoParticipantIndex>{_PEERS}</MaxAutoParticipantIndex>" if alone else ""
-    if alone:
-        discovery += '<ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
-    return (
-        f"<CycloneDDS><Domain><General>{general}</General><Discovery>{discovery}</Discovery>"
-        "<Internal><SocketReceiveBufferSize min='default'/></Internal></Domain></CycloneDDS>"
-    )
-
-
-def _qos(topic: Topic) -> Any:  # noqa: ANN401 # of a library that is imported late
-    from cyclonedds.core import Policy, Qos
-    from cyclonedds.util import duration
-
-    return Qos(
-        Policy.Reliability.Reliable(duration(milliseconds=100)) if topic.reliable else Policy.Reliability.BestEffort,
-        Policy.History.KeepLast(topic.depth),
-        Policy.Durability.TransientLocal if topic.latched else Policy.Durability.Volatile,
-        Policy.DataRepresentation(use_cdrv0_representation=True),
-    )
-
-
-@cache
-def _carrier(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
-    """The class of a type for DDS, whose messages are bytes: the library only learns from it what they are."""
-
-    def carrying(carrier: Any, /, data: bytes, **_: object) -> Any:  # noqa: ANN401 # as above
-        sample = carrier()
-        sample.data = bytes(data)
-        return sample
-
-    made = _struct.__wrapped__(name, types)  # of its own, as it is changed
-    made.serialize, made.deserialize = lambda self, **_: self.data, classmethod(carrying)
-    made.deserialize_key = classmethod(lambda *_, **__: None)
-    made.__init__ = lambda _self: None
-    return made
-
-
 @cache
 def _struct(name: str, types: MessageTypes) -> Any:  # noqa: ANN401 # a class made at run time
     """The class of a type for DDS, field by field from the message store."""
-    from cyclonedds.idl import make_idl_struct
-
-    package, _, short = name.split("/")
-    fields = {field: _field(of, types) for field, of in types.fields(name)}
-    return make_idl_struct(f"{short}_", f"{package}.msg.dds_.{short}_", fields, dataclassify=False)
-
-
-def _field(of: object, types: MessageTypes) -> Any:  # noqa: ANN401 # a type of the library
     import cyclonedds.idl.types
+    from cyclonedds.idl import make_idl_struct
     from rosbags.interfaces import Nodetype
 
     idl: Any = cyclonedds.idl.types
-
-    kind, about = cast("tuple[Nodetype, Any]", of)
-    if kind == Nodetype.NAME:
-        return _struct(about, types)
-    if kind == Nodetype.BASE:
-        return {"bool": bool, "string": str}.get(about[0]) or getattr(idl, about[0])
-    inner, length = about
-    return idl.array[_field(inner, types), length] if kind == Nodetype.ARRAY else idl.sequence[_field(inner, types)]
+    package, _, short = name.split("/")
+    fields = {}
+    for field, of in types.store.fielddefs[name][1]:
+        kind, about = cast("tuple[Nodetype, Any]", of)
+        is_one = kind in (Nodetype.NAME, Nodetype.BASE)
+        (inner, what), length = ((kind, about), 1) if is_one else about
+        if inner == Nodetype.NAME:
+            element = _struct(what, types)
+        else:
+            element = {"bool": bool, "string": str}.get(what[0]) or getattr(idl, what[0])
+        many = idl.array[element, length] if kind == Nodetype.ARRAY else idl.sequence[element]
+        fields[field] = element if is_one else many
+    return make_idl_struct(f"{short}_", f"{package}.msg.dds_.{short}_", fields, dataclassify=False)

@@ -18,7 +18,6 @@ from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
 
 Message: TypeAlias = Any
@@ -52,7 +51,28 @@ class MessageTypes:
 
     def make(self, name: str, /, **fields: Message) -> Message:
         """A message of a type; what is not given is zero or empty, what is given as a mapping is a message, too."""
-        given = {field: self._made(of, fields.pop(field, None)) for field, of in self.fields(name)}
+        from rosbags.interfaces import Nodetype
+
+        given = {}
+        for field, of in self.store.fielddefs[name][1]:
+            kind, about = cast("tuple[Nodetype, Any]", of)
+            value = fields.pop(field, None)
+            if value is None or isinstance(value, dict):
+                if kind == Nodetype.NAME:
+                    value = self.make(about, **(value or {}))
+                elif kind == Nodetype.BASE:
+                    value = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(about[0], 0)
+                else:
+                    (inner, what), length = about
+                    count = length if kind == Nodetype.ARRAY else 0
+                    if inner == Nodetype.NAME:
+                        value = [self.make(what) for _ in range(count)]
+                    elif what[0] == "string":
+                        value = [""] * count
+                    else:
+                        numbers = {"byte": "uint8", "octet": "uint8", "char": "uint8"}.get(what[0], what[0])
+                        value = np.zeros(count, dtype=numbers)
+            given[field] = value
         if fields:
             raise TypeError(f"{name} has no field {next(iter(fields))}")
         return self.store.types[name](**given)
@@ -62,12 +82,8 @@ class MessageTypes:
         return self.make("std_msgs/msg/Header", stamp=self.time(ns), frame_id=frame)
 
     def time(self, ns: int) -> Message:
-        """A builtin_interfaces/Time of nanoseconds."""
-        return self.make("builtin_interfaces/msg/Time", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
-
-    def duration(self, ns: int) -> Message:
-        """A builtin_interfaces/Duration of nanoseconds."""
-        return self.make("builtin_interfaces/msg/Duration", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+        """Nanoseconds as the fields of a Time or a Duration."""
+        return {"sec": ns // 1_000_000_000, "nanosec": ns % 1_000_000_000}
 
     def encode(self, message: Message) -> bytes:
         """The message as bytes: CDR (little endian, with its header) in ROS 2, the bytes of ROS 1 there."""
@@ -82,32 +98,9 @@ class MessageTypes:
         except Exception as error:  # the code that the store makes of a type raises whatever it stumbles over
             raise MessageError(f"{len(data):,} bytes that are no {name}") from error
 
-    def fields(self, name: str) -> list[tuple[str, FieldDesc]]:
-        """Name and kind of each field of a type, in order, as the store describes them."""
-        return self.store.fielddefs[name][1]
 
-    def _made(self, of: FieldDesc, value: Message = None) -> Message:
-        """The value of a field; None: that of one that nothing is said of."""
-        from rosbags.interfaces import Nodetype
-
-        kind, about = cast("tuple[Nodetype, Any]", of)
-        if value is not None and not isinstance(value, dict):
-            return value
-        if kind == Nodetype.NAME:
-            return self.make(about, **(value or {}))
-        if kind == Nodetype.BASE:
-            return {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}.get(about[0], 0)
-        (inner, what), length = about
-        count = length if kind == Nodetype.ARRAY else 0
-        if inner == Nodetype.BASE and what[0] != "string":
-            return np.zeros(count, dtype={"byte": "uint8", "octet": "uint8", "char": "uint8"}.get(what[0], what[0]))
-        return [self._made((inner, what)) for _ in range(count)]
-
-
-@cache
-def message_types(ros: Ros) -> MessageTypes:
-    """The types of one ROS, made once. Raises InputError where rosbags is not installed."""
-    return MessageTypes(ros)
+message_types = cache(MessageTypes)
+"""The types of one ROS, made once. Raises InputError where rosbags is not installed."""
 
 
 def nanoseconds(time: Message) -> int:
@@ -115,24 +108,18 @@ def nanoseconds(time: Message) -> int:
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
-def pose_message(types: MessageTypes, X: Array) -> Message:
-    """A geometry_msgs/Pose of a pose (4, 4)."""
-    position, orientation = _numbers(X)
-    return types.make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+def pose_fields(X: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Position and quaternion of a pose (4, 4), as the fields of messages."""
+    quaternion = matrix_to_quaternion(X[:3, :3]).tolist()
+    return dict(zip("xyz", X[:3, 3].tolist(), strict=True)), dict(zip("xyzw", quaternion, strict=True))
 
 
 def transform_message(types: MessageTypes, ns: int, parent: str, child: str, X: Array) -> Message:
     """A geometry_msgs/TransformStamped: the pose (4, 4) of a frame in its parent; ns: the stamp [ns]."""
-    translation, rotation = _numbers(X)
+    translation, rotation = pose_fields(X)
     transform = {"translation": translation, "rotation": rotation}
     name, header = "geometry_msgs/msg/TransformStamped", types.header(ns, parent)
     return types.make(name, header=header, child_frame_id=child, transform=transform)
-
-
-def _numbers(X: Array) -> tuple[dict[str, float], dict[str, float]]:
-    """Position and quaternion of a pose, as messages have them."""
-    quaternion = matrix_to_quaternion(X[:3, :3]).tolist()
-    return dict(zip("xyz", X[:3, 3].tolist(), strict=True)), dict(zip("xyzw", quaternion, strict=True))
 
 
 Send = Callable[[Message], None]
@@ -184,6 +171,7 @@ class Inbox:
         return found
 
 
+@dataclass
 class Pauses:
     """How long one has really waited for something, on any clock [s]: without pauses, as of a busy computer.
 
@@ -191,8 +179,9 @@ class Pauses:
     notices what stays out.
     """
 
-    def __init__(self) -> None:
-        self._now = self._begin = self._end = 0.0
+    _now: float = 0.0
+    _begin: float = 0.0
+    _end: float = 0.0
 
     def look(self, t: float) -> None:
         """It is looked for messages at time t [s]."""

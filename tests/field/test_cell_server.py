@@ -36,7 +36,7 @@ class Served:
             make(
                 "trajectory_msgs/msg/JointTrajectoryPoint",
                 positions=np.array(q),
-                time_from_start=types.duration(round(seconds * 1e9)),
+                time_from_start=types.time(round(seconds * 1e9)),
             )
             for q in positions
         ]

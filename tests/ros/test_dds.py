@@ -126,7 +126,7 @@ def test_the_library_writes_the_same_bytes_of_its_own_objects() -> None:
                 "trajectory_msgs/msg/JointTrajectoryPoint",
                 positions=np.array([1.0, 2.5]),
                 velocities=np.array([0.5, 0.0]),
-                time_from_start=types.duration(3_000_000_007),
+                time_from_start=types.time(3_000_000_007),
             )
         ],
     )

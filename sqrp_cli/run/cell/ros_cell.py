@@ -305,7 +305,7 @@ class RosCell(AbstractContextManager["RosCell"]):
                 positions=states.positions[row, columns],
                 velocities=states.velocities[row, columns],
                 accelerations=states.accelerations[row, columns],
-                time_from_start=types.duration(round(t * 1e9)),
+                time_from_start=types.time(round(t * 1e9)),
             )
             for row, t in enumerate(times.tolist())
         ]

@@ -27,9 +27,8 @@ from sqrp_cli.files.frames import WORLD, WORLD_LINK
 from sqrp_cli.geometry import Array, inverse, matrix_to_rpy, pose, quaternion_to_matrix
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.robot.robot import Robot
-from sqrp_cli.robot.urdf import UrdfModel
 from sqrp_cli.ros.bag import BagWriter
-from sqrp_cli.ros.messages import Message, MessageTypes, pose_message, transform_message
+from sqrp_cli.ros.messages import Message, MessageTypes, pose_fields, transform_message
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.packed_image import jpeg_of
@@ -42,7 +41,8 @@ EPOCH = 1_000_000_000
 """What a clock of a recording says when the run's says 0 [s]: ROS takes a time of 0 for none."""
 _PLAIN = (0.75, 0.74, 0.72)
 _SHOWN = {Truth.TRUE: (0.2, 0.9, 0.2), Truth.FALSE: (0.3, 0.6, 1.0), Truth.UNKNOWN: (0.95, 0.2, 0.2)}
-_COLOR = "std_msgs/msg/ColorRGBA"
+_COLOR, _TF = "std_msgs/msg/ColorRGBA", "tf2_msgs/msg/TFMessage"
+_MARKERS = "visualization_msgs/msg/MarkerArray"
 _ALPHA = 0.35
 """Opacity of boxes."""
 _CUBE, _SPHERE, _CYLINDER, _MESH = 1, 2, 3, 10
@@ -73,7 +73,8 @@ class BagRecorder:
             if child not in self._moving:
                 frames.append((parent, child, inverse(rest[parent]) @ rest[child]))
         frames += [(one.frame, optical_frame(one.name), one.X_FC) for one in workspace.cameras.values()]
-        self._add_frames("/tf_static", 0.0, frames, latched=True)
+        transforms = [transform_message(self._types, _at(0.0), *frame) for frame in frames]
+        self._add("/tf_static", 0.0, _TF, latched=True, transforms=transforms)
         for camera in workspace.cameras.values():
             info = camera_info(self._types, camera, _at(0.0))
             self._writer.add(f"/{camera.name}/camera_info", _at(0.0), info, latched=True)
@@ -94,7 +95,8 @@ class BagRecorder:
                     for atom, boxes in event.boxes.items()
                 }
                 wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
-                self._add_markers("/boxes", t, [wiped, *(one for found in self._boxes.values() for one in found)])
+                markers = [wiped, *(one for found in self._boxes.values() for one in found)]
+                self._add("/boxes", t, _MARKERS, markers=markers)
                 said, warns = f"step {event.number}: {event.skill}", False
             case "evidence":
                 self._judge(event)
@@ -143,10 +145,6 @@ class BagRecorder:
         """Write a message of a type."""
         self._writer.add(topic, _at(t), self._types.make(kind, **fields), latched=latched)
 
-    def _add_frames(self, topic: str, t: float, frames: list[tuple[str, str, Array]], *, latched: bool = False) -> None:
-        transforms = [transform_message(self._types, _at(t), *frame) for frame in frames]
-        self._add(topic, t, "tf2_msgs/msg/TFMessage", latched=latched, transforms=transforms)
-
     def _add_state(self, state: Event) -> None:
         t, names = state.t, state.joints if "joints" in state.model_fields_set else list(self._joints)
         if state.q:
@@ -156,14 +154,15 @@ class BagRecorder:
         self._add("/joint_states", t, "sensor_msgs/msg/JointState", header=header, name=joints, position=position)
         X_WL = self._body.link_poses(self._joints)
         moved = [(parent, child, inverse(X_WL[parent]) @ X_WL[child]) for child, parent in self._moving.items()]
-        self._add_frames("/tf", t, moved)
+        self._add("/tf", t, _TF, transforms=[transform_message(self._types, _at(t), *frame) for frame in moved])
         markers = []
         for name, (x, y, z, *quaternion) in state.objects.items():
             obj, X_WO = self._workspace.objects[name], pose(quaternion_to_matrix(quaternion), (x, y, z))
             color = COLORS.get((obj.color or "").lower(), _PLAIN)
             for number, part in enumerate(obj.parts):
                 markers.append(self._marker(t, (name, number), WORLD, X_WO @ part.X_PG, part.shape, color))
-        self._add_markers("/objects", t, markers)
+        if markers:
+            self._add("/objects", t, _MARKERS, markers=markers)
 
     def _judge(self, event: Event) -> None:
         make, status = self._types.make, []
@@ -184,11 +183,8 @@ class BagRecorder:
                 marker.color = make(_COLOR, **dict(zip("rgba", (*_SHOWN[shown.value], _ALPHA), strict=True)))
         header = self._types.header(_at(event.exposed))
         self._add("/verdicts", event.t, "diagnostic_msgs/msg/DiagnosticArray", header=header, status=status)
-        self._add_markers("/boxes", event.t, [one for atom in event.literals for one in self._boxes.get(atom, ())])
-
-    def _add_markers(self, topic: str, t: float, markers: list[Message]) -> None:
-        if markers:
-            self._add(topic, t, "visualization_msgs/msg/MarkerArray", markers=markers)
+        if markers := [one for atom in event.literals for one in self._boxes.get(atom, ())]:
+            self._add("/boxes", event.t, _MARKERS, markers=markers)
 
     def _marker(
         self, t: float, name: tuple[str, int], frame: str, X: Array, shape: Shape, color: Rgb, alpha: float = 1.0
@@ -212,7 +208,7 @@ class BagRecorder:
             ns=name[0],
             id=name[1],
             type=kind,
-            pose=pose_message(self._types, X),
+            pose=dict(zip(("position", "orientation"), pose_fields(X), strict=True)),
             scale=self._types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
             color=self._types.make(_COLOR, **dict(zip("rgba", (*color, alpha), strict=True))),
             mesh_resource=mesh,
@@ -255,52 +251,45 @@ _NAMING = {"link": ("name",), "parent": ("link",), "child": ("link",), "joint": 
 
 def robot_description(robot: Robot) -> str:
     """The URDF of a robot, its tool fixed to it. Meshes beside a file get their full path, packages stay named."""
-    root = _described(robot.urdf)
-    if robot.tool is not None:
-        root.extend(_described(robot.tool.urdf))
-        name = f"{robot.tool.link}_to_{robot.tool.urdf.root}"
-        _fix(root, name, robot.tool.link, robot.tool.urdf.root, robot.tool.X_LT)
+    root: Xml.Element | None = None
+    for urdf in robot.urdfs:
+        described, fixed = Xml.Element("robot", name=urdf.name), list[tuple[str, str, str, Array]]()
+        if urdf.content:
+            described = Xml.fromstring(urdf.content)  # noqa: S314 - it was read, and found harmless, with the workspace
+            for mesh in described.iter("mesh"):
+                name = mesh.get("filename", "")
+                if "://" not in name:
+                    mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
+            # A link of the name `world` is not where the cell's frame of that name is.
+            for element in described.iter():
+                for key in _NAMING.get(element.tag, ()):
+                    if (called := element.get(key)) is not None:
+                        of_link = element.tag in ("link", "parent", "child")
+                        element.set(key, urdf.prefix + (WORLD_LINK if of_link and called == WORLD else called))
+        else:  # a tool that the workspace gives as boxes
+            for link in urdf.links.values():
+                element = Xml.SubElement(described, "link", name=link.name)
+                for piece in link.geometry("collision"):
+                    if isinstance(piece.shape, Box):
+                        visual = Xml.SubElement(element, "visual")
+                        Xml.SubElement(visual, "origin", _origin(piece.X_LG))
+                        size = " ".join(f"{value:.9g}" for value in piece.shape.size)
+                        Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=size)
+            fixed = [(one.name, one.parent, one.child, one.X_PJ) for one in urdf.joints.values()]
+        if root is None:
+            root = described
+        elif (tool := robot.tool) is not None:
+            root.extend(described)
+            fixed.append((f"{tool.link}_to_{urdf.root}", tool.link, urdf.root, tool.X_LT))
+        for name, parent, child, X_PC in fixed:
+            joint = Xml.SubElement(root, "joint", name=name, type="fixed")
+            Xml.SubElement(joint, "parent", link=parent)
+            Xml.SubElement(joint, "child", link=child)
+            Xml.SubElement(joint, "origin", _origin(X_PC))
+    assert root is not None  # noqa: S101 - a robot has a description
     return Xml.tostring(root, encoding="unicode")
 
 
-def _described(urdf: UrdfModel) -> Xml.Element:
-    if not urdf.content:  # a tool that the workspace gives as boxes
-        root = Xml.Element("robot", name=urdf.name)
-        for link in urdf.links.values():
-            element = Xml.SubElement(root, "link", name=link.name)
-            for piece in link.geometry("collision"):
-                if isinstance(piece.shape, Box):
-                    visual = Xml.SubElement(element, "visual")
-                    visual.append(_origin(piece.X_LG))
-                    Xml.SubElement(Xml.SubElement(visual, "geometry"), "box", size=_numbers(piece.shape.size))
-        for one in urdf.joints.values():
-            _fix(root, one.name, one.parent, one.child, one.X_PJ)
-        return root
-    root = Xml.fromstring(urdf.content)  # noqa: S314 - it was read, and found harmless, with the workspace
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if "://" not in name:
-            mesh.set("filename", (urdf.path.parent / name).resolve().as_uri())
-    # A link of the name `world` is not where the cell's frame of that name is.
-    for element in root.iter():
-        for key in _NAMING.get(element.tag, ()):
-            if (called := element.get(key)) is not None:
-                of_link = element.tag in ("link", "parent", "child")
-                element.set(key, urdf.prefix + (WORLD_LINK if of_link and called == WORLD else called))
-    return root
-
-
-def _fix(root: Xml.Element, name: str, parent: str, child: str, X_PC: Array) -> None:
-    """Add a joint that does not move."""
-    joint = Xml.SubElement(root, "joint", name=name, type="fixed")
-    Xml.SubElement(joint, "parent", link=parent)
-    Xml.SubElement(joint, "child", link=child)
-    joint.append(_origin(X_PC))
-
-
-def _origin(X: Array) -> Xml.Element:
-    return Xml.Element("origin", xyz=_numbers(X[:3, 3].tolist()), rpy=_numbers(matrix_to_rpy(X[:3, :3])))
-
-
-def _numbers(values: list[float] | tuple[float, ...]) -> str:
-    return " ".join(f"{value:.9g}" for value in values)
+def _origin(X: Array) -> dict[str, str]:
+    numbers = {"xyz": X[:3, 3].tolist(), "rpy": matrix_to_rpy(X[:3, :3])}
+    return {name: " ".join(f"{value:.9g}" for value in values) for name, values in numbers.items()}
