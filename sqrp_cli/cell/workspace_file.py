@@ -38,6 +38,13 @@ def read_workspace_document(path: Path, content: bytes | None = None) -> SourceD
     return document
 
 
+def check_no_workspace(folder: Path) -> None:
+    """Raises InputError for the folder of a workspace, among whose files a command is to write its own."""
+    if (folder / WORKSPACE_FILE).exists():
+        message = "this is the folder of a workspace, and what is kept would lie among its files"
+        raise bad_input("would-overwrite", message, Place(folder), mend=f"choose another name: {folder / 'results'}")
+
+
 def read_again(path: Path, digest: str, content: bytes | None = None) -> SourceDocument:
     """A workspace file that was read before, for a change of it; content: its text where that was not on the disk.
 

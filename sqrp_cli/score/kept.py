@@ -25,6 +25,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
 from sqrp_cli.camera.camera import Camera
+from sqrp_cli.cell.workspace_file import check_no_workspace
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.figures import AdvisedFigures, FaultMetrics, Qualities
 from sqrp_cli.files.input_file import read_text
@@ -215,11 +216,12 @@ class Results:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        """Open or make the folder. Raises InputError if it cannot be written or another run is using it."""
+        """Open or make the folder. Raises InputError for one of a workspace, of another run, or without access."""
         self._texts: dict[str, str] = {}
         self.folder = folder
         self._lock: IO[str] | None = None
         if folder is not None:
+            check_no_workspace(folder)
             make_folder(folder)
             with naming(folder, "results cannot be kept in this folder"):
                 self._lock = file = (folder / ".lock").open("w")  # it stays open while this run uses the folder

@@ -238,7 +238,7 @@ class Scorecard(Document):
     """By workspace, since the baseline; those without any are left out."""
     vanished: tuple[VanishedTask, ...] = ()
     """Tasks that exist only in the baseline."""
-    may_vanish: bool = True
+    may_vanish: bool = False
     """Whether that is no failure."""
     renamed: Mapping[str, str] = field(default_factory=dict)
     """The baseline's name of each workspace that it knows by another one, by its name now."""

@@ -71,6 +71,12 @@ def test_the_readme_is_a_front_door_of_at_most_700_words() -> None:
     assert len((ROOT / "README.md").read_text().split()) <= 700
 
 
+def test_the_readme_asks_why_of_the_candidate_that_its_ranking_has_last() -> None:
+    readme = (ROOT / "README.md").read_text()
+    *_, last = re.findall(r"^\d+ [ *] +(\w+) ", readme, re.MULTILINE)
+    assert f'"pickup green" --choose {last}`' in readme
+
+
 def test_the_first_page_shows_every_command() -> None:
     text = (ROOT / "docs" / "index.md").read_text()
     for command in typer.main.get_command(app).commands:  # type: ignore[attr-defined] # it is a group

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.workspace_file import check_no_workspace
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.motion.cell import Cell
@@ -40,6 +41,7 @@ def check_pictures(folder: Path) -> None:
     """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
     check_rays()
     drawing.check_drawing()
+    check_no_workspace(folder)
     if folder.exists() and not folder.is_dir():
         raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
 
