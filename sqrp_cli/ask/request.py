@@ -4,12 +4,13 @@ A field is declared with `option` or `argument`: the word of the command line, i
 it from words and from values of Python alike.
 """
 
-# ruff: noqa: ANN401 - a field may hold anything
+# ruff: noqa: A002, ANN401 - `help` as Typer calls it; a field may hold anything
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import FrozenInstanceError
+from functools import partial
 from typing import Any, ClassVar, Concatenate, NamedTuple, ParamSpec, Self, TypeVar, dataclass_transform
 
 from sqrp_cli.errors import expected_names
@@ -39,35 +40,22 @@ class FieldKind(NamedTuple):
     metavar: str | None = None  # how help names the value, unless the option says it
 
 
-class OptionWord(NamedTuple):
-    """An option or argument of the command line."""
+class OptionWord:
+    """An option or argument of the command line.
 
-    said: str  # such as `--by`, `--jobs N`, `--run/--no-run`, or `TASK` for an argument
-    help: str
-    words: Any = str
-    metavar: str | None = None
-    complete: str | None = None  # the function of `cli.completion` that proposes values
+    flags: how it is called, without its value. value: how help names its value. name: as Python calls it. words: see
+    `FieldKind`. complete: the function of `cli.completion` that proposes values.
+    """
 
-    @property
-    def flags(self) -> str:
-        """How it is called, without its value."""
-        return self.said.partition(" ")[0]
-
-    @property
-    def value(self) -> str | None:
-        """How help names its value."""
-        return self.said.partition(" ")[2] or self.metavar
-
-    @property
-    def name(self) -> str:
-        """As Python calls it."""
+    def __init__(
+        self, said: str, help: str, words: Any = str, metavar: str | None = None, complete: str | None = None
+    ) -> None:
+        """said: such as `--by`, `--jobs N`, `--run/--no-run`, or `TASK` for an argument."""
+        self.flags, _, value = said.partition(" ")
+        self.help, self.words, self.value, self.complete = help, words, value or metavar, complete
+        self.is_argument = not said.startswith("-")
         first = self.flags.split("/")[0].split("|")[0].split(":=")[0].rstrip(".")
-        return first.lstrip("-").lower().replace("-", "_").replace("=", "_")
-
-    @property
-    def is_argument(self) -> bool:
-        """Whether it has no name on the command line."""
-        return not self.flags.startswith("-")
+        self.name = first.lstrip("-").lower().replace("-", "_").replace("=", "_")
 
 
 class Field(NamedTuple):
@@ -84,7 +72,7 @@ class Field(NamedTuple):
 
 def option(
     said: str,
-    help: str,  # noqa: A002 - as Typer calls it
+    help: str,
     kind: FieldKind,
     *,
     default: Any = None,
@@ -92,24 +80,14 @@ def option(
     absent: Callable[[], Any] | None = None,
     kw_only: bool = True,
 ) -> Any:
-    """A field that one option says, such as `--jobs N`."""
+    """A field that one option says, such as `--jobs N`, or an argument by its place, such as `TASK`."""
     return Field((OptionWord(said, help, kind.words, kind.metavar, complete),), kind, default, kw_only, absent=absent)
 
 
-def argument(
-    metavar: str,
-    help: str,  # noqa: A002 - as Typer calls it
-    kind: FieldKind,
-    *,
-    default: Any = NEEDED,
-    complete: str | None = None,
-    kw_only: bool = True,
-) -> Any:
-    """A field that is said by its place."""
-    return Field((OptionWord(metavar, help, kind.words, None, complete),), kind, default, kw_only)
+argument = partial(option, default=NEEDED)  # a field that is said by its place
 
 
-def flag(flags: str, help: str, *, default: bool = False) -> Any:  # noqa: A002 - as Typer calls it
+def flag(flags: str, help: str, *, default: bool = False) -> Any:
     """A field that is true where its option is given."""
     return option(flags, help, FieldKind(bool, lambda value, _name: value), default=default)
 
