@@ -28,7 +28,7 @@ ROOMS = {
     "files": ("files", 2_088),
     "robot": ("robot", 2_740),
     "camera": ("camera", 1_910),
-    "cell": ("cell", 3_229),
+    "cell": ("cell", 3_163),
     "logic": ("logic", 2_394),
     "skill, program": ("skill program", 1_831),
     "task": ("task", 979),

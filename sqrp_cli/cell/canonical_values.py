@@ -22,7 +22,7 @@ from pydantic import BaseModel
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.files.entries import Pose
-from sqrp_cli.geometry import Array, matrix_to_quaternion, quaternion_to_matrix
+from sqrp_cli.geometry import matrix_to_quaternion, quaternion_to_matrix
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.shapes import Box, Mesh, Shape
 from sqrp_cli.skill.settings import MotionParameter
@@ -165,11 +165,16 @@ def _plain(value: Any) -> Plain:  # noqa: ANN401
         case str():
             return str(value)
         case float():
-            return _number(value)
-        case Pose():
-            return _pose(value.matrix())
-        case np.ndarray():
-            return _pose(value) if value.shape == (4, 4) else _row(value)
+            row = _row([value])
+            return row if isinstance(row, str) else row[0]
+        case Pose() | np.ndarray():
+            X = value.matrix() if isinstance(value, Pose) else value
+            if X.shape != (4, 4):
+                return _row(X)
+            # Position [m] and quaternion x, y, z, w; of the two quaternions the same one, whatever the rounding.
+            quaternion = np.round(matrix_to_quaternion(X[:3, :3]), DECIMALS)
+            sign = next((np.sign(part) for part in quaternion[::-1] if part), 1.0)
+            return tuple((np.concatenate([np.round(X[:3, 3], DECIMALS), sign * quaternion]) + 0.0).tolist())
         case frozenset():
             return ", ".join(sorted("-".join(map(str, one)) if isinstance(one, tuple) else str(one) for one in value))
         case tuple() | list() if all(isinstance(item, int | float) and not isinstance(item, bool) for item in value):
@@ -180,25 +185,11 @@ def _plain(value: Any) -> Plain:  # noqa: ANN401
     return str(value) if logical else None
 
 
-def _number(value: float) -> float | str:
-    """A number to `DIGITS` digits; files of ours have no infinite ones."""
-    if not math.isfinite(value):
-        return str(value)
-    return 0.0 if abs(value) < 10.0**-DIGITS else float(f"{value:.{DIGITS}g}")
-
-
 def _row(values: Any) -> tuple[float, ...] | str:  # noqa: ANN401
-    numbers = [_number(float(value)) for value in np.asarray(values, dtype=float).ravel()]
-    if any(isinstance(number, str) for number in numbers):
-        return ", ".join(map(str, numbers))
-    return tuple(numbers)  # type: ignore[arg-type]
-
-
-def _pose(X: Array) -> tuple[float, ...]:
-    """Position [m] and quaternion x, y, z, w of a pose; of the two quaternions the same one, whatever the rounding."""
-    quaternion = np.round(matrix_to_quaternion(X[:3, :3]), DECIMALS)
-    sign = next((np.sign(part) for part in quaternion[::-1] if part), 1.0)
-    return tuple((np.concatenate([np.round(X[:3, 3], DECIMALS), sign * quaternion]) + 0.0).tolist())
+    """Numbers to `DIGITS` digits; as text if some are infinite, which no file of ours has."""
+    numbers = np.asarray(values, dtype=float).ravel().tolist()
+    rounded = [0.0 if abs(number) < 10.0**-DIGITS else float(f"{number:.{DIGITS}g}") for number in numbers]
+    return tuple(rounded) if all(map(math.isfinite, rounded)) else ", ".join(map(str, rounded))
 
 
 def _change(subject: str, name: str, old: Plain, new: Plain, unit: str) -> str | None:

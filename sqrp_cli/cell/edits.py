@@ -9,15 +9,15 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, ImageEntry
 from sqrp_cli.camera.detector import Curve
-from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.read_cell import X_BODY_OPTICAL
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import InputError, Place, bad_input, bad_option
+from sqrp_cli.errors import Place, bad_input, bad_option
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, dotted
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.files.yaml_edit import appended, with_entries, with_values
 from sqrp_cli.files.yaml_file import parse_yaml
-from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
+from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy
 
 _SAME = 1e-9  # numbers that differ by less are the same
 _THEN = " then "  # between the steps of a task of several
@@ -42,21 +42,23 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
     calibration file.
     """
     path: KeyPath = ("cameras", camera.name)
-    entry = _at(document, path)
-    content = document.content
-    if not np.array_equal(before.X_FC, camera.X_FC):
-        if "pose" not in entry:
-            quaternion = _flow(_rounded(matrix_to_quaternion(camera.X_FC[:3, :3])))
-            numbers = f"position {_flow(_rounded(camera.X_FC[:3, 3]))}, quaternion {quaternion} in `{camera.frame}`"
-            raise _elsewhere(document, path, "hand_eye", numbers)
-        content = _with_pose(document, (*path, "pose"), camera.X_FC, look_at, body=entry.get("convention") == "body")
-    if not np.array_equal(before.matrix, camera.matrix):
-        if "image" not in entry:
-            K = camera.matrix
-            raise _elsewhere(document, path, "calibration", f"camera_matrix fx {K[0, 0]:.6g}, fy {K[1, 1]:.6g}")
-        image, focal = entry["image"], float(camera.matrix[0, 0])
+    entry, content, X, K = _at(document, path), document.content, camera.X_FC, camera.matrix
+    is_moved, is_focused = not np.array_equal(before.X_FC, X), not np.array_equal(before.matrix, K)
+    turn = f"quaternion {_flow(_rounded(matrix_to_quaternion(X[:3, :3])))} in `{camera.frame}`"
+    for key, file, is_changed, numbers in (
+        ("pose", "hand_eye", is_moved, f"position {_flow(_rounded(X[:3, 3]))}, {turn}"),
+        ("image", "calibration", is_focused, f"camera_matrix fx {K[0, 0]:.6g}, fy {K[1, 1]:.6g}"),
+    ):
+        if is_changed and key not in entry:
+            at = (*path, file)
+            message = f"`{dotted(at)}` names another file, which would have to say {numbers}"
+            raise bad_option(message, document.value_place(at), mend=f"state `{dotted(path)}` by `{key}`")
+    if is_moved:
+        content = with_pose(document, (*path, "pose"), X, look_at, body=entry.get("convention") == "body")
+    if is_focused:
+        image, focal = entry["image"], float(K[0, 0])
         if "fx" in image:
-            wanted = {"fx": focal} | ({"fy": float(camera.matrix[1, 1])} if "fy" in image else {})
+            wanted = {"fx": focal} | ({"fy": float(K[1, 1])} if "fy" in image else {})
             values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
         else:
             angle = 2.0 * np.arctan(0.5 * camera.width / focal)
@@ -64,13 +66,6 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
         named = {f"{dotted(path)}.image.{name}": text for name, text in values.items()}
         content = with_values(parse_yaml(document.path, content), named)
     return content
-
-
-def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) -> InputError:
-    """The refusal to change what another file says. numbers: what it would have to say."""
-    message = f"`{dotted((*path, key))}` names another file, which would have to say {numbers}"
-    instead = "`pose`" if key == "hand_eye" else "`image`"
-    return bad_option(message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")
 
 
 def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:
@@ -128,21 +123,6 @@ def with_curve(document: SourceDocument, detector: str, curve: Curve) -> bytes:
     return with_values(document, {f"detectors.{detector}.curve": text})
 
 
-def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
-    """The file with an object elsewhere, in the same orientation about x and y."""
-    return _with_pose(document, ("objects", name, "pose"), X_WO, None, body=False)
-
-
-def with_base(document: SourceDocument, X_WB: Array) -> bytes:
-    """The file with the robot's base elsewhere."""
-    path: KeyPath = ("robot", "base")
-    if path in document.values:
-        return _with_pose(document, path, X_WB, None, body=False)
-    turned = {} if np.allclose(X_WB[:3, :3], np.eye(3), atol=_SAME) else {"rpy": matrix_to_rpy(X_WB[:3, :3])}
-    entry = {"position": _rounded(X_WB[:3, 3]), **{key: _rounded(angles, 9) for key, angles in turned.items()}}
-    return with_values(document, {dotted(path): _flow(entry)})
-
-
 def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
     """The file with a further task, or with another text of a task that it lists, which keeps its thresholds.
 
@@ -173,10 +153,16 @@ def with_task(document: SourceDocument, task: str, thresholds: dict[str, float],
     return with_values(document, changed | added)
 
 
-def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:
-    stated = _at(document, path)
-    R = (inverse(camera_axes_as_body(np.eye(4))) if body else np.eye(4))[:3, :3]
-    X_stated = X @ pose(R)
+def with_pose(
+    document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None = None, *, body: bool = False
+) -> bytes:
+    """The file with another pose, (4, 4), of what has it at this path, such as an object or the robot's base.
+
+    In the notation that it has there. look_at: the point in the middle of a camera's image, (3,), for a pose that
+    states one. body: whether the file states the axes of a camera's body. Raises InputError for what is no pose.
+    """
+    stated: Data = _at(document, path) if path in document.values else {}
+    X_stated = X @ inverse(X_BODY_OPTICAL) if body else X
     wanted: dict[str, list[float]] = {"position": _rounded(X[:3, 3])}
     if "look_at" in stated and look_at is not None:
         wanted["look_at"] = _rounded(look_at)

@@ -7,6 +7,7 @@ z w) and its colour; newer files then list subframes.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,10 +18,12 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_name
 from sqrp_cli.files.input_file import decoded
 from sqrp_cli.files.units import LARGEST_LENGTH, SMALLEST_SIZE, as_number
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import Box, Shape, shape_of
 
 MAX_OBJECTS = 500  # most objects of a file
-MOST_NUMBERS = 300_000  # most vertices or triangles of a mesh
+_COUNT = r"\d{1,3}|1000"  # of shapes or subframes of an object
+_COUNTS = r"[12]?\d{1,5}\s+[12]?\d{1,5}"  # of vertices and triangles of a mesh, up to 299,999
 _FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}  # how many figures a shape has
 
 
@@ -41,34 +44,26 @@ def read_fixtures(path: Path, content: bytes, roots: Sequence[Path], warnings: l
     return found
 
 
+@dataclass
 class _Lines:
-    """The lines of a scene; at: the next one, from 0."""
+    """The lines of a scene, and an empty one after the last; at: the next one, from 0."""
 
-    def __init__(self, path: Path, text: str) -> None:
-        self.path, self.lines, self.at = path, text.splitlines(), 0
-
-    def peek(self) -> str:
-        return self.lines[self.at].strip() if self.at < len(self.lines) else ""
-
-    def take(self) -> str:
-        if self.at >= len(self.lines):
-            raise self.error("the file ends within an object")
-        self.at += 1
-        return self.lines[self.at - 1].strip()
-
-    def place(self) -> Place:
-        return Place(self.path, min(self.at + 1, max(len(self.lines), 1)))
+    path: Path
+    lines: list[str]
+    at: int = 0
 
     def error(self, message: str, back: int = 0) -> InputError:
         """An error in the next line, or so many lines before it."""
-        self.at -= back
-        return bad_input("wrong-scene", message, self.place())
+        return bad_input("wrong-scene", message, Place(self.path, min(self.at - back + 1, max(len(self.lines) - 1, 1))))
 
-    def count(self, what: str) -> int:
-        word = self.take()
-        if not word.isdigit() or int(word) > 1000:
-            raise self.error(f"found `{word[:40]}`, expected {what}", 1)
-        return int(word)
+    def take(self, pattern: str = ".*", expected: str = "") -> str:
+        """The next line. Raises InputError where there is none, or the pattern is another."""
+        if self.at >= len(self.lines) - 1:
+            raise self.error("the file ends within an object")
+        line, self.at = self.lines[self.at], self.at + 1
+        if not re.fullmatch(pattern, line):
+            raise self.error(f"found `{line[:40]}`, expected {expected}", 1)
+        return line
 
     def numbers(self, count: int, least: float = -LARGEST_LENGTH, most: float = LARGEST_LENGTH) -> list[float]:
         line = self.take()
@@ -87,21 +82,22 @@ class _Lines:
 
 def _read_scene(path: Path, content: bytes, _roots: Sequence[Path], warnings: list[Problem]) -> Iterator[Standing]:
     """The objects of a scene. Raises InputError, with the line, where the text is not as a scene has it."""
-    lines = _Lines(path, decoded(path, content))
-    if not lines.lines or "\0" in lines.lines[0]:
+    texts = [*(line.strip() for line in decoded(path, content).splitlines()), ""]
+    lines = _Lines(path, texts)
+    if len(texts) == 1 or "\0" in texts[0]:
         raise lines.error("the file is empty, expected a scene of MoveIt")
     lines.at = 1  # the scene's name
-    while lines.at < len(lines.lines) and (line := lines.peek()) != ".":
+    while lines.at < len(texts) - 1 and (line := texts[lines.at]) != ".":
         if line and not line.startswith("* "):
             raise lines.error(f"found `{line[:40]}`, expected `* NAME` of an object, or `.` at the end")
-        place, name = lines.place(), line[2:].strip()
         lines.at += 1
+        place, name = Place(path, lines.at), line[2:].strip()
         if not line:
             continue
-        X = lines.pose() if len(lines.peek().split()) == 3 else np.eye(4)  # else the number of shapes
-        shapes = [_scene_shape(lines, name, warnings) for _ in range(lines.count("the number of shapes"))]
-        if lines.peek() and not lines.peek().startswith(("* ", ".")):
-            for _ in range(lines.count("the number of subframes")):
+        X = lines.pose() if len(texts[lines.at].split()) == 3 else np.eye(4)  # else the number of shapes
+        shapes = [_scene_shape(lines, name, warnings) for _ in range(int(lines.take(_COUNT, "the number of shapes")))]
+        if texts[lines.at] and not texts[lines.at].startswith(("* ", ".")):
+            for _ in range(int(lines.take(_COUNT, "the number of subframes"))):
                 lines.take()
                 lines.pose()
         yield Standing(name, tuple((shape, read_only(X @ X_OS)) for shape, X_OS in filter(None, shapes)), place)
@@ -109,15 +105,13 @@ def _read_scene(path: Path, content: bytes, _roots: Sequence[Path], warnings: li
 
 def _scene_shape(lines: _Lines, name: str, warnings: list[Problem]) -> Solid | None:
     """The next shape of an object of this name, and its pose in the object; None for one that is left out."""
-    kind, X_inner = lines.take(), np.eye(4)
+    kind, X_inner, place = lines.take(), np.eye(4), Place(lines.path, lines.at)
     shape: Shape | None = None
     if kind == "mesh":
         # The box around a mesh: no shape can have its triangles in a scene.
-        words = lines.take().split()
-        if len(words) != 2 or not all(word.isdigit() and int(word) <= MOST_NUMBERS for word in words):
-            raise lines.error(f"found `{' '.join(words)[:40]}`, expected the numbers of vertices and triangles", 1)
-        vertices = np.array([lines.numbers(3) for _ in range(int(words[0]))]).reshape(-1, 3)
-        for _ in range(int(words[1])):
+        corners, triangles = map(int, lines.take(_COUNTS, "the numbers of vertices and triangles").split())
+        vertices = np.array([lines.numbers(3) for _ in range(corners)]).reshape(-1, 3)
+        for _ in range(triangles):
             lines.numbers(3)
         if len(vertices) == 0:
             raise lines.error(f"the mesh of `{name}` has no vertices")
@@ -125,15 +119,14 @@ def _scene_shape(lines: _Lines, name: str, warnings: list[Problem]) -> Solid | N
         x, y, z = np.maximum(high - low, SMALLEST_SIZE).tolist()
         shape, X_inner = Box((x, y, z)), pose(np.eye(3), (low + high) / 2)
         mend = "state it as an object: `parts: [{mesh: FILE}]`"
-        warnings.append(simplified(f"the mesh of `{name}` is taken as the box around it", lines.place(), mend))
+        warnings.append(simplified(f"the mesh of `{name}` is taken as the box around it", place, mend))
     elif kind == "plane":
         lines.numbers(4)
-        warnings.append(simplified(f"the plane of `{name}` has no end, and is left out", lines.place()))
+        warnings.append(simplified(f"the plane of `{name}` has no end, and is left out", place))
     elif kind in _FIGURES:
         figures = lines.numbers(_FIGURES[kind], least=SMALLEST_SIZE)
         if kind == "cone":
-            message = f"the cone of `{name}` is taken as the cylinder around it"
-            warnings.append(simplified(message, lines.place()))
+            warnings.append(simplified(f"the cone of `{name}` is taken as the cylinder around it", place))
         shape = shape_of("cylinder" if kind == "cone" else kind, figures)
     else:
         expected = expected_names(kind, (*_FIGURES, "mesh", "plane"))

@@ -143,29 +143,17 @@ class MountEntry(FileRecord):
                 "conflicting-keys", "`targets` stand still; on a link use `fixed`, `at` or a `cone`"
             )
 
-    def _laid(self) -> tuple[SpanEntry, Array, NDArray[np.int64]] | None:
-        """A rail or grid, the axes along which its places are, (k, 3), and how many there are along each, (k,)."""
-        span = self.rail or self.grid
-        if span is None:
-            return None
+    def rows(self) -> tuple[Array, NDArray[np.int64]]:
+        """Steps between the places of a rail or grid, (k, 3) [m], and how many places are along each, (k,).
+
+        Single points are one row without a step.
+        """
+        if (span := self.rail or self.grid) is None:
+            return np.zeros((1, 3)), np.array([len(self.points or ())])
         way = np.subtract(span.end, span.start)
         lengths = np.abs(way) if self.rail is None else np.array([np.linalg.norm(way)])
         axes = np.diag(np.sign(way)) if self.rail is None else way[None] / max(float(lengths[0]), SHORTEST_DIRECTION)
-        return span, axes, np.floor(lengths / span.step + 1e-9).astype(int) + 1
-
-    @property
-    def count(self) -> int:
-        """How many places there are, without making them."""
-        laid = self._laid()
-        return len(self.points or ()) if laid is None else int(np.prod(laid[2]))
-
-    def places(self) -> Array:
-        """The places, of a grid x slowest, z fastest; shape (n, 3)."""
-        if (laid := self._laid()) is None:
-            return np.array(self.points, dtype=float).reshape(-1, 3)
-        span, axes, counts = laid
-        places: Array = span.start + span.step * np.array(list(product(*map(range, counts)))) @ axes
-        return places
+        return span.step * axes, np.floor(lengths / span.step + 1e-9).astype(int) + 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,7 +243,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     file = validate(document, PlaceFile)
     if problems := list(_problems(document, file, links)):
         raise InputError(*problems)
-    if (count := sum(entry.count for entry in file.mounts.values())) > MOST_SPOTS:
+    if (count := sum(int(entry.rows()[1].prod()) for entry in file.mounts.values())) > MOST_SPOTS:
         message = f"the mounts have {count:,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
         raise document.error("too-many-mounts", ("mounts",), message)
     lenses = {}
@@ -265,7 +253,10 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         check_image(document, ("lenses", name, "image"), lenses[name].image.intrinsics())
     spots, aimless = list[Spot](), list[Problem]()
     for name, entry in file.mounts.items():
-        places, aims = np.round(entry.places(), 9) + 0.0, entry.aims
+        (steps, counts), span, aims = entry.rows(), entry.rail or entry.grid, entry.aims
+        # Of a grid x slowest, z fastest.
+        first = np.array(entry.points if span is None else span.start, dtype=float)
+        places = np.round(first + np.array(list(product(*map(range, counts)))) @ steps, 9) + 0.0
         fitting = tuple(lenses[lens] for lens in (lenses if entry.lenses is None else entry.lenses))
         spots += [
             Spot(

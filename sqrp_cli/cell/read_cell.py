@@ -18,7 +18,7 @@ from sqrp_cli.cell.mesh import read_mesh
 from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import NO_SIZE, Held, ObjectEntry, SceneObject
 from sqrp_cli.cell.workspace import WorkspaceFile, markers_of
-from sqrp_cli.errors import Place, Problem, bad_input, expected_names, no_such
+from sqrp_cli.errors import Problem, bad_input, expected_names, no_such
 from sqrp_cli.files import packages
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import TOOL, WORLD, link_called
@@ -27,7 +27,7 @@ from sqrp_cli.files.source import KeyPath, dotted
 from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.files.xml_file import MAX_BYTES
-from sqrp_cli.geometry import Array, inverse, pose, read_only, transform
+from sqrp_cli.geometry import inverse, pose, read_only, transform
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -37,8 +37,8 @@ from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
 if TYPE_CHECKING:
     from sqrp_cli.camera.hand_eye import HandEye
 
-R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
-"""Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
+X_BODY_OPTICAL = read_only(pose(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))))
+"""Pose of an optical frame (x right, y down, z forward) in the body frame (x forward, y left, z up) of REP 103."""
 
 _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
@@ -68,13 +68,13 @@ class CellReader(RobotReader):
                     message += expected_names(frame, [WORLD, *self.links])
                     mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
                     self.problems.append(Problem("unknown-frame", message, place, mend=None if found is None else mend))
-                X_FC = read_only(camera_axes_as_body(X_FC) if entry.convention == "body" else X_FC)
+                X_FC = read_only(X_FC @ X_BODY_OPTICAL if entry.convention == "body" else X_FC)
                 pose_file = None if found is None else found.pose_file
                 if entry.calibration is not None:
                     from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
 
                     at = (*path, "calibration")
-                    file = self._resolve(entry.calibration.file, self._place_of_file(at))
+                    file = self._resolve(entry.calibration.file, at)
                     intrinsics, whole, part = read_calibration(file, entry.calibration, dotted(at))
                     self.digest[dotted(at)] = source_file(file, whole.content)
                     self.warnings.extend(unusual_values(part, CALIBRATION))
@@ -88,11 +88,6 @@ class CellReader(RobotReader):
                 )
         return cameras
 
-    def _place_of_file(self, path: KeyPath) -> Place:
-        """Where the entry at `path` names its file: under the key `file`, if it is more than that."""
-        named = (*path, "file")
-        return self.document.value_place(named if named in self.document.keys else path)
-
     def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
         """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
         from sqrp_cli.camera.hand_eye import read_hand_eye
@@ -100,7 +95,7 @@ class CellReader(RobotReader):
 
         key: KeyPath = (*path, "hand_eye")
         is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
-        file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, self._place_of_file(key))
+        file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, key)
         carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
         found = read_hand_eye(file, stated.camera, carriers, dotted(key))
         self.digest[dotted(key)] = source_file(file, found.content)
@@ -147,7 +142,7 @@ class CellReader(RobotReader):
             with self._collecting():
                 from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
 
-                file = self._resolve(fixtures.file, self.document.value_place(("fixtures", index, "file")))
+                file = self._resolve(fixtures.file, ("fixtures", index))
                 content, found = read_input(file, MAX_BYTES), dict[str, SceneObject]()
                 standing = read_fixtures(file, content, self.roots, self.warnings)
                 self.digest[f"fixtures.{index}"] = source_file(file, content)
@@ -175,9 +170,9 @@ class CellReader(RobotReader):
             with self._collecting():
                 shape: Shape | None = piece.shape()
                 if shape is None:
-                    place = self.document.value_place((*path, "mesh"))
-                    shape = mesh = Mesh(self._resolve(piece.mesh or "", place), piece.scale)
-                    self._add_mesh(dotted(path), mesh, place)
+                    at = (*path, "mesh")
+                    shape = mesh = Mesh(self._resolve(piece.mesh or "", at), piece.scale)
+                    self._add_mesh(dotted(path), mesh, self.document.value_place(at))
                 parts.append(Part(f"{name}/{piece.name or index}", name, shape, read_only(piece.pose.matrix())))
         if entry.urdf is not None:
             path = ("objects", name, "urdf")
@@ -272,8 +267,3 @@ class CellReader(RobotReader):
                 self._report("repeated-value", path, f"`{fact}` is stated twice")
             facts.setdefault(fact, index)
         return facts
-
-
-def camera_axes_as_body(X_FC: Array) -> Array:
-    """The optical pose if the axes of `X_FC` are those of a body frame, shape (4, 4)."""
-    return X_FC @ pose(R_BODY_OPTICAL)

@@ -54,7 +54,7 @@ class RobotReader:
         self.urdf = self._read_urdf(entry.urdf, ("robot", "urdf"))
         self.moveit: MoveitLimits | None = None
         if entry.limits.moveit is not None:
-            file = self._resolve(entry.limits.moveit, self.document.value_place(("robot", "limits", "moveit")))
+            file = self._resolve(entry.limits.moveit, ("robot", "limits", "moveit"))
             self.moveit = read_moveit_limits(file)
             self.digest["robot.limits.moveit"] = source_file(file, self.moveit.document.content)
             self.urdf = with_position_limits(self.urdf, self.moveit)
@@ -91,18 +91,15 @@ class RobotReader:
     def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
         self.problems.append(self.document.problem(code, path, message, mend))
 
-    def _resolve(self, reference: str, place: Place) -> Path:
-        """The file that is named at a place. Raises InputError where there is none."""
-        return packages.resolve(reference, self.document.folder, self.roots, place)
+    def _resolve(self, reference: str, path: KeyPath) -> Path:
+        """The file that the entry at a path names, itself, or under `file` or `xacro`. Raises InputError for none."""
+        named = next((at for key in ("file", "xacro") if (at := (*path, key)) in self.document.keys), path)
+        return packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(named))
 
     def _described(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
         """The file of a URDF or SRDF that the entry at `path` names, and what else it is made of."""
-        if isinstance(entry, str):
-            entry = XacroEntry(xacro=entry)
-        else:
-            path = (*path, "xacro")
-        file = self._resolve(entry.xacro, self.document.value_place(path))
-        return file, RobotSource((*self.roots, self.document.folder), entry.args)
+        file, arguments = (entry, {}) if isinstance(entry, str) else (entry.xacro, entry.args)
+        return self._resolve(file, path), RobotSource((*self.roots, self.document.folder), arguments)
 
     def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
         """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
@@ -129,12 +126,25 @@ class RobotReader:
 
     def read_robot(self) -> robot.Robot:
         """The robot; meaningful only if `problems` is empty afterwards."""
-        entry = self.entry
-        tool = self._tool()
+        entry, of_tool, tool = self.entry, self.entry.tool, None
+        if of_tool is not None and self.tool is not None:
+            link = link_called(of_tool.link, self.urdf.links)
+            if link not in self.urdf.links:
+                self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
+            moving = [{joint.name for joint in model.movable_joints} for model in (self.urdf, self.tool)]
+            shared = [f"link `{name}`" for name in self.tool.links if name in self.urdf.links]
+            shared += [f"joint `{name}`" for name in sorted(moving[0] & moving[1])]
+            if shared:
+                others = f", and {len(shared) - 1} more names in common" if len(shared) > 1 else ""
+                mend = "tell the tool's apart by a prefix: `prefix: tool_` in `robot.tool`"
+                at = ("robot", "tool", "urdf" if of_tool.urdf else "boxes")
+                self._report("ambiguous-name", at, f"robot and tool both have a {shared[0]}{others}", mend)
+            file = None if of_tool.urdf is None else self.tool.path
+            tool = robot.Tool(self.tool, link, read_only(of_tool.pose.matrix()), file)
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
-        arm = self._arm(joints)
+        axes, home, fingers = self._arm_and_fingers(joints)
         limits, stop_limits = self._limits(joints)
-        usual = robot.ANGLE_TOLERANCE if len(arm) < robot.AXES_OF_A_POSE else 0.0
+        usual = robot.ANGLE_TOLERANCE if axes < robot.AXES_OF_A_POSE else 0.0
         markers, carriers = {}, dict[tuple[str, int], str]()
         for named, marker in entry.markers.items():
             path, link = ("robot", "markers", named), link_called(named, self.links)
@@ -144,12 +154,6 @@ class RobotReader:
             if other != link:
                 self._report("repeated-value", (*path, "id"), f"`{other}` has the marker {marker.id} too")
             markers[link] = marker
-        home: dict[str, float] | None = None
-        if arm:
-            home = self._positions(entry.home, arm, ("robot", "home"), "no joint that moves the tool frame")
-        if home is not None and (missing := [joint.name for joint in arm if joint.name not in home]):
-            names = ", ".join(f"`{name}`" for name in missing)
-            self._report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
         return robot.Robot(
             urdf=self.urdf,
             srdf=self.srdf_path if self.srdf is not None else None,
@@ -157,71 +161,56 @@ class RobotReader:
             X_WB=read_only(entry.base.matrix()),
             tool=tool,
             tool_frame=self.tool_frame,
-            home=home or {},
+            home=home,
             limits=limits,
             stop_limits=stop_limits,
             angle_tolerance=usual if entry.angle_tolerance is None else entry.angle_tolerance,
             geometry=entry.geometry,
             parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
-            fingers=self._fingers([joint for joint in joints if joint.mimic is None and joint not in arm]),
+            fingers=fingers,
             markers=markers,
         )
 
-    def _tool(self) -> robot.Tool | None:
-        entry = self.entry.tool
-        if entry is None or self.tool is None:
-            return None
-        link = link_called(entry.link, self.urdf.links)
-        if link not in self.urdf.links:
-            self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
-        moving = [{joint.name for joint in model.movable_joints} for model in (self.urdf, self.tool)]
-        shared = [f"link `{name}`" for name in self.tool.links if name in self.urdf.links]
-        shared += [f"joint `{name}`" for name in sorted(moving[0] & moving[1])]
-        if shared:
-            others = f", and {len(shared) - 1} more names in common" if len(shared) > 1 else ""
-            mend = "tell the tool's apart by a prefix: `prefix: tool_` in `robot.tool`"
-            path = ("robot", "tool", "urdf" if entry.urdf else "boxes")
-            self._report("ambiguous-name", path, f"robot and tool both have a {shared[0]}{others}", mend)
-        file = None if entry.urdf is None else self.tool.path
-        return robot.Tool(self.tool, link, read_only(entry.pose.matrix()), file)
-
-    def _arm(self, joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
-        """The joints that drive those from the root to the tool frame, in order."""
-        frame = self.tool_frame
+    def _arm_and_fingers(self, joints: Sequence[UrdfJoint]) -> tuple[int, dict[str, float], robot.Fingers | None]:
+        """How many joints the arm has, where each of them is at home, and the fingers; without those with problems."""
+        # The arm's joints drive those from the root to the tool frame.
+        frame, on_tool, arm = self.tool_frame, list[UrdfJoint](), list[UrdfJoint]()
         if frame not in self.links:
             self._report("unknown-link", ("robot", "tool_frame"), no_such(frame, "link", self.links))
-            return []
-        on_tool: list[UrdfJoint] = []
-        if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
+        elif self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
             on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
-            if frame not in self.urdf.links:
-                return []  # `_tool` says so
-        arm = driving_joints((*self.urdf.chain(frame), *on_tool), joints)
-        if not arm:
-            message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
-            self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
-        if len(arm) > MAX_ARM_JOINTS:
-            message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
-            raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
-        return arm
-
-    def _fingers(self, driven: Sequence[UrdfJoint]) -> robot.Fingers | None:
-        entry, path = self.entry.fingers, ("robot", "fingers")
-        if entry is None:
-            return None
-        what = "no joint outside the arm that moves by itself"
-        opened = self._positions(entry.open, driven, (*path, "open"), what)
-        closed = self._positions(entry.closed, driven, (*path, "closed"), what)
-        if opened is None or closed is None:
-            return None
-        if not opened or opened.keys() != closed.keys():
-            names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys()))
-            message = f"`open` and `closed` must name the same joints; only one of them has {names or 'any joint'}"
-            self._report("missing-joint", path, message)
-        if opened == closed:
-            self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
-        return robot.Fingers(opened, {name: closed[name] for name in opened if name in closed}, entry.width)
+        if frame in self.urdf.links:  # else that is reported
+            arm = driving_joints((*self.urdf.chain(frame), *on_tool), joints)
+            if not arm:
+                message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
+                self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+            if len(arm) > MAX_ARM_JOINTS:
+                message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
+                raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
+        what, home = "no joint that moves the tool frame", None
+        if arm:
+            home = self._positions(self.entry.home, arm, ("robot", "home"), what)
+        if home is not None and (missing := [joint.name for joint in arm if joint.name not in home]):
+            names = ", ".join(f"`{name}`" for name in missing)
+            self._report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
+        entry, path, fingers = self.entry.fingers, ("robot", "fingers"), None
+        if entry is not None:
+            what = "no joint outside the arm that moves by itself"
+            driven = [joint for joint in joints if joint.mimic is None and joint not in arm]
+            opened = self._positions(entry.open, driven, (*path, "open"), what)
+            closed = self._positions(entry.closed, driven, (*path, "closed"), what)
+            if opened is not None and closed is not None:
+                if not opened or opened.keys() != closed.keys():
+                    names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys())) or "any joint"
+                    message = f"`open` and `closed` must name the same joints; only one of them has {names}"
+                    self._report("missing-joint", path, message)
+                if opened == closed:
+                    message = "the fingers are where they are when open, so nothing moves"
+                    self._report("wrong-value", (*path, "closed"), message)
+                closed = {name: closed[name] for name in opened if name in closed}
+                fingers = robot.Fingers(opened, closed, entry.width)
+        return len(arm), home or {}, fingers
 
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
@@ -257,10 +246,13 @@ class RobotReader:
         for joint in joints:
             position = positions.get(joint.name, joint.lower)
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
-                message = f"{_in_units(joint, position)} is outside the joint's limits, "
-                self._report(
-                    "outside-limits", (*path, joint.name), message + _in_units(joint, joint.lower, joint.upper)
-                )
+                said = []
+                for values in ((position,), (joint.lower, joint.upper)):
+                    plain = " to ".join(f"{value:.4g}" for value in values)
+                    degrees = " to ".join(f"{math.degrees(value):.4g}" for value in values)
+                    said.append(f"{plain} m" if joint.type == "prismatic" else f"{plain} rad ({degrees} deg)")
+                message = f"{said[0]} is outside the joint's limits, {said[1]}"
+                self._report("outside-limits", (*path, joint.name), message)
         return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
     def _limits(
@@ -345,11 +337,3 @@ class RobotReader:
     def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
         found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
         self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
-
-
-def _in_units(joint: UrdfJoint, *positions: float) -> str:
-    """A position of a joint [rad or m], or a range, with its unit; for a turning joint in degrees as well."""
-    stated = " to ".join(f"{position:.4g}" for position in positions)
-    if joint.type == "prismatic":
-        return f"{stated} m"
-    return f"{stated} rad ({' to '.join(f'{math.degrees(position):.4g}' for position in positions)} deg)"

@@ -25,6 +25,7 @@ from sqrp_cli.files.input_file import read_input
 from sqrp_cli.files.units import LARGEST_LENGTH, SMALLEST_SIZE, as_number
 from sqrp_cli.files.xml_file import MAX_BYTES, Element, parse_xml
 from sqrp_cli.geometry import Array, axis_rotation, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.records import dataclass
 from sqrp_cli.shapes import FIGURES, Mesh, Shape, shape_of
 
 Solid = tuple[Shape, Array]  # a shape with its pose in the file's frame, shape (4, 4)
@@ -157,11 +158,22 @@ def read_mjcf(path: Path, content: bytes, roots: Sequence[Path], warnings: list[
     """
     root = parse_xml(path, content, "mujoco")
     _include(root, path.parent, {path})
-    reader = _MjcfReader(path, root, roots, warnings)
+    defaults: dict[str, Mapping[str, str]] = {"main": {}}
+    waiting: list[tuple[Element, Mapping[str, str]]] = [(root, {})]
+    for holder, inherited in waiting:
+        for default in holder.all("default"):
+            own = {key: value for geom in default.all("geom") for key, value in geom.attributes.items()}
+            defaults[default.attributes.get("class", "main")] = {**inherited, **own}
+            waiting.append((default, {**inherited, **own}))
+    compilers = list(root.all("compiler"))
+    settings = {key: value for one in compilers for key, value in one.attributes.items()}
+    meshes = [mesh for asset in root.all("asset") for mesh in asset.all("mesh") if "file" in mesh.attributes]
+    named = {mesh.attributes.get("name") or Path(mesh.text("file")).stem: mesh for mesh in meshes}
+    bodies = _Bodies(path.parent, roots, compilers, settings, defaults, named, warnings)
     for world in root.all("worldbody"):
         for holder in (world, *world.all("body")):
             name = path.stem if holder is world else holder.attributes.get("name") or f"{path.stem}_body"
-            yield Standing(name, tuple(reader.solids(holder, np.eye(4), None)), holder.place)
+            yield Standing(name, tuple(bodies.solids(holder, np.eye(4), None)), holder.place)
 
 
 def _include(holder: Element, folder: Path, known: set[Path]) -> None:
@@ -184,22 +196,17 @@ def _include(holder: Element, folder: Path, known: set[Path]) -> None:
         _include(child, folder, known)
 
 
-class _MjcfReader:
-    """Reads bodies and collects warnings."""
+@dataclass(eq=False)
+class _Bodies:
+    """Reads the bodies of a file of MuJoCo."""
 
-    def __init__(self, path: Path, root: Element, roots: Sequence[Path], warnings: list[Problem]) -> None:
-        self.path, self.root, self.roots, self.warnings = path, root, roots, warnings
-        self.compiler = {key: value for one in root.all("compiler") for key, value in one.attributes.items()}
-        self.turn = 1.0 if self.compiler.get("angle") == "radian" else np.pi / 180
-        self.defaults: dict[str, Mapping[str, str]] = {"main": {}}  # attributes of geoms by class
-        waiting: list[tuple[Element, Mapping[str, str]]] = [(root, {})]
-        for holder, inherited in waiting:
-            for default in holder.all("default"):
-                own = {key: value for geom in default.all("geom") for key, value in geom.attributes.items()}
-                self.defaults[default.attributes.get("class", "main")] = {**inherited, **own}
-                waiting.append((default, {**inherited, **own}))
-        meshes = [mesh for asset in root.all("asset") for mesh in asset.all("mesh") if "file" in mesh.attributes]
-        self.meshes = {mesh.attributes.get("name") or Path(mesh.text("file")).stem: mesh for mesh in meshes}
+    folder: Path
+    roots: Sequence[Path]
+    compilers: list[Element]
+    settings: Mapping[str, str]  # of all compilers
+    defaults: Mapping[str, Mapping[str, str]]  # attributes of geoms by class
+    meshes: Mapping[str, Element]
+    warnings: list[Problem]  # gets those about what was left out
 
     def solids(self, holder: Element, X: Array, named: str | None) -> Iterator[Solid]:
         """The shapes of a body or frame in one at pose X, and of those in it; of the world without its bodies.
@@ -235,10 +242,10 @@ class _MjcfReader:
                 expected = expected_names(name, self.meshes)
                 raise geom.error("wrong-scene", f"{geom} has the unknown mesh `{name}`; {expected}")
             mesh = self.meshes[name]
-            folder = self.compiler.get("meshdir") or self.compiler.get("assetdir") or ""
+            folder = self.settings.get("meshdir") or self.settings.get("assetdir") or ""
             reference = os.path.join(folder, mesh.text("file"))  # noqa: PTH118
             scale = mesh.numbers("scale", 3, (1.0, 1.0, 1.0))
-            return mesh_at(reference, self.path.parent, self.roots, mesh.place, scale), self._pose(geom)
+            return mesh_at(reference, self.folder, self.roots, mesh.place, scale), self._pose(geom)
         if kind not in _SIZES:
             if kind != "plane":
                 self.warnings.append(simplified(f"a geom of the type `{kind[:40]}` is left out", geom.place))
@@ -250,60 +257,52 @@ class _MjcfReader:
         sizes, needed = [as_number(word) for word in stated.split()], 1 if is_line else needed
         if len(sizes) < needed or not all(0.0 < size < np.inf for size in sizes[:needed]):
             raise geom.error("wrong-scene", f"{geom} has the size `{stated[:40]}`, expected {needed} above 0")
-        X = None if is_line else self._pose(geom)
-        if X is None:  # along a line from one point to another
+        if is_line:  # from one point to another
             ends = np.array(geom.numbers("fromto", 6)).reshape(2, 3)
             along = ends[0] - ends[1]
             if (length := float(np.linalg.norm(along))) < _PARALLEL:
                 raise geom.error("wrong-scene", f"{geom}: `fromto` has two points in one place")
-            sizes = [sizes[0], length / 2]
-            R = self._upright(geom, np.cross(along, np.eye(3)[int(np.abs(along).argmin())]), along)
-            X = pose(R, ends.mean(axis=0))
+            sizes, across = [sizes[0], length / 2], np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
+            axes = [*across / np.linalg.norm(across), *np.cross(along, across)]
+            stands = {"xyaxes": axes, "pos": ends.mean(axis=0)}
+            geom = replace(geom, attributes={key: " ".join(map(str, values)) for key, values in stands.items()})
         radii = 0 if kind == "box" else 1  # a radius comes before the half lengths
-        return shape_of(kind, [*sizes[:radii], *(2 * size for size in sizes[radii : _SIZES[kind]])]), X
+        shape = shape_of(kind, [*sizes[:radii], *(2 * size for size in sizes[radii : _SIZES[kind]])])
+        return shape, self._pose(geom)
 
     def _pose(self, element: Element) -> Array:
         """The pose of an element in the one around it."""
-
-        def unit(what: str, vector: Sequence[float]) -> Array:
-            length = float(np.linalg.norm(vector))
-            if length < _PARALLEL:
-                raise element.error("wrong-scene", f"{element}: {what} has length 0")
-            return np.array(vector) / length
-
         R, stated = np.eye(3), element.attributes
+        turn = 1.0 if self.settings.get("angle") == "radian" else np.pi / 180
+        quaternion = np.array([0.0, 0.0, 0.0, 1.0])
         if "quat" in stated:
-            w, x, y, z = unit("`quat`", element.numbers("quat", 4))
-            R = quaternion_to_matrix((x, y, z, w))
+            quaternion = np.roll(element.numbers("quat", 4), -1)
         elif "axisangle" in stated:
             *axis, angle = element.numbers("axisangle", 4)
-            x, y, z = np.sin(angle * self.turn / 2) * unit("the axis of `axisangle`", axis)
-            R = quaternion_to_matrix((x, y, z, np.cos(angle * self.turn / 2)))
+            half, length = angle * turn / 2, float(np.linalg.norm(axis))
+            quaternion = np.array([*np.sin(half) * np.array(axis), np.cos(half) * length])
         elif "xyaxes" in stated:
-            axes = np.array(element.numbers("xyaxes", 6)).reshape(2, 3)
-            R = self._upright(element, axes[0], np.cross(axes[0], axes[1]))
-        elif "zaxis" in stated:
+            x, y = np.array(element.numbers("xyaxes", 6)).reshape(2, 3)
+            lengths = np.linalg.norm(x), np.linalg.norm(np.cross(x, y))
+            if min(lengths) < _PARALLEL:
+                raise element.error("wrong-scene", f"{element}: an axis has length 0, or both have one direction")
+            x, z = x / lengths[0], np.cross(x, y) / lengths[1]
+            R = np.column_stack([x, np.cross(z, x), z])
+        elif "zaxis" in stated:  # the least turn of the z axis to this one, about what is across both
             up = np.array(element.numbers("zaxis", 3))
-            # The least turn of the z axis to this one keeps what is across both.
             across = np.cross([0.0, 0.0, 1.0], up)
-            across = across if np.linalg.norm(across) > _PARALLEL else np.array([1.0, 0.0, 0.0])
-            turned = self._upright(element, across, up)
-            R = turned @ self._upright(element, across, np.array([0.0, 0.0, 1.0])).T
+            half = np.arctan2(np.linalg.norm(across), up[2]) / 2
+            unit = across / np.linalg.norm(across) if np.linalg.norm(across) > _PARALLEL else np.array([1.0, 0.0, 0.0])
+            quaternion = np.linalg.norm(up) * np.array([*np.sin(half) * unit, np.cos(half)])
         elif "euler" in stated:
-            order = self.compiler.get("eulerseq", "xyz")
+            order = self.settings.get("eulerseq", "xyz")
             if len(order) != 3 or not set(order.lower()) <= set("xyz"):
                 message = f"`eulerseq` is `{order[:40]}`, expected three of the letters x, y, z, X, Y and Z"
-                compilers = [one for one in self.root.all("compiler") if "eulerseq" in one.attributes]
-                raise compilers[-1].error("wrong-scene", message)
+                place = [one for one in self.compilers if "eulerseq" in one.attributes][-1]
+                raise place.error("wrong-scene", message)
             for letter, angle in zip(order, element.numbers("euler", 3), strict=True):
-                step = axis_rotation("xyz".index(letter.lower()), angle * self.turn)
+                step = axis_rotation("xyz".index(letter.lower()), angle * turn)
                 R = R @ step if letter.islower() else step @ R
-        return pose(R, element.numbers("pos", 3, (0.0, 0.0, 0.0)))
-
-    def _upright(self, element: Element, x: Array, z: Array) -> Array:
-        """The rotation with these axes, z across x; (3, 3)."""
-        x_length, z_length = np.linalg.norm(x), np.linalg.norm(z)
-        if min(x_length, z_length) < _PARALLEL:
-            raise element.error("wrong-scene", f"{element}: an axis has length 0, or both have one direction")
-        x, z = x / x_length, z / z_length
-        return np.column_stack([x, np.cross(z, x), z])
+        if np.linalg.norm(quaternion) < _PARALLEL:
+            raise element.error("wrong-scene", f"{element}: its quaternion, or an axis has length 0")
+        return pose(R @ quaternion_to_matrix(quaternion), element.numbers("pos", 3, (0.0, 0.0, 0.0)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
 from sqrp_cli.camera.projection import Projection
-from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.read_cell import X_BODY_OPTICAL
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.placement import doubted_objects, warning
@@ -218,7 +218,7 @@ def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObje
     stated = f"cameras.{camera.name}"
     looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
     axes_are_stated = looks_at_point or f"{stated}.convention" in workspace.places
-    if not axes_are_stated and sees_any(camera, camera_axes_as_body(camera.X_FC), points):
+    if not axes_are_stated and sees_any(camera, camera.X_FC @ X_BODY_OPTICAL, points):
         return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
     nearest = int(np.linalg.norm(points[::9] - camera.X_FC[:3, 3], axis=1).argmin())
     at = ", ".join(f"{value:g}" for value in points[9 * nearest].round(3) + 0.0)

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.cell.mesh import mesh_unit
-from sqrp_cli.cell.read_cell import camera_axes_as_body
+from sqrp_cli.cell.read_cell import X_BODY_OPTICAL
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.checks.cameras import points_of, sees_any, shown_objects
 from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects, warning
@@ -184,7 +184,7 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
             continue  # of an arm that reaches none of these places, home alone says nothing
         when = "at home, nor with the tool 10 cm before the top of an object" if moves else f"from `{camera.frame}`"
         message = f"{whose} sees none of the objects {when}: it looks elsewhere"
-        body = camera_axes_as_body(camera.X_FC)
+        body = camera.X_FC @ X_BODY_OPTICAL
         others = [name for name, X_WF in home.items() if sees_any(camera, X_WF @ camera.X_FC, points)]
         mend = "correct its pose, which is that of the optical frame: z forward, x right, y down"
         if not moves and sees_any(camera, poses[0] @ body, points):

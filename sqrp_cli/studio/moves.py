@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.cell.edits import stated_look_at, with_base, with_camera, with_object
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_pose
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError, bad_input, bad_option, expected_names
@@ -120,13 +120,13 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
         point = np.array(move.look_at) if move.look_at is not None else aim(workspace, camera)[0]
         return with_camera(document, workspace.cameras[move.name], camera, point)
     if move.kind == "base":
-        return with_base(document, after.robot.X_WB)
+        return with_pose(document, ("robot", "base"), after.robot.X_WB)
     if ("objects", move.name, "pose") not in document.values:
         message = f"the workspace states no pose of `{move.name}` itself"
         raise bad_option(message, mend="change the file that does")
     placed = after.objects[move.name]
     assert placed.X_WO is not None  # noqa: S101 - it was moved
-    return with_object(document, move.name, placed.X_WO @ inverse(placed.X_FO))
+    return with_pose(document, ("objects", move.name, "pose"), placed.X_WO @ inverse(placed.X_FO))
 
 
 def _turned(X: Array, move: Move) -> Array:

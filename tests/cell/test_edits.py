@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_pose, with_task
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
@@ -150,7 +150,7 @@ def test_an_object_elsewhere_keeps_the_rest(file):
     workspace, document = load_workspace(file), read_workspace_document(file)
     X_WO = workspace.objects["g1"].X_WO.copy()
     X_WO[:3, 3] += (0.05, -0.01, 0)
-    content = with_object(document, "g1", X_WO)
+    content = with_pose(document, ("objects", "g1", "pose"), X_WO)
     np.testing.assert_allclose(load_workspace(file, content).objects["g1"].X_WO, X_WO, atol=1e-9)
     assert len(changes(document, content)) == 2
 

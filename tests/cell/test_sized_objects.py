@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.ask.api.advice import with_object
+from sqrp_cli.cell.edits import with_pose
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace_file import read_workspace_document
@@ -57,7 +57,9 @@ def test_a_moved_object_is_written_as_its_file_states_it(cell: Path) -> None:
     part = new(cell, "{type: part, parts: [{mesh: corner.obj}], pose: {position: [4, 4, 4]}}")
     moved = part.X_WO.copy()
     moved[:3, 3] += [1, 0, 0]
-    text = with_object(read_workspace_document(cell / "workspace.yaml"), "new", moved @ inverse(part.X_FO))
+    text = with_pose(
+        read_workspace_document(cell / "workspace.yaml"), ("objects", "new", "pose"), moved @ inverse(part.X_FO)
+    )
     assert "position: [5, 4, 4]" in text.decode()
 
 

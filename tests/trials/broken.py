@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli import open_cell
-from sqrp_cli.cell.edits import stated_look_at, with_camera, with_object
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_pose
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
@@ -90,7 +90,7 @@ def _changes(
             angle = rng.uniform(-np.pi, np.pi)
             X_WO = np.array(workspace.objects[name].X_WO)
             X_WO[:2, 3] = np.round(X_WO[:2, 3] + size * np.array([np.cos(angle), np.sin(angle)]), 3)
-            yield name, with_object(document, name, X_WO)
+            yield name, with_pose(document, ("objects", name, "pose"), X_WO)
         return
     for camera in rng.permutation(list(workspace.cameras)).tolist():
         present = workspace.cameras[camera]

@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.ask.api.session import Session, assess, check_choice, choose_candidate
 from sqrp_cli.camera.camera import assumed_latency
-from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_object, with_task
+from sqrp_cli.cell.edits import stated_look_at, with_camera, with_further_camera, with_pose, with_task
 from sqrp_cli.cell.workspace_file import read_again, replace_workspace
 from sqrp_cli.errors import InputError, bad_option
 from sqrp_cli.figures import AdvisedFigures
@@ -87,7 +87,7 @@ class AdvisedCell:
             if stated.X_WO is None or now is None or not np.array_equal(stated.X_WO, now):
                 message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
                 raise bad_option(message, mend="change the program that puts it there")
-            return with_object(self.file, change.target, change.X_WO @ inverse(stated.X_FO))
+            return with_pose(self.file, ("objects", change.target, "pose"), change.X_WO @ inverse(stated.X_FO))
         camera, aim = change.camera, change.aim
         assert camera is not None and aim is not None  # noqa: S101, PT018 - nothing else is left to change
         present = workspace.cameras.get(camera.name)
