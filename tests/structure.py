@@ -34,7 +34,7 @@ ROOMS = {
     "task": ("task", 979),
     "motion": ("motion", 2_751),
     "sight": ("kernel sight", 1_517),
-    "study": ("study", 4_441),
+    "study": ("study", 4_357),
     "search": ("search", 4_448),
     "checks": ("checks", 1_251),
     "run": ("run", 7_605),

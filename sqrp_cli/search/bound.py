@@ -66,7 +66,7 @@ class CameraBound:
             after = np.append(some.steps, 0.0)[: len(some)]
             monitored.append(after)
             interesting.append(np.where(step.stage.of_interest(some), after, 0.0))
-            for fault, literals in step.timeline.faults.items() if goal.delay is not None else ():
+            for fault, literals in step.faults.items() if goal.delay is not None else ():
                 at = np.flatnonzero(_inside(step, fault, some))
                 if len(at):  # where other literals are required, too, nothing follows about this fault
                     unknown = np.asarray(np.delete(required[at], literals, axis=1).any(axis=1))
@@ -75,7 +75,7 @@ class CameraBound:
         self._hopeless, self._row, self._target = map(np.concatenate, (lost, rows, columns))
         parts = ((goal.q_eoi, "T_eoi", interesting), (goal.q_avg, "T", monitored))
         self._qualities = [
-            (least, sum(getattr(step.timeline, name) for step in steps), np.concatenate(weights)[:-1])
+            (least, sum(getattr(step, name) for step in steps), np.concatenate(weights)[:-1])
             for least, name, weights in parts
             if least is not None
         ]
@@ -98,7 +98,7 @@ class CameraBound:
             known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
             pairs = zip(found.piece.tolist(), found.t.tolist(), strict=True)
             added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
-            joined.append(samples.joined(added, samples.merge_order(added)))
+            joined.append(samples.joined(added)[0])
         same = sum(map(len, joined)) == len(self._hopeless)
         return self if same else CameraBound(cell, steps, goal, camera, index, joined)
 
@@ -169,7 +169,7 @@ def _wanted(goal: Goal, step: Analysis, samples: Samples) -> Indices:
         wanted |= np.array([bool(piece.literals) for piece in step.stage.pieces])[samples.piece]
     if goal.q_eoi is not None:
         wanted |= step.stage.of_interest(samples)
-    for fault in step.timeline.faults if goal.delay is not None else ():
+    for fault in step.faults if goal.delay is not None else ():
         wanted |= _inside(step, fault, samples)
     return np.flatnonzero(wanted)
 

@@ -175,7 +175,7 @@ class CameraMove:
         if question.goal.only_events:
             observer = change.in_cell(question.cell).observer
             timelines = [observe(step, observer, question.sampling, full=False) for step in question.about]
-            quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.T_eoi) for timeline in timelines])
+            quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.request.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, question.goal.q_eoi or 0.0)
         else:
             study = self.study(change)

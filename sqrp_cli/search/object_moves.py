@@ -143,7 +143,7 @@ def _hiding(question: Question) -> Iterator[str]:
     yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
     behind = Counter[str]()  # those of the colour of targets before them in uncovered states
     for step in steps:
-        lost = ~step.timeline.covered & step.timeline.monitored
+        lost = step.timeline.observation.blind
         for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
             same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
             behind.update(cell.observer.solids[index].part.parent for index in same_colour)

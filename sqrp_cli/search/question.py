@@ -188,7 +188,7 @@ class Question:
         if not self.goal.only_events:
             return self.motion.steps
         found = []
-        for step in (step for step in self.motion.steps if step.timeline.T_eoi):
+        for step in (step for step in self.motion.steps if step.T_eoi):
             pieces = [piece for piece in step.stage.pieces if piece.of_interest]
             only = replace(step, stage=Stage(step.stage.model, step.motion, pieces, step.world.X_WO), faults={})
             found.append(replace(only, timeline=observe(only, self.cell.observer, self.sampling, full=False)))

@@ -231,8 +231,8 @@ class VisibilityTable:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
         timeline, way = found.timeline, self.ways[number]
         covered = timeline.covered
-        changes = np.flatnonzero((covered[1:] != covered[:-1]) & ~np.isnan(timeline.steps))
-        lost = np.flatnonzero(timeline.monitored & ~covered)
+        changes = np.flatnonzero((covered[1:] != covered[:-1]) & (np.diff(timeline.samples.piece) == 0))
+        lost = np.flatnonzero(timeline.observation.blind)
         rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))
         known = set(zip(way.samples.piece.tolist(), way.samples.t.tolist(), strict=True))
         pairs = zip(timeline.samples.piece[rows].tolist(), timeline.samples.t[rows].tolist(), strict=True)
@@ -240,7 +240,7 @@ class VisibilityTable:
         if not new:
             return False
         more = Samples(np.array([piece for piece, _ in new]), np.array([t for _, t in new]))
-        self.ways[number] = replace(way, samples=way.samples.joined(more, way.samples.merge_order(more)))
+        self.ways[number] = replace(way, samples=way.samples.joined(more)[0])
         self.sees[number] = self._verdicts([self.ways[number]])[0]
         return True
 

@@ -100,7 +100,7 @@ class Sketch(SampledScene):
     def _shown(self, cell: Cell, matrix: Matrix) -> CoverageShown:
         responses = np.array([camera.response for camera in cell.observer.cameras])
         observation = observation_of(matrix, responses, self.scene.targets, self.required)
-        timeline = Timeline.of(self.scene, self.samples, observation)
+        timeline = Timeline(self.scene, self.samples, observation)
         table: dict[Verdict, int] = {}
         names = [camera.name for camera in cell.observer.cameras]
         atoms = {
@@ -110,7 +110,7 @@ class Sketch(SampledScene):
             )
             for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
         }
-        qualities, lost = qualities_over(timeline), timeline.monitored & ~timeline.covered
+        qualities, lost = qualities_over(timeline), observation.blind
         return CoverageShown(
             t=self.samples.t.tolist(),
             covered=_where(timeline.covered, timeline.monitored),
@@ -118,7 +118,7 @@ class Sketch(SampledScene):
             atoms=atoms,
             q_avg=qualities.q_avg,
             q_eoi=qualities.q_eoi,
-            blind=float(np.nan_to_num(timeline.steps)[lost[1:] & lost[:-1]].sum()),
+            blind=float(self.samples.steps[lost[1:] & lost[:-1]].sum()),
         )
 
 

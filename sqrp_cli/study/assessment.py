@@ -186,7 +186,7 @@ def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> 
     for one in watched:
         if not isinstance(one, Analysis):
             windows = all_fault_windows(one, one.timeline, cell.observer, sampling)
-            starts = (pieces.fault_intervals(one.formulas, fault)[0].start for fault in one.timeline.faults)
+            starts = (pieces.fault_intervals(one.formulas, fault)[0].start for fault in one.faults)
             recovery = recovery_over(one.motion, cell.model, min(starts, default=one.motion.time))
             onsets = fault_onsets(one, cell.observer)
             one = Analysis(**vars(one), recovery=recovery, windows=windows, onsets=onsets)

@@ -83,7 +83,7 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
 
 def sample_weights(study: Analysis) -> Array:
     """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
-    steps = np.nan_to_num(study.timeline.steps)
+    steps = study.timeline.samples.steps
     weights = np.zeros(len(steps) + 1)
     weights[:-1] += 0.5 * steps
     weights[1:] += 0.5 * steps
@@ -164,7 +164,7 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
-    observation, samples, pieces = study.timeline.observation, study.timeline.samples, study.timeline.pieces
+    observation, samples, pieces = study.timeline.observation, study.timeline.samples, study.stage.pieces
     targets = {}
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])

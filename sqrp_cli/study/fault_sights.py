@@ -74,8 +74,8 @@ def fault_windows(
     several = len(kinds) > 1
     if several:
         kinds.append((*clocks.max(axis=0).tolist(), np.ones(len(clocks), dtype=bool)))
-    counts = np.array([fault.counts_in(piece) for piece in timeline.pieces])[samples.piece]
-    neighbours = ~np.isnan(timeline.steps) | (np.diff(samples.t) <= SAME_INSTANT)
+    counts = np.array([fault.counts_in(piece) for piece in timeline.request.stage.pieces])[samples.piece]
+    neighbours = (np.diff(samples.piece) == 0) | (np.diff(samples.t) <= SAME_INSTANT)
     windows = []
     for period, lag, own in kinds:
         covered = seen.covered
@@ -119,7 +119,7 @@ def all_fault_windows(
                 more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]
                 asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
                 pieces += [asking] if any(fault.counts_in(asking) for fault in some) else []
-            request = scene.for_targets(stage.with_pieces(pieces), targets)
+            request = scene.for_targets(Stage(stage.model, stage.motion, pieces, stage.X_WO, stage.carried), targets)
             seen = observe(request, observer, sampling, full=several)
         for fault in some:
             found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, scene.motion.time)

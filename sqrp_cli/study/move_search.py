@@ -8,7 +8,6 @@ installed, which takes longer than a search may.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import islice
 from typing import Literal
 
@@ -21,65 +20,34 @@ from sqrp_cli.motion.way_around import motion_through
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.observation import look_at
-from sqrp_cli.study.stage import Samples, Stage
+from sqrp_cli.study.stage import Samples
 from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.trajectory import JointSpan, Trajectory
 
 
-class _ElsewhereStage(Stage):
-    """The stage of a motion with its joints elsewhere: at q, (m, n) of the driven ones, at the samples to come."""
+def blind_times(
+    planned: PlannedMotion, primitive: int, observer: Observer, trajectories: Sequence[Trajectory], samples: int
+) -> Array:
+    """How long the state is not covered if a joint move takes each of b trajectories of the arm, about [s], shape (b,).
 
-    def __init__(self, stage: Stage, q: Array) -> None:
-        super().__init__(stage.model, stage.motion, stage.pieces, stage.X_WO)
-        self._q = q
-
-    def positions(self, samples: Samples) -> Array:  # noqa: ARG002 - whatever they are
-        return self._q
-
-
-@dataclass(frozen=True, eq=False)
-class WatchedMove:
-    """A joint move of a studied way, which may take any path between its ends."""
-
-    scene: PlannedMotion
-    primitive: int
-    """Its index."""
-
-    @property
-    def name(self) -> str:
-        """Of the move."""
-        return self.scene.motion.primitives[self.primitive].name
-
-    @cached_property
-    def pieces(self) -> list[int]:
-        """Indices of the motion's pieces within the move."""
-        return [index for index, piece in enumerate(self.scene.stage.pieces) if piece.primitive == self.primitive]
-
-    @property
-    def is_monitored(self) -> bool:
-        """Whether any formula applies during the move."""
-        return any(self.scene.stage.pieces[index].literals for index in self.pieces)
-
-    def blind_times(self, observer: Observer, trajectories: Sequence[Trajectory], samples: int) -> Array:
-        """How long the state is not covered on each of b trajectories of the arm, about [s], shape (b,).
-
-        Cameras look at each in the middle of as many equal stretches of time as `samples` says. Where formulas begin
-        or end within the move, their share of its time counts as that in the studied motion.
-        """
-        if not trajectories:
-            return np.zeros(0)
-        stage, timed = self.scene.stage, self.scene.motion.primitives[self.primitive]
-        share = (np.arange(samples) + 0.5) / samples
-        q = np.concatenate([trajectory.positions(share * trajectory.duration) for trajectory in trajectories])
-        driven = timed.trajectory.path.end
-        q = np.concatenate([q, np.broadcast_to(driven[q.shape[1] :], (len(q), len(driven) - q.shape[1]))], axis=1)
-        ends = np.array([stage.pieces[index].end for index in self.pieces[:-1]])
-        piece = np.array(self.pieces)[np.searchsorted(ends, timed.start + share * (timed.end - timed.start))]
-        at = Samples(np.tile(piece, len(trajectories)), np.zeros(len(q)))
-        seen = look_at(observer, _ElsewhereStage(stage, q), self.scene.targets, at)
-        blind = (seen.monitored & ~seen.states_covered).reshape(len(trajectories), samples)
-        times: Array = blind.mean(axis=1) * np.array([trajectory.duration for trajectory in trajectories])
-        return times
+    primitive: of the move, by index. Cameras look at each trajectory in the middle of as many equal stretches of time
+    as `samples` says. Where formulas begin or end within the move, their share of its time counts as in the planned
+    motion.
+    """
+    if not trajectories:
+        return np.zeros(0)
+    stage, timed = planned.stage, planned.motion.primitives[primitive]
+    share = (np.arange(samples) + 0.5) / samples
+    q = np.concatenate([trajectory.positions(share * trajectory.duration) for trajectory in trajectories])
+    driven = timed.trajectory.path.end
+    q = np.concatenate([q, np.broadcast_to(driven[q.shape[1] :], (len(q), len(driven) - q.shape[1]))], axis=1)
+    pieces = np.array([index for index, piece in enumerate(stage.pieces) if piece.primitive == primitive])
+    ends = np.array([stage.pieces[index].end for index in pieces[:-1]])
+    piece = pieces[np.searchsorted(ends, timed.start + share * (timed.end - timed.start))]
+    at = Samples(np.tile(piece, len(trajectories)), np.zeros(len(q)))
+    blind = look_at(observer, stage, planned.targets, at, q=q).blind.reshape(len(trajectories), samples)
+    times: Array = blind.mean(axis=1) * np.array([trajectory.duration for trajectory in trajectories])
+    return times
 
 
 class Evolution:
@@ -203,23 +171,29 @@ class SeenPath:
 class MoveSearch:
     """The paths that a joint move may take, and the evolution of their vias."""
 
-    move: WatchedMove
+    planned: PlannedMotion
+    """The way with its direct path."""
+    primitive: int
+    """The move, by index."""
     q0: Array
     q1: Array
     """Its ends, shape (n,)."""
     bounds: JointSpan
     """Of its vias."""
     limits: MotionLimits
-    scene: PlacedScene
+    placed: PlacedScene
+    """What it must not touch."""
     direct: SeenPath
     """Its path in the direct way."""
     longest: float
     """Longest duration of interest [s]."""
     seed: int
-
-    def __post_init__(self) -> None:
-        """The direct path is the first that is known."""
-        self.best, self._found, self._begun, self._left = self.direct, [self.direct], 0, 0
+    best: SeenPath
+    """Of all paths so far; the direct one to begin with."""
+    found: list[SeenPath]
+    """All paths that are not known to touch anything; the direct one to begin with."""
+    _begun: int = 0
+    _left: int = 0
 
     def advance(self, observer: Observer) -> int:
         """One generation: all paths are looked at roughly, then the better half again; gives the work, in looks."""
@@ -248,7 +222,7 @@ class MoveSearch:
         """Find the blind times of paths; gives the number of looks."""
         step, fewest, most = closeness
         looks = int(np.clip(self.direct.time / step if step else np.inf, fewest, most))
-        times = self.move.blind_times(observer, [path.trajectory for path in paths], looks)
+        times = blind_times(self.planned, self.primitive, observer, [path.trajectory for path in paths], looks)
         for path, blind in zip(paths, times.tolist(), strict=True):
             path.blind = blind
         return len(paths) * looks
@@ -256,7 +230,7 @@ class MoveSearch:
     def is_free(self, path: SeenPath) -> bool:
         """Whether a path keeps every clearance."""
         if path.free is None:
-            path.free = self.scene.is_free(path.trajectory.path)
+            path.free = self.placed.is_free(path.trajectory.path)
         return path.free
 
     def paths(self, vias: Sequence[Array] | Array) -> tuple[list[SeenPath], list[SeenPath]]:
@@ -273,21 +247,9 @@ class MoveSearch:
         better = (path for path in sorted(paths, key=lambda path: path.cost) if path.cost < self.best.cost)
         hopeful = list(islice(filter(self.is_free, better), 1))
         looks = self.look(observer, hopeful, EXACTLY)
-        self._found += [path for path in paths if path.free is not False]
+        self.found += [path for path in paths if path.free is not False]
         self.best = min([self.best, *hopeful], key=lambda path: path.cost)
         return looks
-
-    def left(self, weight: float, most: int) -> list[SeenPath]:
-        """The direct path and the best others of which none is both longer and blind for longer than another.
-
-        weight: seconds of motion that a blind second counts for.
-        """
-        kept: list[SeenPath] = []
-        for path in sorted(self._found, key=lambda path: (path.time, path.blind)):
-            if not kept or path.blind < kept[-1].blind:
-                kept.append(path)
-        others = sorted((path for path in kept if len(path.vias)), key=lambda path: weight * path.blind + path.time)
-        return [self.direct, *others[: most - 1]]
 
 
 def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:

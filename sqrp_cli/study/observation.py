@@ -36,16 +36,10 @@ class Observation:
     """Per target and box the verdicts of every camera; None if only coverage was requested."""
 
     @cached_property
-    def monitored(self) -> Mask:
-        """Whether a state holds any literal, shape (m,)."""
-        monitored: Mask = np.any(self.required, axis=1)
-        return monitored
-
-    @cached_property
-    def states_covered(self) -> Mask:
-        """Whether a state holds literals and all of them are covered, shape (m,)."""
-        covered: Mask = self.monitored & np.all(self.covered | ~self.required, axis=1)
-        return covered
+    def blind(self) -> Mask:
+        """Whether a state holds a literal that is not covered, shape (m,)."""
+        blind: Mask = np.any(self.required & ~self.covered, axis=1)
+        return blind
 
     @property
     def full_matrix(self) -> tuple[tuple[BoxVerdicts, ...], ...]:
@@ -94,10 +88,11 @@ def look_at(
     samples: Samples,
     known: Observation | None = None,
     bars: Array | None = None,
+    q: Array | None = None,
 ) -> Observation:
     """Whether enough cameras see each target in samples of a motion, where it is required.
 
-    known: what is known of the samples already, and not asked again. bars: see `observe`.
+    known: what is known of the samples already, and not asked again. bars: see `observe`. q: see `Stage.states`.
     """
     required = stage.requires(targets, samples)
     nothing = np.zeros(required.shape, dtype=bool)
@@ -113,7 +108,7 @@ def look_at(
     if any(map(len, rows)):
         steps = np.append(0.0, samples.steps)
         loss = None if bars is None else Loss(np.stack([steps, steps * stage.of_interest(samples)], axis=1), bars)
-        seen = observer.coverage(targets, stage.states(samples), rows, loss)
+        seen = observer.coverage(targets, stage.states(samples, q), rows, loss)
         for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
             found.covered[at, column], found.response[at, column] = of_target.covered, of_target.response
     return found

@@ -15,8 +15,8 @@ def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetric
     return Figures(
         time=time,
         **vars(qualities_over(timeline)),
-        t_total=timeline.T,
-        t_eoi=timeline.T_eoi,
+        t_total=timeline.request.T,
+        t_eoi=timeline.request.T_eoi,
         faults=faults,
         states=int(timeline.monitored.sum()),
     )
@@ -29,11 +29,9 @@ def qualities_over(timeline: Timeline) -> Qualities:
     minus first (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum
     over runs is the sum over neighbouring covered samples. None where no formula, or no event, applies for any time.
     """
-    within = timeline.covered[:-1] & timeline.covered[1:] & ~np.isnan(timeline.steps)
-    length = float(timeline.steps[within].sum())
-    of_interest = float(timeline.steps[within & timeline.interesting[:-1]].sum())
+    steps, within = timeline.samples.steps, timeline.covered[:-1] & timeline.covered[1:]
+    within &= np.diff(timeline.samples.piece) == 0
+    of_interest = within & timeline.interesting[:-1]
+    parts = ((steps[within], timeline.request.T), (steps[of_interest], timeline.request.T_eoi))
     # Rounding may add a little.
-    return Qualities(
-        min(length, timeline.T) / timeline.T if timeline.T > 0 else None,
-        min(of_interest, timeline.T_eoi) / timeline.T_eoi if timeline.T_eoi > 0 else None,
-    )
+    return Qualities(*(min(float(part.sum()), T) / T if T > 0 else None for part, T in parts))

@@ -109,9 +109,9 @@ def expectation(cell: Cell, study: Analysis) -> Expectation | None:
 def expected_quality(cell: Cell, study: Analysis) -> float | None:
     """q_expected: the mean of the probability over the time T; None without curves, or where T is 0."""
     found, timeline = expectation(cell, study), study.timeline
-    if found is None or timeline.T <= 0:
+    if found is None or study.T <= 0:
         return None
     # Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
     before, after = np.nan_to_num(found.states[:-1]), np.nan_to_num(found.states[1:])
     height = np.where((before > 0) & (after > 0), 0.5 * (before + after), 0.0)
-    return min(1.0, float((height * np.nan_to_num(timeline.steps)).sum() / timeline.T))
+    return min(1.0, float((height * timeline.samples.steps).sum() / study.T))

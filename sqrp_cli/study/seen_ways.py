@@ -26,7 +26,6 @@ from sqrp_cli.study.move_search import (
     SETTLED,
     MoveSearch,
     SeenPath,
-    WatchedMove,
     exchange,
 )
 from sqrp_cli.study.observation import look_at
@@ -39,38 +38,42 @@ from sqrp_cli.task.task import Candidate
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 
-def open_moves(scene: PlannedMotion, names: Collection[str]) -> list[WatchedMove]:
-    """Those of the named joint moves of a way during which formulas apply."""
-    primitives = enumerate(scene.motion.primitives)
-    moves = (WatchedMove(scene, index) for index, primitive in primitives if primitive.name in names)
-    return [move for move in moves if move.is_monitored]
+def open_moves(planned: PlannedMotion, names: Collection[str]) -> list[int]:
+    """Those of the named joint moves of a way during which formulas apply, by index."""
+    monitored = {piece.primitive for piece in planned.stage.pieces if piece.literals}
+    named = (index for index, primitive in enumerate(planned.motion.primitives) if primitive.name in names)
+    return [index for index in named if index in monitored]
 
 
-def move_searches(cell: Cell, scene: PlannedMotion, names: Collection[str], spare: float) -> Iterator[MoveSearch]:
+def move_searches(cell: Cell, planned: PlannedMotion, names: Collection[str], spare: float) -> Iterator[MoveSearch]:
     """Searches for paths of the named joint moves during which formulas apply; moves by home have none.
 
     spare: longest time beyond that of the direct way [s].
     """
     model = cell.model
-    grounded = ground_primitives(scene.candidate, scene.world, cell.collision)
+    grounded = ground_primitives(planned.candidate, planned.world, cell.collision)
     if isinstance(grounded, Infeasible):
-        raise ValueError(f"{scene.candidate.name} was feasible a moment ago")
+        raise ValueError(f"{planned.candidate.name} was feasible a moment ago")
     seed = cell.seed
-    for move in open_moves(scene, names):
-        primitive, timed = grounded[0][move.primitive], scene.motion.primitives[move.primitive].trajectory
+    for index in open_moves(planned, names):
+        primitive, timed = grounded[0][index], planned.motion.primitives[index].trajectory
         if primitive.via_home:
             continue
         arm = slice(len(model.arm))
         direct = Trajectory(JointPath(timed.path.breaks, timed.path.coefficients[:, :, arm]), timed.law)
         q0, q1 = direct.path.positions([0.0, 1.0])
+        path = SeenPath(np.zeros((0, len(q0))), direct, free=True)
         yield MoveSearch(
-            move=move,
+            planned=planned,
+            primitive=index,
             q0=q0,
             q1=q1,
             bounds=near_limits(model, np.stack([q0, q1])),
             limits=MotionLimits.of(model, primitive.speed),
-            scene=cell.collision.placed(primitive.world, primitive.allowed),
-            direct=SeenPath(np.zeros((0, len(q0))), direct, free=True),
+            placed=cell.collision.placed(primitive.world, primitive.allowed),
+            direct=path,
+            best=path,
+            found=[path],
             longest=direct.duration + spare,
             seed=seed,
         )
@@ -80,10 +83,10 @@ def move_searches(cell: Cell, scene: PlannedMotion, names: Collection[str], spar
 def blind_ends(study: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
     """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
     timeline, actions = study.timeline, study.candidate.skill.primitives
-    t, blind, ends = timeline.samples.t, timeline.monitored & ~timeline.covered, list[BlindEnd]()
-    for index in (move.primitive for move in open_moves(study, names)):
-        within = np.array([piece.primitive == index for piece in timeline.pieces])[timeline.samples.piece]
-        rows = np.flatnonzero(within)
+    t, blind, ends = timeline.samples.t, timeline.observation.blind, list[BlindEnd]()
+    for index in open_moves(study, names):
+        within = np.array([piece.primitive == index for piece in study.stage.pieces])
+        rows = np.flatnonzero(within[timeline.samples.piece])
         stops = [stop for action in actions[:index] if (stop := getattr(action, "to", None)) is not None]
         for at, in_order in ((str([HOME, *stops][-1]), rows), (str(getattr(actions[index], "to", "")), rows[::-1])):
             if not blind[in_order[0]]:
@@ -206,8 +209,7 @@ def _glance(cell: Cell, scene: PlannedMotion) -> Array:
     ]
     t = np.concatenate(times)
     samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
-    seen = look_at(cell.observer, stage, scene.targets, samples)
-    blind = seen.monitored & ~seen.states_covered
+    blind = look_at(cell.observer, stage, scene.targets, samples).blind
     at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
     step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
     lost = (blind, blind & stage.of_interest(samples))
@@ -218,9 +220,9 @@ def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, intere
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
 
-    def outlook(scene: PlannedMotion, lost: Array, moves: Sequence[WatchedMove]) -> tuple[int, float]:
+    def outlook(scene: PlannedMotion, lost: Array, moves: Sequence[int]) -> tuple[int, float]:
         """The level and the time not covered elsewhere [s] of a way if these moves were seen; lost: see `_glance`."""
-        elsewhere, interest = np.delete(lost, [move.primitive for move in moves], axis=1).sum(axis=1).tolist()
+        elsewhere, interest = np.delete(lost, moves, axis=1).sum(axis=1).tolist()
         level = round((1.0 - interest / scene.T_eoi) / LEVEL) if interest_first and scene.T_eoi > 0 else 0
         return level, elsewhere
 
@@ -242,7 +244,7 @@ def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, intere
         for search in searches:
             search.look(cell.observer, [search.direct], EXACTLY)
         searched = tuple(search for search in searches if search.direct.blind > WORTH_SEARCHING)
-        level, elsewhere = outlook(scene, lost, [search.move for search in searches])
+        level, elsewhere = outlook(scene, lost, [search.primitive for search in searches])
         blind = elsewhere + sum(search.direct.blind for search in searches if search not in searched)
         if searched:
             runners.append(_Runner(scene, level, blind, searched, weight))
@@ -273,9 +275,16 @@ def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: floa
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
     spare = longest - runner.scene.motion.time
-    left = [search.left(runner.weight, LEFT) for search in runner.searches]
-    for search, paths_left in zip(runner.searches, left, strict=True):
-        search.look(cell.observer, paths_left, EXACTLY)
+    left: list[list[SeenPath]] = []
+    for search in runner.searches:
+        # The direct path, and the best others of which none is both longer and blind for longer than another.
+        kept: list[SeenPath] = []
+        for path in sorted(search.found, key=lambda path: (path.time, path.blind)):
+            if not kept or path.blind < kept[-1].blind:
+                kept.append(path)
+        others = sorted((one for one in kept if len(one.vias)), key=lambda one: runner.weight * one.blind + one.time)
+        left.append([search.direct, *others[: LEFT - 1]])
+        search.look(cell.observer, left[-1], EXACTLY)
     # A free path for each move, together of the least cost within the time.
     most = sum(search.direct.time for search in runner.searches) + spare + ROUNDING
     together = paths_together(left, most, runner.weight)
@@ -288,12 +297,12 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
         ),
         direct,
     )
-    vias = {search.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
-    vias = {name: found for name, found in vias.items() if len(found)}
+    names = [runner.scene.motion.primitives[search.primitive].name for search in runner.searches]
+    vias = {name: path.vias for name, path in zip(names, paths, strict=True) if len(path.vias)}
     if not vias:
         return None
     found = study(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
-    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.timeline.T
+    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.T
     return found if round(runner.weight * blind + found.motion.time, COST_DECIMALS) < runner.cost(direct) else None

@@ -46,13 +46,11 @@ class Samples:
         """Some of the samples, by mask or by index."""
         return Samples(self.piece[which], self.t[which])
 
-    def merge_order(self, other: Samples) -> NDArray[np.int64]:
-        """The order that sorts these samples, followed by the others, by piece and time."""
-        return np.lexsort((np.concatenate([self.t, other.t]), np.concatenate([self.piece, other.piece])))
-
-    def joined(self, other: Samples, order: NDArray[np.int64]) -> Samples:
-        """These samples and the others, in an order that `merge_order` gave."""
-        return Samples(np.concatenate([self.piece, other.piece])[order], np.concatenate([self.t, other.t])[order])
+    def joined(self, other: Samples) -> tuple[Samples, NDArray[np.int64]]:
+        """These samples and others by piece and time, and the order that sorts these, followed by the others, so."""
+        piece, t = np.concatenate([self.piece, other.piece]), np.concatenate([self.t, other.t])
+        order = np.lexsort((t, piece))
+        return Samples(piece[order], t[order]), order
 
 
 class Stage:
@@ -73,11 +71,7 @@ class Stage:
         self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         held = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
-        self._carried = tuple(held) if carried is None else tuple(carried)
-
-    def with_pieces(self, pieces: Sequence[Piece]) -> Stage:
-        """The same motion, cut into other pieces."""
-        return Stage(self.model, self.motion, pieces, self.X_WO, self._carried)
+        self.carried = tuple(held) if carried is None else tuple(carried)
 
     def of_interest(self, samples: Samples) -> Mask:
         """Whether each of m samples lies in an event of interest, shape (m,)."""
@@ -89,16 +83,14 @@ class Stage:
         The part lies where it stood or, if the tool held it from the start, is to stand. closed: by which share of the
         way that they have left the fingers have closed.
         """
-        motion = self.motion
-        from_start = motion.primitives[0].held
-        lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self._carried}
-
+        motion, from_start = self.motion, self.motion.primitives[0].held
+        lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self.carried}
         primitives = []
         for one in motion.primitives:
             trajectory = one.trajectory if one.held is None else closed_behind(self.model, one.trajectory, closed)
             primitives.append(replace(one, held=None, X_TO=None, X_WO={**one.X_WO, **lies}, trajectory=trajectory))
         lost = replace(motion, primitives=tuple(primitives))
-        return Stage(self.model, lost, self.pieces, self.X_WO, self._carried)
+        return Stage(self.model, lost, self.pieces, self.X_WO, self.carried)
 
     def samples_at(self, t: Array) -> Samples:
         """Instants in order, shape (n,) [s], as samples; those after the motion are at its end."""
@@ -109,7 +101,7 @@ class Stage:
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""
         q = np.empty((len(samples), len(self.motion.joint_names)))
-        for index, rows in self._by_primitive(samples):
+        for index, rows in self.by_primitive(samples):
             q[rows] = self.motion.positions(index, samples.t[rows])
         return q
 
@@ -131,50 +123,44 @@ class Stage:
         held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
         return held[samples.piece]
 
-    @cached_property
-    def moving_pieces(self) -> Mask:
-        """Whether something moves in each piece, shape (pieces,)."""
-        stands = [primitive.trajectory.stands for primitive in self.motion.primitives]
-        return np.array([not stands[piece.primitive] for piece in self.pieces], dtype=bool)
-
-    def states(self, samples: Samples) -> SceneStates:
-        """World poses of every frame at each sample."""
-        return states_of([self], [samples])
+    def states(self, samples: Samples, q: Array | None = None) -> SceneStates:
+        """World poses of every frame at each sample; q: positions of the joints there if not the motion's, (m, n)."""
+        return states_of([self], [samples], None if q is None else [q])
 
     @cached_property
     def resting(self) -> dict[str, Array]:
         """World poses of the objects that the motion does not carry, and of all at its start, shape (1, 4, 4) each."""
         starts = {name: fixed_frame(X_start) for name, X_start in self.X_WO.items()}
-        objects = {name: X_start for name, X_start in starts.items() if name not in self._carried}
+        objects = {name: X_start for name, X_start in starts.items() if name not in self.carried}
         return frame_poses({}, objects, starts, fixed_frame())
 
-    def carried(self, samples: Samples, X_WT: Array) -> dict[str, Array]:
-        """World poses of the objects that the motion carries, at samples with these poses of the tool; (m, 4, 4).
-
-        Some primitives carry an object, and it rests in the others.
-        """
-        during = [(rows, self.motion.primitives[index]) for index, rows in self._by_primitive(samples)]
-        found = {}
-        for name in self._carried:
-            stays = (Stay(rows, p.X_TO if p.held == name else None, p.X_WO.get(name)) for rows, p in during)
-            found[name] = carried_poses(X_WT, stays)
-        return found
-
-    def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
+    def by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
         """The primitives with samples, and the slices of these."""
         count = len(self.motion.primitives)
         ends = self._primitive[samples.piece].searchsorted(np.arange(count), side="right").tolist()
         return [(index, slice(start, end)) for index, (start, end) in enumerate(pairwise([0, *ends])) if start < end]
 
 
-def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneStates:
-    """World poses of every frame at the samples of stages in one cell, those of one stage after the other's."""
+def states_of(stages: Sequence[Stage], samples: Sequence[Samples], q: Sequence[Array] | None = None) -> SceneStates:
+    """World poses of every frame at the samples of stages in one cell, those of one stage after the other's.
+
+    q: positions of the joints at the samples of each stage, by default those of its motion.
+    """
     model, counts = stages[0].model, [len(some) for some in samples]
-    q = [stage.positions(some) for stage, some in zip(stages, samples, strict=True)]
+    if q is None:
+        q = [stage.positions(some) for stage, some in zip(stages, samples, strict=True)]
     X_WL = model.link_poses(np.concatenate(q) if len(q) > 1 else q[0])
     links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
     X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
-    carried = [stage.carried(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
+    # Some primitives carry an object, and it rests in the others.
+    carried: list[dict[str, Array]] = []
+    for stage, some, X_of_tool in zip(stages, samples, X_WT, strict=True):
+        during = [(rows, stage.motion.primitives[index]) for index, rows in stage.by_primitive(some)]
+        stays = {
+            name: [Stay(rows, p.X_TO if p.held == name else None, p.X_WO.get(name)) for rows, p in during]
+            for name in stage.carried
+        }
+        carried.append({name: carried_poses(X_of_tool, own) for name, own in stays.items()})
     # Objects and their starts: of shape (m, 4, 4), or (1, 4, 4) for what rests at one place in all states.
     objects = dict(stages[0].resting)
     in_one_world = all(stage.X_WO is stages[0].X_WO for stage in stages)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.formula_time import GroundOperator
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
@@ -21,7 +19,6 @@ from sqrp_cli.study.observation import Observation, look_at, look_closely
 from sqrp_cli.study.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.task.candidate import Candidate
-from sqrp_cli.task.pieces import Piece
 
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
@@ -37,94 +34,6 @@ _LOOK = 100
 """Fixed cost of one observation, in samples."""
 
 
-@dataclass(frozen=True, eq=False)
-class Timeline:
-    """The coverage of a candidate over its motion, at m samples."""
-
-    pieces: tuple[Piece, ...]
-    """Of the motion, in order."""
-    moving: Mask
-    """Whether something moves in each piece, shape (pieces,)."""
-    samples: Samples
-    """The samples."""
-    atoms: tuple[Atom, ...]
-    """In the order of the columns of `observation`."""
-    observation: Observation
-    """What the cameras see in them."""
-    faults: Mapping[str, tuple[int, ...]]
-    """The columns of the atoms of each fault, by its name."""
-    T: float
-    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
-    T_eoi: float
-    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
-
-    @classmethod
-    def of(cls, request: ObservationRequest, samples: Samples, observation: Observation) -> Timeline:
-        """What was seen in samples of a motion."""
-        return cls(
-            pieces=request.stage.pieces,
-            moving=request.stage.moving_pieces,
-            samples=samples,
-            atoms=tuple(target.atom for target in request.targets),
-            observation=observation,
-            faults=request.faults,
-            T=request.T,
-            T_eoi=request.T_eoi,
-        )
-
-    @property
-    def monitored(self) -> Mask:
-        """Whether a state holds any literal, shape (m,)."""
-        return self.observation.monitored
-
-    @property
-    def covered(self) -> Mask:
-        """Whether a state holds literals and all of them are covered, shape (m,)."""
-        return self.observation.states_covered
-
-    def fault_covered(self, fault: str) -> Mask:
-        """Whether all literals of a fault are required and covered, shape (m,)."""
-        covered: Mask = np.all(self.observation.covered[:, list(self.faults[fault])], axis=1)
-        return covered
-
-    @cached_property
-    def steps(self) -> Array:
-        """Time from each sample to the next within its piece [s], NaN at the end of a piece, shape (m - 1,)."""
-        return np.where(np.diff(self.samples.piece) == 0, np.diff(self.samples.t), np.nan)
-
-    @cached_property
-    def interesting(self) -> Mask:
-        """Whether each sample lies in an event of interest, shape (m,)."""
-        return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]
-
-    @property
-    def surely_lost(self) -> Array:
-        """How long no bisection can find all covered, and how long of that is of interest, shape (2,) [s].
-
-        Where a target is seen in neither of two neighbouring samples, it is not looked for between them.
-        """
-        lost = self.observation.required & ~self.observation.covered
-        steps = np.where((lost[:-1] & lost[1:]).any(axis=1), np.nan_to_num(self.steps), 0.0)
-        return np.array([steps.sum(), steps[self.interesting[:-1]].sum()])
-
-    @property
-    def largest_gap(self) -> float:
-        """Longest time between neighbouring samples that hold literals and were observed, where something moves [s].
-
-        Shorter events may be missed. Where nothing moves, there are none.
-        """
-        rows = np.flatnonzero(self.monitored & self.observation.looked & self.moving[self.samples.piece])
-        steps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
-        return float(steps.max(initial=0.0))
-
-    @property
-    def transition_error(self) -> float:
-        """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
-        width = np.where(self.covered[1:] != self.covered[:-1], np.nan_to_num(self.steps), 0.0)
-        inside = width[self.interesting[:-1]].sum()
-        return max(float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObservationRequest:
     """A motion, and what must be seen during it."""
@@ -134,9 +43,9 @@ class ObservationRequest:
     faults: Mapping[str, tuple[int, ...]]
     """The columns of the atoms of each fault, by its name: indices into `targets`."""
     T: float
-    """See `Timeline` [s]."""
+    """Duration of the union of all formulas' intervals, see `pieces.monitored_times` [s]."""
     T_eoi: float
-    """See `Timeline` [s]."""
+    """Duration of the union of the events of interest, see `pieces.monitored_times` [s]."""
 
     def for_targets(self, stage: Stage, targets: Sequence[Target]) -> ObservationRequest:
         """The same of other targets on another stage: each of their changes is located, whatever else is seen.
@@ -156,6 +65,54 @@ class PlannedMotion(ObservationRequest):
     """That it starts from."""
     motion: Motion
     formulas: tuple[GroundOperator, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """The coverage of a motion at m samples."""
+
+    request: ObservationRequest
+    """The motion, and what must be seen during it."""
+    samples: Samples
+    observation: Observation
+    """What the cameras see in the samples."""
+
+    @cached_property
+    def monitored(self) -> Mask:
+        """Whether a state holds any literal, shape (m,)."""
+        monitored: Mask = np.any(self.observation.required, axis=1)
+        return monitored
+
+    @cached_property
+    def covered(self) -> Mask:
+        """Whether a state holds literals and all of them are covered, shape (m,)."""
+        return self.monitored & ~self.observation.blind
+
+    @cached_property
+    def interesting(self) -> Mask:
+        """Whether each sample lies in an event of interest, shape (m,)."""
+        return self.request.stage.of_interest(self.samples)
+
+    @property
+    def largest_gap(self) -> float:
+        """Longest time between neighbouring samples that hold literals and were observed, where something moves [s].
+
+        Shorter events may be missed. Where nothing moves, there are none.
+        """
+        stage = self.request.stage
+        stands = [primitive.trajectory.stands for primitive in stage.motion.primitives]
+        moving = np.array([not stands[piece.primitive] for piece in stage.pieces], dtype=bool)
+        rows = np.flatnonzero(self.monitored & self.observation.looked & moving[self.samples.piece])
+        steps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
+        return float(steps.max(initial=0.0))
+
+    @property
+    def transition_error(self) -> float:
+        """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
+        width = np.where(self.covered[1:] != self.covered[:-1], self.samples.steps, 0.0)
+        within = width[self.interesting[:-1]].sum()
+        pairs = ((width.sum(), self.request.T), (within, self.request.T_eoi))
+        return max(float(error / T) if T else 0.0 for error, T in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,17 +153,25 @@ def observe(
         seen = look_closely(observer, stage, targets, samples)
     else:
         seen = look_at(observer, stage, targets, samples, bars=bars)
-    timeline = Timeline.of(request, samples, seen)
-    while isinstance(sampling, Adaptive) and (bars is None or not (timeline.surely_lost >= bars).all(axis=1).any()):
+    timeline = Timeline(request, samples, seen)
+    while isinstance(sampling, Adaptive):
+        if bars is not None:
+            # A target that is seen in neither of two neighbouring samples is not looked for between them: how long no
+            # bisection can find all covered, and how long of that is of interest.
+            lost = seen.required & ~seen.covered
+            steps = np.where((lost[:-1] & lost[1:]).any(axis=1), samples.steps, 0.0)
+            if (np.array([steps.sum(), steps[timeline.interesting[:-1]].sum()]) >= bars).all(axis=1).any():
+                break
         if (finer := _finer(timeline, sampling.tolerance)) is None:
             break
-        samples, seen, (more_samples, bracket) = timeline.samples, timeline.observation, finer
+        more_samples, bracket = finer
         if full:
             more = look_closely(observer, stage, targets, more_samples)
         else:
             more = look_at(observer, stage, targets, more_samples, seen.agreed(bracket, bracket + 1))
-        order = samples.merge_order(more_samples)
-        timeline = replace(timeline, samples=samples.joined(more_samples, order), observation=seen.joined(more, order))
+        samples, order = samples.joined(more_samples)
+        seen = seen.joined(more, order)
+        timeline = Timeline(request, samples, seen)
     return timeline
 
 
@@ -220,15 +185,16 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg. Each is
     cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few repeatedly.
     """
-    t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
+    request, t, piece, steps = timeline.request, timeline.samples.t, timeline.samples.piece, timeline.samples.steps
     # How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
-    apart = ~np.isnan(timeline.steps)
+    apart = np.diff(piece) == 0
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
     interesting = state & timeline.interesting[:-1]
-    error, error_eoi = tolerance * timeline.T, _SHARE * tolerance * (timeline.T_eoi or timeline.T)
+    error, error_eoi = tolerance * request.T, _SHARE * tolerance * (request.T_eoi or request.T)
     allowed = np.where(state, _SHARE * error / max(1, int(state.sum())), np.inf)
     allowed[interesting] = np.minimum(allowed[interesting], error_eoi / max(1, int(interesting.sum())))
-    for covered in map(timeline.fault_covered, timeline.faults):
+    for columns in request.faults.values():
+        covered: Mask = np.all(timeline.observation.covered[:, list(columns)], axis=1)
         changes = (covered[1:] != covered[:-1]) & apart
         allowed[changes] = np.minimum(allowed[changes], error_eoi)
     if timeline.observation.matrix:

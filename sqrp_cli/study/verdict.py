@@ -213,7 +213,7 @@ def verdict(cell: Cell, study: Analysis) -> str:
     Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
     timeline, sentences = study.timeline, NOTHING_MISSING
-    t, blind = timeline.samples.t, timeline.monitored & ~timeline.covered
+    t, blind = timeline.samples.t, timeline.observation.blind
     interesting = blind & timeline.interesting
     if runs := list(stretches(interesting if interesting.any() else blind)):
         longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), study.candidate.skill

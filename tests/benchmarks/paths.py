@@ -41,7 +41,7 @@ def paths(cells: int) -> None:
             planned.append(blind_time(found.planned))
             seen.append(blind_time(found.seen))
             extra.append(found.seen.motion.time - found.direct.motion.time)
-            better += seen[-1] <= min(direct[-1], planned[-1]) + EQUAL * found.seen.timeline.T
+            better += seen[-1] <= min(direct[-1], planned[-1]) + EQUAL * found.seen.T
             draws = [found.off(CALIBRATION, draw) for draw in range(DRAWS)]
             off.append(mean(blind_time(draw.direct) - blind_time(draw.seen) for draw in draws))
     rows = [

@@ -332,7 +332,7 @@ def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel
     motion = watched_motion(seed, ur5, share)
     quick, full = (motion.timeline(FixedCount(15), full=full) for full in (False, True))
     assert quick.covered.tolist() == full.covered.tolist()
-    assert quick.fault_covered("slip").tolist() == full.fault_covered("slip").tolist()
+    assert quick.observation.covered.tolist() == full.observation.covered.tolist()
     assert same_response(fault_response(quick, "slip"), fault_response(full, "slip"))
 
 
@@ -390,7 +390,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
             replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
             for t in quick.targets
         )
-        there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.timeline.faults)
+        there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.faults)
         found, before = qualities_over(there.timeline(Adaptive())), qualities_over(quick.timeline)
         assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
         assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)

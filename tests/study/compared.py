@@ -31,7 +31,7 @@ MOST_TRIES = 250
 def blind_time(found: Analysis) -> float:
     """How long what is monitored is not covered [s]."""
     quality = qualities_over(found.timeline).q_avg
-    return 0.0 if quality is None else (1.0 - quality) * found.timeline.T
+    return 0.0 if quality is None else (1.0 - quality) * found.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +68,10 @@ class Compared:
         others: dict[int, Trajectory] = {}
         for space in move_searches(cell, direct, self.candidate.open_paths, np.inf):
             trajectory, _ = find_way_around(
-                space.scene, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed
+                space.placed, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed
             )
             if trajectory is not None:
-                others[space.move.primitive] = trajectory
+                others[space.primitive] = trajectory
         motion = with_trajectories(cell, direct, others)
         scene = planned_motion(cell, direct.candidate, direct.world, motion)
         return observed(cell, scene, Adaptive(), full=False)

@@ -30,7 +30,7 @@ def defined_quality(story: Story, kinds: tuple[str, ...]) -> float | None:
     inside: int | None = None
     samples, seen = timeline.samples, timeline.observation
     for t, number, required, covered in zip(samples.t, samples.piece, seen.required, seen.covered, strict=True):
-        stretch = stretch_of(timeline.pieces[number])
+        stretch = stretch_of(timeline.request.stage.pieces[number])
         good = stretch is not None and required.any() and all(c for c, r in zip(covered, required, strict=True) if r)
         if run and (not good or stretch != inside):
             total += run[-1] - run[0]
@@ -54,7 +54,7 @@ def test_covered_is_null_exactly_where_no_formula_applies(story: Story) -> None:
     timeline = story.timeline
     applies = [
         any(start - 1e-9 <= piece.start and piece.end <= end + 1e-9 for start, end in stretches(story.formulas, BOTH))
-        for piece in timeline.pieces
+        for piece in timeline.request.stage.pieces
     ]
     assert timeline.monitored.tolist() == [applies[number] for number in timeline.samples.piece]
     assert not (timeline.covered & ~timeline.monitored).any()
@@ -79,4 +79,4 @@ def test_the_time_between_two_stretches_counts_neither_way() -> None:
     hold = Literal(ATOMS[0])
     story = make_story([1.0, 1.0, 1.0], (always(0, 1, hold), always(2, 3, hold)), [4], seed=0, seen=1.0)
     assert qualities_over(story.timeline).q_avg == pytest.approx(1.0)
-    assert pytest.approx(2.0) == story.timeline.T
+    assert pytest.approx(2.0) == story.timeline.request.T

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import Place
-from sqrp_cli.geometry import box_corners, transform
+from sqrp_cli.geometry import Mask, box_corners, transform
 from sqrp_cli.logic.formula import bind
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Literal
@@ -74,15 +74,15 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference,
     short = float(lengths[lengths < adaptive.largest_gap].sum())
     found = []
     for quality, length, rows in (
-        ("q_avg", dense.T, np.ones(len(dense.samples), dtype=bool)),
-        ("q_eoi", dense.T_eoi, dense.interesting),
+        ("q_avg", dense.request.T, np.ones(len(dense.samples), dtype=bool)),
+        ("q_eoi", dense.request.T_eoi, dense.interesting),
     ):
         approximate, reference = (getattr(qualities_over(one), quality) for one in (adaptive, dense))
         if approximate is None or reference is None:
             assert approximate == reference
             continue
         turning = changed(dense.covered) & rows[1:] & rows[:-1]
-        unsure = 0.5 * float(np.nansum(dense.steps[turning])) / length
+        unsure = 0.5 * float(dense.samples.steps[turning].sum()) / length
         error = abs(approximate - (reference + unsure))
         found.append(Difference(name, 100 * error, 100 * unsure, 100 * short / length, int(turning.sum())))
     return tuple(found)
@@ -147,8 +147,8 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
 ) -> None:
     for motion, fine in watched_finely:
         coarse = motion.timeline(sampling)
-        spacing = float(np.nanmax(coarse.steps))
-        length = (qualities_over(fine).q_avg - qualities_over(coarse).q_avg) * fine.T
+        spacing = float(coarse.samples.steps.max())
+        length = (qualities_over(fine).q_avg - qualities_over(coarse).q_avg) * fine.request.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
 
@@ -191,10 +191,16 @@ def test_nothing_moves_further_than_stated_between_adaptive_samples(ur5: RobotMo
         assert steps[np.diff(samples.piece) == 0].max() <= 1.02 * MAX_MOTION
 
 
+def moving_pieces(stage: Stage) -> Mask:
+    """In which pieces something moves."""
+    stands = [primitive.trajectory.stands for primitive in stage.motion.primitives]
+    return np.array([not stands[piece.primitive] for piece in stage.pieces])
+
+
 def between(motion: WatchedMotion, samples: Samples) -> NDArray[np.float64]:
     """The times between samples of one piece where something moves and must be seen."""
     piece, stage = samples.piece, motion.stage
-    asked = np.array([bool(p.literals) for p in stage.pieces]) & stage.moving_pieces
+    asked = np.array([bool(p.literals) for p in stage.pieces]) & moving_pieces(stage)
     return np.diff(samples.t)[(np.diff(piece) == 0) & asked[piece[:-1]]]
 
 
@@ -205,7 +211,7 @@ def test_no_more_than_50_ms_pass_between_adaptive_samples_where_something_moves(
         period = min(1 / camera.rate for camera in motion.observer.cameras)
         assert between(motion, samples).max() <= min(0.05, period) + 1e-9
         assert motion.timeline(Adaptive()).largest_gap <= min(0.05, period) + 1e-9
-        standing = [number for number, moves in enumerate(motion.stage.moving_pieces) if not moves]
+        standing = [number for number, moves in enumerate(moving_pieces(motion.stage)) if not moves]
         assert standing
         assert all((samples.piece == number).sum() <= 2 for number in standing)
 
@@ -229,7 +235,7 @@ def test_where_an_object_is_attached_the_instant_is_sampled_with_and_without_it(
     timeline = with_formulas(motion, always(0.0, motion.stage.motion.time, Literal(HOLD))).timeline(Adaptive())
     at = np.flatnonzero(np.abs(timeline.samples.t - grasp.end) < 1e-9)
     assert len(at) == 2
-    left, right = (timeline.pieces[number].primitive for number in timeline.samples.piece[at])
+    left, right = (timeline.request.stage.pieces[number].primitive for number in timeline.samples.piece[at])
     assert [motion.stage.motion.primitives[index].held for index in (left, right)] == [None, "cube"]
     assert carry.start == grasp.end
 
@@ -240,7 +246,7 @@ def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) 
     watched = with_formulas(motion, always(0.0, 1.0, hold), always(time - 1.0, time, hold.negated()))
     timeline = watched.timeline(FixedCount(50))
     inside = (timeline.samples.t > 1.0 + 1e-9) & (timeline.samples.t < time - 1.0 - 1e-9)
-    assert pytest.approx(2.0) == timeline.T
+    assert pytest.approx(2.0) == timeline.request.T
     assert not timeline.monitored[inside].any()
     assert not timeline.covered[inside].any()
     assert 0 <= qualities_over(timeline).q_avg <= 1

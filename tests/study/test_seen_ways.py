@@ -92,7 +92,7 @@ def test_motions_with_seen_paths_keep_every_law(compared: Compared) -> None:
 
 def test_seen_paths_are_no_worse_than_direct_ones_and_stop_nowhere(compared: Compared) -> None:
     seen, direct = compared.seen, compared.direct
-    assert blind_time(seen) <= blind_time(direct) + 1e-3 * seen.timeline.T
+    assert blind_time(seen) <= blind_time(direct) + 1e-3 * seen.T
     for primitive in seen.motion.primitives:
         if primitive.name in seen.candidate.vias:
             law = primitive.trajectory.law
@@ -144,7 +144,7 @@ def test_where_everything_is_seen_or_nothing_is_monitored_no_path_is_looked_for(
     workspace = replace(tabletop, skills={**tabletop.skills, "pickup": unwatched})
     compared = Compared.of(workspace, G2, "g2")
     assert compared.seen.candidate.vias == {}
-    assert compared.seen.timeline.T == 0.0
+    assert compared.seen.T == 0.0
 
 
 @pytest.mark.slow
@@ -233,6 +233,6 @@ def test_in_random_cells_seen_paths_are_honest_and_no_worse_than_others(tmp_path
     for seed in range(RANDOM_CELLS):
         compared = Compared.of(random_workspace(tmp_path / str(seed), seed), "pickup path=seen")
         assert_honest(compared)
-        blind, tolerance = blind_time(compared.seen), 1e-3 * compared.seen.timeline.T
+        blind, tolerance = blind_time(compared.seen), 1e-3 * compared.seen.T
         better.append(blind <= min(blind_time(compared.direct), blind_time(compared.planned)) + tolerance)
     assert sum(better) >= 0.9 * RANDOM_CELLS

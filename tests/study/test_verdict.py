@@ -48,7 +48,7 @@ def studies(cell: Cell) -> dict[str, Analysis]:
 def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Analysis]) -> None:
     found = studies[name]
     timeline = found.timeline
-    blind = timeline.monitored & ~timeline.covered
+    blind = timeline.observation.blind
     text = verdict(cell, found)
     if not blind.any():
         assert text == "Every literal is covered all the time."
@@ -137,7 +137,7 @@ def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, stu
     matrix = timeline.observation.full_matrix
     seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
     lost = timeline.observation.required & ~seen
-    every = np.flatnonzero(timeline.monitored & ~timeline.covered)
+    every = np.flatnonzero(timeline.observation.blind)
     stretch = explain_stretch(cell, found, every)
     column = next(place for place, target in enumerate(found.targets) if target.atom == stretch.atom)
     t = timeline.samples.t
@@ -168,7 +168,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
         found = observed_again(before, studies[name], Adaptive(), full=False)
-        blind = found.timeline.monitored & ~found.timeline.covered
+        blind = found.timeline.observation.blind
         rows = list(
             stretches(blind & found.timeline.interesting if (blind & found.timeline.interesting).any() else blind)
         )
@@ -193,7 +193,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
         after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
         again = observed_again(after, studies[name], Adaptive(), full=False).timeline
-        column = again.atoms.index(stretch.atom)
+        column = [target.atom for target in again.request.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
         lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside
         others = np.delete(again.observation.required & ~again.observation.covered, column, axis=1).any(axis=1)
@@ -220,7 +220,7 @@ def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
 ) -> None:
     found = studies[name]
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
-    blind = timeline.monitored & ~timeline.covered
+    blind = timeline.observation.blind
     rows = max(stretches(blind & timeline.interesting if (blind & timeline.interesting).any() else blind), key=len)
     stretch = explain_stretch(cell, found, rows)
     column = [target.atom for target in found.targets].index(stretch.atom)

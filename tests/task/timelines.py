@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 from hypothesis import strategies as st
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import GroundOperator, TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.timeline import Observation, Timeline
+from sqrp_cli.study.observation import Observation
+from sqrp_cli.study.stage import Samples, Stage
+from sqrp_cli.study.timeline import ObservationRequest, Timeline
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from tests.task.studies import always, eventually
 
@@ -48,11 +50,12 @@ def make_story(
     response = np.where(covered, rng.choice(RESPONSES, required.shape), np.nan)
     operator = formulas[-1]
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
+    T, T_eoi = monitored_times(formulas)
+    primitives = [SimpleNamespace(held=None)] * len(durations)
+    stage = Stage(None, SimpleNamespace(primitives=primitives), pieces, {})  # type: ignore[arg-type]
     timeline = Timeline(
-        pieces=pieces,
-        moving=np.ones(len(pieces), dtype=bool),
+        request=ObservationRequest(stage=stage, targets=(), faults={"slip": columns}, T=T, T_eoi=T_eoi),
         samples=samples,
-        atoms=ATOMS,
         observation=Observation(
             looked=np.ones(len(required), dtype=bool),
             required=required,
@@ -61,9 +64,6 @@ def make_story(
             response=response,
             matrix=None,
         ),
-        faults={"slip": columns},
-        T=monitored_times(formulas)[0],
-        T_eoi=monitored_times(formulas)[1],
     )
     return Story(timeline, formulas, TimeInterval(operator.start, operator.end), float(ends[-1]))
 
@@ -102,12 +102,13 @@ def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> l
 
 def fault_response(timeline: Timeline, fault: str) -> Array:
     """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
-    response: Array = timeline.observation.response[:, list(timeline.faults[fault])].max(axis=1)
-    return np.where(timeline.fault_covered(fault), response, np.nan)
+    response: Array = timeline.observation.response[:, list(timeline.request.faults[fault])].max(axis=1)
+    return response
 
 
 def moments(story: Story) -> list[tuple[float, bool, float]]:
     """Time, whether the fault is covered, and the response then, of every sample in order."""
     timeline = story.timeline
     t: Array = timeline.samples.t
-    return list(zip(t.tolist(), timeline.fault_covered("slip"), fault_response(timeline, "slip"), strict=True))
+    response = fault_response(timeline, "slip")
+    return list(zip(t.tolist(), ~np.isnan(response), response, strict=True))

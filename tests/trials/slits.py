@@ -187,7 +187,7 @@ def slits(number: int, folder: Path) -> dict[str, Any] | None:
     (camera,), X_WB = observer.cameras, np.broadcast_to(states.box_poses(box), (len(samples), 4, 4))
     covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=box.limits.min_visible)
     steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
-    truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.timeline.T
+    truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.T
     error = 100 * abs((qualities_over(study.timeline).q_avg or 0.0) - truth)
     events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event[1])
     said = ", ".join(

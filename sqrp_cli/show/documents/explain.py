@@ -107,7 +107,7 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
             event=bool(timeline.interesting[row]),
             literals={
                 str(literal): seen[column[literal.atom]][row]
-                for literal in timeline.pieces[int(samples.piece[row])].literals
+                for literal in study.stage.pieces[int(samples.piece[row])].literals
             },
             expected=_known(expected.states[row]) if expected is not None else None,
         )

@@ -50,7 +50,7 @@ def blind_intervals(study: Analysis) -> Iterator[BlindInterval]:
     """The stretches of a candidate's motion in which a state is not covered."""
     timeline = study.timeline
     t = timeline.samples.t
-    for rows in stretches(timeline.monitored & ~timeline.covered):
+    for rows in stretches(timeline.observation.blind):
         start, end = float(t[rows[0]]), float(t[rows[-1]])
         yield start, end, int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
 
