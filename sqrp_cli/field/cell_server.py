@@ -238,7 +238,7 @@ class FollowedTrajectory:
     def __init__(self, names: Mapping[str, str], at: Mapping[str, float], fixed: Mapping[str, float]) -> None:
         """names: of the joints, by those in messages. at: where they stand. fixed: other joints, which stay there."""
         self._names = dict(names)
-        self.joints: Sequence[str] = (*names.values(), *fixed)
+        self.joints: tuple[str, ...] = (*names.values(), *fixed)
         self._fixed = np.array(list(fixed.values()), dtype=float)
         q = np.array([[at[name] for name in names.values()]])
         self._times, self.ends = np.zeros(1), 0.0

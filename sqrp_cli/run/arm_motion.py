@@ -42,9 +42,8 @@ class JointStates(NamedTuple):
 class ArmReference(Protocol):
     """The motion that an arm is to follow."""
 
-    @property
-    def joints(self) -> Sequence[str]:
-        """Names of the n joints that it moves: those of the arm, and the fingers of a gripper where it has some."""
+    joints: tuple[str, ...]
+    """Names of the n joints that it moves: those of the arm, and the fingers of a gripper where it has some."""
 
     def states(self, t: Array) -> JointStates:
         """The joints at times t [s] of the cell's clock, (m,); shape (m, n) each."""

@@ -264,20 +264,13 @@ class FaultTracker:
             attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
         self._publisher.publish("injected", t, fault=fault.text)
 
-    @property
-    def is_pending(self) -> bool:
-        """Whether a fault was injected that has not come true yet."""
-        return any(record.injected is not None and record.happened is None for record in self.open)
-
-    def look(self, t: float, tau: float | None, attempt: Attempt, truths: Mapping[str, bool]) -> None:
+    def look(self, t: float, tau: float, attempt: Attempt, truths: Mapping[str, bool]) -> None:
         """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
-        if tau is None:
-            return
-        for name, operators in attempt.monitor.faults:
-            for one in operators:
+        for name, operators in ((watch.entry.fault, watch.operators) for watch in attempt.watches):
+            for one in operators if name is not None else ():
                 holds = all(truths[str(literal.atom)] == literal.positive for literal in one.literals)
                 if one.start <= tau <= one.end and holds:
-                    if (sight := attempt.step.sights.get(name)) is not None:
+                    if (sight := attempt.step.sights.get(name or "")) is not None:
                         delay = sight.latest(tau)
                     else:
                         atoms = [str(literal.atom) for literal in one.literals]

@@ -19,7 +19,7 @@ from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.monitor.nominal_step import NominalStep, in_boxes, planned_joints
-from sqrp_cli.run.monitor.step_monitor import Attempt, StepMonitor
+from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.events import AskedBox, EventPublisher, ShownAtom, event
 from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
@@ -76,7 +76,7 @@ class GroundTruth:
         if self._publisher is None:
             return
         if (truth := self._cell.truth()) is not None:
-            now, X_WO, held, joints = truth
+            now, X_WO, held, joints, _ = truth
         else:
             now, attempt, X_WO, held = self.now, self.attempt, self._world.X_WO, self._world.held
             joints = self._cell.measured_joints()
@@ -135,7 +135,7 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
             nominal = NominalStep(step, program.joints, body)
             recorder(event("step", begin, **step_began(step, number)))
             t = np.append(np.arange(0.0, step.time, 1.0 / RATE), step.time)
-            q, monitor, due = planned_joints(step, t), StepMonitor(nominal, 1.0), list(step.primitives)
+            q, monitor, due = planned_joints(step, t), Attempt(nominal, 1.0), list(step.primitives)
             literals: Mapping[str, ShownAtom] = {}
             for now, positions in zip(t.tolist(), q.tolist(), strict=True):
                 while due and due[0].start <= now + 1e-9:

@@ -13,10 +13,10 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import Program
+from sqrp_cli.program.record import Program, ProgramPrimitive
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.faults import FaultTracker
+from sqrp_cli.run.faults import FaultTracker, InjectedFault
 from sqrp_cli.run.ground_truth import GroundTruth, step_began
 from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets, Evidence, FusedTruth, fuse
@@ -36,6 +36,8 @@ SAME_INSTANT = 0.0015
 """Times that are closer are one [s]: the simulation steps by 2 ms, and takes images at the nearest step."""
 DueKind = Literal["tool", "primitive", "fault"]
 """A command to the tool, the beginning of a primitive, or a fault to inject."""
+Due: TypeAlias = Literal["grasp", "release", "released"] | ProgramPrimitive | InjectedFault
+"""What is due at a time: for the tool, that it grasps, that it lets go, and that it has."""
 
 
 Moment: TypeAlias = tuple[float | None, Mapping[str, bool], bool]
@@ -97,13 +99,14 @@ class EvidenceCollector:
         Raises Stopped if a process that looks at them has ended.
         """
         attempt, moment_at = self._attempt, cache(moment_at)
-
-        def believed(at: float) -> BelievedState:
-            tau, _, holding = moment_at(at)
-            return BelievedState(dict(self._cell.measured_joints(at)), holding, attempt.beliefs(tau))
-
         with self._publisher.timed("images"):
-            images = self.streams.expose(t, self._cell.frames, believed)
+            images = self.streams.expose(
+                t,
+                self._cell.frames,
+                lambda at: BelievedState(
+                    dict(self._cell.measured_joints(at)), moment_at(at)[2], attempt.beliefs(moment_at(at)[0])
+                ),
+            )
         for at, together in groupby(images, lambda image: image.t):
             (tau, truths, _), taken = moment_at(at), list(together)
             index = bisect_left(self._exposures, at, key=lambda one: one.t)
@@ -129,13 +132,13 @@ class EvidenceCollector:
             for name, place in detection.places.items():
                 self.places.setdefault(name, []).append(place)
             tau = exposure.tau
-            if tau is not None and attempt.undisturbed and 0.0 <= tau <= attempt.step.time:
-                attempt.check.add(detection, tau, attempt.monitor.monitored(tau), exposure.truths)
+            if tau is not None and attempt.undisturbed and attempt.check and 0.0 <= tau <= attempt.step.time:
+                attempt.check.add(detection, tau, attempt.monitored(tau), exposure.truths)
         found = self._fused() if detections else []
         for evidence in found:
             tau, has_arrivals = evidence.tau, any(one is not None for one in evidence.detections.values())
             if has_arrivals and self._published.get(evidence.t) != evidence.atoms:
-                required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
+                required = attempt.monitored(max(tau or 0.0, 0.0))
                 shown = {
                     atom: ShownAtom(
                         value=fused.truth,
@@ -181,7 +184,7 @@ class EvidenceCollector:
 
 
 class Lockstep:
-    """Everything of a run that time passes for, with the robot as it is commanded.
+    """Everything of a run that time passes for, with the robot as it is commanded, and its faults.
 
     Only images show whether the tool really holds what it is commanded to hold.
     """
@@ -192,7 +195,6 @@ class Lockstep:
         robot: Robot,
         cell: RunnableCell,
         collector: EvidenceCollector,
-        faults: FaultTracker,
         truth: GroundTruth,
         publisher: EventPublisher,
     ) -> None:
@@ -200,10 +202,11 @@ class Lockstep:
         before, joints = program.steps[0].before, program.joints
         q = np.array([before.joints[name] for name in joints])
         self.motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
-        self.fingers, self.cell, self._truth = robot.fingers, cell, truth
-        self.collector, self.faults, self.publisher = collector, faults, publisher
+        self.fingers, self.cell, self.truth = robot.fingers, cell, truth
+        self.collector, self.publisher = collector, publisher
+        self.faults = FaultTracker(cell, collector.streams, publisher)
         self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
-        self._due: list[tuple[float, DueKind, Callable[[], None]]] = []
+        self._due: list[tuple[float, DueKind, Due]] = []
         self.now = 0.0
         """The time on the cell's clock [s]."""
         self.attempt: Attempt | None = None
@@ -213,19 +216,14 @@ class Lockstep:
 
     def begin(self, attempt: Attempt, number: int) -> None:
         """Be at an attempt at the step of a number, from now on; time may have passed since, as for planning."""
-        self.attempt = self._truth.attempt = attempt
+        self.attempt = self.truth.attempt = attempt
         self.now = self.collector.streams.present(self.now, resume=True)
         self.collector.watch(attempt, number, self.now)
         self.publisher.publish("step", self.now, **step_began(attempt.step, number))
 
-    @property
-    def present(self) -> float:
-        """When what is commanded now begins [s]."""
-        return self.collector.streams.present(self.now)
-
-    def schedule(self, t: float, kind: DueKind, do: Callable[[], None]) -> None:
+    def schedule(self, t: float, kind: DueKind, what: Due) -> None:
         """Do something at a time [s] of the cell's clock, after what is due at the same time already."""
-        insort(self._due, (t, kind, do), key=lambda due: due[0])
+        insort(self._due, (t, kind, what), key=lambda due: due[0])
 
     def cancel(self, *kinds: str) -> None:
         """Do nothing of some kinds any more."""
@@ -233,21 +231,15 @@ class Lockstep:
 
     def command_hold(self, *, holding: bool) -> None:
         """The tool counts as commanded to hold, or not, from now on."""
-        self._commands.append((self._truth.now, holding))
-
-    def _tau(self, t: float) -> float | None:
-        """The time of the step's motion at time t [s], None before it."""
-        if self.attempt is None or self.attempt.start is None:
-            return None
-        return self.motion.step_time(t)
+        self._commands.append((self.truth.now, holding))
 
     def _moment(self, t: float) -> Moment:
         """What is known of the time of an image [s]; the clock of a simulation steps from time to time."""
         assert self.attempt is not None  # noqa: S101 - images are looked at in attempts alone
         at = self.now if abs(t - self.now) < SAME_INSTANT else t
-        tau = self._tau(at)
+        tau = None if self.attempt.start is None else self.motion.step_time(at)
         held = next((held for since, held in reversed(self._commands) if since <= at + 1e-9), self._commands[0][1])
-        return tau, self._truth.atoms(self.attempt, tau), held
+        return tau, self.truth.atoms(self.attempt, tau), held
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
@@ -255,41 +247,59 @@ class Lockstep:
         Returns the evidence of the images that have arrived. Raises Stopped where cameras or the processes
         behind them fail.
         """
-        streams, motion = self.collector.streams, self.motion
+        streams, motion, faults, attempt = self.collector.streams, self.motion, self.faults, self.attempt
+        pending = any(record.injected is not None and record.happened is None for record in faults.open)
         coming = [streams.next_event]
         coming += [self._due[0][0]] if self._due else []
         coming += [end] if self.now < end - 1e-9 else []
-        coming += [self.now + TRUTH_SPACING] if self.faults.is_pending else []
+        coming += [self.now + TRUTH_SPACING] if pending else []
         coming += [self.now + FEELING] if motion.force_limit(self.now) is not None else []
         with self.publisher.timed("physics"):
-            self.now = self._truth.advance(max(min(coming), self.now), motion)
+            self.now = self.truth.advance(max(min(coming), self.now), motion)
         limit = motion.force_limit(self.now)
         if limit is not None and (force := self.cell.tool_force()) >= limit:  # a guarded move meets what it looks for
             motion.halt_primitive(self.now)
             self.publisher.publish("contact", self.now, force=round(force, 1))
-        if self.faults.is_pending and self.attempt is not None:
-            tau = self._tau(self.now)
-            self.faults.look(self.now, tau, self.attempt, self._truth.atoms(self.attempt, tau))
+        if pending and attempt is not None and attempt.start is not None:
+            tau = motion.step_time(self.now)
+            faults.look(self.now, tau, attempt, self.truth.atoms(attempt, tau))
         with self.publisher.timed("waiting for perception"):
             arrived = streams.collect(self.now)
-        while self._due and self._due[0][0] <= self.now + 1e-9:
-            self._due.pop(0)[2]()
-        if self.attempt is not None:
+        while self._due and self._due[0][0] <= self.now + 1e-9 and attempt is not None:
+            self._do(self._due.pop(0)[2], attempt)
+        if attempt is not None:
             self.collector.expose(self.now, self._moment)
         if (failure := self.cell.trouble() or streams.failure(self.now)) is not None:
             raise failure
         return self.collector.take_notice(arrived, self.now)
 
+    def _do(self, what: Due, attempt: Attempt) -> None:
+        """What is due now."""
+        match what:
+            case "grasp":
+                self.cell.grasp()
+                self.command_hold(holding=True)
+                attempt.undisturbed &= not self.faults.open
+            case "release":
+                self.cell.release()
+            case "released":
+                self.command_hold(holding=False)
+            case ProgramPrimitive(name=name, does=does):
+                self.publisher.doing = name
+                self.publisher.publish("primitive", self.now, name=name, does=does)
+            case InjectedFault():
+                self.faults.inject(what, self.now, attempt)
+
     def stop(self, reason: str, *, protective: bool = False) -> None:
         """Bring the arm to rest along its path, looking on; protective: as fast as it may, whatever cameras do."""
         self.cancel("tool", "primitive")
-        self.now = self.present
+        self.now = self.collector.streams.present(self.now)
         self.last_stop = StopTimes(self.now)
         self.publisher.doing = "stops"
         self.publisher.publish("stopping", self.now, reason=reason)
         stands = self.motion.stop(self.now, protective=protective)
         if protective:
-            self.now = self._truth.advance(max(self.now, stands), self.motion)
+            self.now = self.truth.advance(max(self.now, stands), self.motion)
         while self.now < stands - 1e-9:
             self.pass_time(stands)
         self.last_stop = StopTimes(self.last_stop.told, self.now)

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,18 +18,11 @@ from sqrp_cli.logic.truth import Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.ros_cell import RosCell
-from sqrp_cli.run.faults import FaultTracker, InjectedFault, parse_fault
+from sqrp_cli.run.faults import InjectedFault, parse_fault
 from sqrp_cli.run.ground_truth import GroundTruth
 from sqrp_cli.run.lockstep import SAME_INSTANT, EvidenceCollector, Lockstep
 from sqrp_cli.run.monitor.nominal_step import NominalStep
-from sqrp_cli.run.monitor.step_monitor import (
-    PATIENCE,
-    Alarm,
-    Attempt,
-    PredictionCheck,
-    StepMonitor,
-    read_formula,
-)
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, read_formula
 from sqrp_cli.run.perception.detections import CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.perception.streams import ImageStreams, ReceivedStreams, Streams
@@ -90,13 +82,10 @@ class Run:
         self._streams: Streams = ImageStreams(cameras, self._detectors)
         if isinstance(cell, RosCell):
             self._streams = ReceivedStreams(cameras, self._detectors, lambda: cell.t, cell.file.mend_of_lateness)
-        self._publisher, world = EventPublisher(recording.listeners), program.steps[0].before
-        self._truth = GroundTruth(cell, self._body, world, self._publisher if recording.states else None)
-        self._collector = EvidenceCollector(cell, self._streams, self._publisher, recording.images)
-        self._tracker = FaultTracker(cell, self._streams, self._publisher)
-        self._lockstep = Lockstep(
-            program, workspace.robot, cell, self._collector, self._tracker, self._truth, self._publisher
-        )
+        publisher, world = EventPublisher(recording.listeners), program.steps[0].before
+        truth = GroundTruth(cell, self._body, world, publisher if recording.states else None)
+        collector = EvidenceCollector(cell, self._streams, publisher, recording.images)
+        self._lockstep = Lockstep(program, workspace.robot, cell, collector, truth, publisher)
         self._report = RunReport(workspace=workspace.name)
 
     def run(self, *, moves: bool = True) -> RunReport:
@@ -104,7 +93,7 @@ class Run:
 
         It can be run once.
         """
-        lockstep, tracker, reason = self._lockstep, self._tracker, None
+        lockstep, tracker, reason = self._lockstep, self._lockstep.faults, None
         outcome: Outcome = "done"
         with self._detectors:
             if isinstance(self._cell, RosCell):
@@ -120,8 +109,9 @@ class Run:
                 outcome, reason = "stopped", str(stopped)
                 tracker.stopped(lockstep.now, stopped)
                 lockstep.stop(str(stopped), protective=True)
-            self._truth.publish()
-        if outcome == "done" and (truth := self._cell.truth()) is not None:
+            lockstep.truth.publish()
+        truth = self._cell.truth()
+        if outcome == "done" and truth is not None:
             meant = self._program.steps[-1].after.X_WO
             lies = {name: X_WO[:3, 3] - meant[name][:3, 3] for name, X_WO in truth.X_WO.items() if name in meant}
             for record in tracker.records if any(np.linalg.norm(away) > ELSEWHERE for away in lies.values()) else ():
@@ -132,22 +122,23 @@ class Run:
             self._report,
             time=round(lockstep.now, 6),
             faults=[replace(record) for record in tracker.records],  # with the delays that follow from the times
-            conflicts=self._collector.conflicts,
-            tracking=self._cell.tracking_error(),
+            conflicts=lockstep.collector.conflicts,
+            tracking=None if truth is None else truth.tracking,
             images=self._streams.images,
             stop=lockstep.last_stop,
         )
         if report.missed and outcome == "done":
             named = " and ".join(f"{fault.name}, which happened at {fault.happened:.2f} s" for fault in report.missed)
             outcome, reason = "missed", f"no image showed {named}"
-        self._publisher.publish(outcome, lockstep.now, reason=reason)
-        wall = {**self._publisher.wall, "all": time.perf_counter() - self._publisher.began}
+        publisher = lockstep.publisher
+        publisher.publish(outcome, lockstep.now, reason=reason)
+        wall = {**publisher.wall, "all": time.perf_counter() - publisher.began}
         wall["perception (in parallel)"] = self._streams.seconds
         return replace(report, outcome=outcome, reason=reason, wall=wall)
 
     def _run_step(self, index: int, step: Step) -> None:
         """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""
-        lockstep, tracker, report = self._lockstep, self._tracker, self._report
+        lockstep, tracker, report = self._lockstep, self._lockstep.faults, self._report
         record = StepRecord(step.skill, step.parameters, step.short_task, lockstep.now)
         report.steps.append(record)
         lockstep.command_hold(holding=step.before.held is not None)
@@ -169,7 +160,7 @@ class Run:
             record.attempts += 1
             tracker.note(acted=lockstep.now)
             of, planned = response.retries, round(step.time, 6)
-            self._publisher.publish("retry", lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned)
+            lockstep.publisher.publish("retry", lockstep.now, attempt=retries + 1, of=of, step=step.skill, time=planned)
         record.end, record.unseen = round(lockstep.now, 6), attempt.unseen
         tracker.note(recovered=lockstep.now)
         tracker.open.clear()
@@ -178,7 +169,7 @@ class Run:
         """An attempt at a step, begun by a look. Raises Stopped where something is not as it should be."""
         nominal, report = NominalStep(step, self._program.joints, self._body), self._report
         check = PredictionCheck(index, nominal, list(self._streams.cameras))
-        attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
+        attempt = Attempt(nominal, self._streams.period, check, undisturbed=first)
         if first and report.steps:  # predictions are checked while all goes as planned, and not by a mere look
             report.prediction.append(check.counts)
             report.usual.append(check.usual)
@@ -194,55 +185,39 @@ class Run:
         The faults of the step happen once, with its first motion.
         """
         lockstep, schedule = self._lockstep, self._lockstep.schedule
-        start = attempt.start = lockstep.present
+        start = attempt.start = self._streams.present(lockstep.now)
         for primitive in attempt.step.primitives:
             begin, end = start + primitive.start, start + primitive.end
             if primitive.action == "Grasp":
-                schedule(begin, "tool", partial(self._grasp, attempt))
+                schedule(begin, "tool", "grasp")
             elif primitive.action == "Release":  # fingers follow their motion from its beginning
-                schedule(begin if lockstep.fingers is not None else end, "tool", self._cell.release)
-                schedule(end, "tool", partial(lockstep.command_hold, holding=False))
-            schedule(begin, "primitive", partial(self._begin, primitive.name, primitive.does))
+                schedule(begin if lockstep.fingers is not None else end, "tool", "release")
+                schedule(end, "tool", "released")
+            schedule(begin, "primitive", primitive)
         for fault in [fault for fault in self._faults if fault.step == number]:
             self._faults.remove(fault)
-            schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
+            schedule(start + (fault.t or 0.0), "fault", fault)
         lockstep.motion.play(attempt.step.primitives, start)
         end = start + attempt.step.time
         while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
             if self._spectator is not None and self._spectator.wants_slip():
-                self._slip(number, start)
+                # At the next millisecond, so that a command can say when.
+                t = math.ceil(1e3 * (lockstep.now - start + SAME_INSTANT)) / 1e3
+                text, refused = f"slip@{t:g}" if len(self._program.steps) == 1 else f"{number}:slip@{t:g}", ""
+                try:
+                    if self._report.steps[-1].attempts > 1:
+                        raise bad_input("bad-fault", "a fault happens in the first try of a step")
+                    fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
+                    schedule(start + (fault.t or 0.0), "fault", fault)
+                except InputError as error:
+                    refused = error.problems[0].message
+                self._spectator.told(text, refused)
             for alarm in attempt.alarms(lockstep.pass_time(end)):
                 if alarm.response.action != "continue":
                     return alarm
-                self._tracker.seen(alarm, lockstep.now)
-        self._collector.forget(lockstep.now)
+                lockstep.faults.seen(alarm, lockstep.now)
+        lockstep.collector.forget(lockstep.now)
         return self._look(attempt, attempt.step.time)
-
-    def _grasp(self, attempt: Attempt) -> None:
-        self._cell.grasp()
-        self._lockstep.command_hold(holding=True)
-        attempt.undisturbed &= not self._tracker.open
-
-    def _begin(self, primitive: str, does: str | None) -> None:
-        self._publisher.doing = primitive
-        self._publisher.publish("primitive", self._lockstep.now, name=primitive, does=does)
-
-    def _inject(self, fault: InjectedFault) -> None:
-        if self._lockstep.attempt is not None:
-            self._tracker.inject(fault, self._lockstep.now, self._lockstep.attempt)
-
-    def _slip(self, number: int, start: float) -> None:
-        """Let slip what the tool holds, at the next millisecond, so that a command can say when."""
-        t = math.ceil(1e3 * (self._lockstep.now - start + SAME_INSTANT)) / 1e3
-        text, refused = f"slip@{t:g}" if len(self._program.steps) == 1 else f"{number}:slip@{t:g}", ""
-        try:
-            if self._report.steps[-1].attempts > 1:
-                raise bad_input("bad-fault", "a fault happens in the first try of a step")
-            fault = parse_fault(text, self._program.steps, (), np.random.default_rng(0), "slip")
-            self._lockstep.schedule(start + (fault.t or 0.0), "fault", partial(self._inject, fault))
-        except InputError as error:
-            refused = error.problems[0].message
-        self._spectator.told(text, refused)
 
     def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
         """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""
@@ -254,7 +229,7 @@ class Run:
             for evidence in lockstep.pass_time():
                 if evidence.complete:
                     attempt.note(evidence)
-                    alarm = attempt.monitor.at_rest(tau, evidence.values)
+                    alarm = attempt.at_rest(tau, evidence.values)
                     looked = True
         return alarm
 

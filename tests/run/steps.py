@@ -6,7 +6,6 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.frames import FrameName
-from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.trajectory import Trajectory
@@ -19,12 +18,9 @@ class FixedNominalStep:
         self.step, self._changes, self.when_open = step, changes, {}
         self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
 
-    def holds(self, atom: str, t: float) -> bool:
-        return [value for start, value in self._changes[atom] if start <= t + 1e-9][-1]
-
-    def held_throughout(self, literal: Literal, start: float, end: float) -> bool:
-        times = np.linspace(start, end, 51)
-        return all(self.holds(str(literal.atom), max(t, 0.0)) == literal.positive for t in times)
+    def holds(self, atom: str, start: float, end: float | None = None, *, value: bool = True) -> bool:
+        times = [max(t, 0.0) for t in np.linspace(start, start if end is None else end, 51)]
+        return all([is_so for since, is_so in self._changes[atom] if since <= t + 1e-9][-1] == value for t in times)
 
     def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
         seen = self.step.targets[atom].seen

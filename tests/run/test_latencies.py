@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.lockstep import EvidenceCollector
-from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, StepMonitor, predicted_delay
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, predicted_delay
 from sqrp_cli.run.perception.detections import BoxDetection, Detection
 from sqrp_cli.run.perception.streams import ImageStreams
 from sqrp_cli.run.record.events import Event, EventPublisher
@@ -67,8 +67,7 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     entry = step(list(formulas), {"held": seen or {}}, TOTAL)
     target = entry.targets["held"].model_copy(update={"cameras": needed})
     nominal = Still(entry.model_copy(update={"targets": {"held": target}}), {"held": [(0, True)]})
-    monitor = StepMonitor(nominal, max(1.0 / camera.rate for camera in known.values()))
-    attempt = Attempt(nominal.step, nominal, monitor, PredictionCheck(0, nominal, known), False, 0.0)
+    attempt = Attempt(nominal, max(1.0 / camera.rate for camera in known.values()), start=0.0)
     looker = Looker(vote)
     eyes = ImageStreams(known, looker)
     listeners = [] if events is None else [events.append]

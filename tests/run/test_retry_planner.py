@@ -38,7 +38,7 @@ class Trial:
         self.motion.play(entry.primitives, 0.0)
         self.motion.keep = lambda joints, t: self.done.append(("keep", *joints, t))
         self.fingers = SimpleNamespace(open={"finger": 0.04})
-        self.attempt = Attempt(entry, nominal, None, None, undisturbed=True, start=0.0)
+        self.attempt = Attempt(nominal, PERIOD, undisturbed=True, start=0.0)
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
         self.planned, self.slowest = SimpleNamespace(), 0.0
 

@@ -29,8 +29,8 @@ from sqrp_cli.run.cell.mujoco_model import build_model, mujoco, quaternion
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.run.monitor.step_monitor import StepMonitor
+from sqrp_cli.run.monitor.nominal_step import NominalStep
+from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets, fuse
 from sqrp_cli.run.perception.image_detector import ImageDetector
 from sqrp_cli.run.record.report import Confusion
@@ -115,7 +115,7 @@ def photos(
     known = CellModel.of(workspace, body)
     detectors = {name: ImageDetector(camera, known) for name, camera in workspace.cameras.items()}
     for detector in detectors.values():
-        detector.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
+        detector.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
     for t in np.arange(0.0, step.time, PERIOD).tolist():
         primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
         q = primitive.trajectory.positions(np.array([t - primitive.start]))[0].tolist()
@@ -147,7 +147,7 @@ def compared(
     promise literal, camera and reason; and why a run would stop because nothing is seen where it was promised.
     """
     nominal = NominalStep(step, joints, RobotBody.load(workspace.robot))
-    monitor, misses, stop = StepMonitor(nominal, PERIOD), Counter[str](), None
+    monitor, misses, stop = Attempt(nominal, PERIOD), Counter[str](), None
     counts, rest = Confusion(), Confusion()
     for t, truths, shown in photos(workspace, joints, step):
         for detection in shown:

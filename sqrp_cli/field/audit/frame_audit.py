@@ -15,8 +15,8 @@ from sqrp_cli.field.audit.footage import FARTHEST, Frame
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.run.monitor.nominal_step import NominalStep, values_when_open
-from sqrp_cli.run.monitor.step_monitor import PredictionCheck, StepMonitor
+from sqrp_cli.run.monitor.nominal_step import NominalStep
+from sqrp_cli.run.monitor.step_monitor import Attempt, PredictionCheck
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.record.report import Stopped
@@ -51,7 +51,7 @@ def audit(
             nominal = NominalStep(step, program.joints, robot)
             audited = _StepAudit(index, nominal, list(workspace.cameras))
             steps.append(audited)
-            pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
+            pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
             frames = frames_of(footage, index, step, offsets)
             believed = believed_in(step, footage.starts[index], nominal, footage)
             for frame, detection in detected(pool, footage, frames, believed):
@@ -101,7 +101,7 @@ class _StepAudit:
         self.check = PredictionCheck(index, nominal, cameras)
         self.compared = self.repeated = 0
         self.until: float | None = None
-        self._nominal, self._monitor = nominal, StepMonitor(nominal, 1.0)
+        self._nominal, self._monitor = nominal, Attempt(nominal, 1.0)
         self.false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
         """By atom, the times of the images that say that it is not as planned, since the last that says it is."""
 

@@ -36,7 +36,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.program.record import Program, ProgramTarget
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.monitor.nominal_step import SPACING, NominalStep, values_when_open
+from sqrp_cli.run.monitor.nominal_step import SPACING, NominalStep
 from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_rows
@@ -104,7 +104,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
             here = {"believed": believed(t), "opens": opens, "closes": closes}
             images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
         first += int(step.time / SAME_POSE) + 1
-        sought = DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step))
+        sought = DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open)
         yield LabelledImages(footage, sought, images)
 
 

@@ -29,7 +29,7 @@ DRAWN_WITHIN = 120.0
 
 
 class RenderPool:
-    """Draws images in processes that start with it and end with `close`. Images do not depend on their number."""
+    """Draws images in processes that end with its pool. Images do not depend on their number."""
 
     def __init__(self, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int) -> None:
         """Starts the processes, which get ready while the caller goes on."""
@@ -42,7 +42,8 @@ class RenderPool:
         self._memory = context.RawArray(ctypes.c_uint8, max(1, self._offsets[-1]))
         count = min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)
         arguments = (model, self._cameras, seed, self._memory, self._offsets)
-        self._pool = Pool[Task, None](count, context, _drawing, *arguments, deadline=DRAWN_WITHIN)
+        self.pool = Pool[Task, None](count, context, _drawing, *arguments, deadline=DRAWN_WITHIN)
+        """The processes, which end by themselves at the latest when the interpreter does."""
 
     def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
         """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
@@ -50,13 +51,9 @@ class RenderPool:
         Raises InputError if OpenGL cannot draw.
         """
         indices = [self._index[name] for name in cameras]
-        for _ in self._pool.map([(index, positions, t) for index in indices]):
+        for _ in self.pool.map([(index, positions, t) for index in indices]):
             pass
         return [_slot(self._memory, self._offsets[index], self._cameras[index]).copy() for index in indices]
-
-    def close(self) -> None:
-        """End the processes, which end by themselves at the latest when the interpreter does."""
-        self._pool.close()
 
 
 def _slot(memory: Memory, offset: int, camera: Camera) -> NDArray[np.uint8]:

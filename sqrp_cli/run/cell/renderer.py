@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -90,14 +89,11 @@ class Renderer:
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
         camera, optics = self._cameras[name], self._optics[name]
-        image = self._rendered(self._camera_pose(camera), optics, camera.brightness)
+        image = self._rendered(camera, camera.X_FC, camera.brightness)
         if optics.maps is not None:  # black where the lens does not look
             image = cv2.remap(image, *optics.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        return self._with_noise(image, camera, t)
-
-    def _with_noise(self, image: NDArray[np.uint8], camera: Camera, t: float) -> NDArray[np.uint8]:
-        """The image with noise that depends on seed, camera and time alone, and is never twice in a row the same."""
-        row, column = divmod(int(self._laid[camera.name][round(t * camera.rate) % _SPARE**2]), _SPARE)
+        # Noise depends on seed, camera and time alone, and is never twice in a row the same.
+        row, column = divmod(int(self._laid[name][round(t * camera.rate) % _SPARE**2]), _SPARE)
         noise = self._noise[row : row + camera.height, column : column + camera.width]
         noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
         return noisy
@@ -105,12 +101,11 @@ class Renderer:
     def solids(self, name: str, X_FC: Array) -> PixelSolids:
         """What a camera at a pose X_FC (4, 4) has before it, pixel by pixel of the picture without distortion."""
         optics, scene = self._optics[name], self._scene
-        X_WC = self._camera_pose(replace(self._cameras[name], X_FC=X_FC))
         flags = [flag.value for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)]
         buffer = np.empty((optics.height, optics.width), dtype=np.float32)
         scene.flags[flags] = 1
         try:
-            picture = self._rendered(X_WC, optics, depth=buffer)
+            picture = self._rendered(self._cameras[name], X_FC, depth=buffer)
         finally:
             scene.flags[flags] = 0
         low, middle, high = (channel.astype(np.int64) for channel in cv2.split(picture))
@@ -126,9 +121,11 @@ class Renderer:
         return PixelSolids(body, z, x, y)
 
     def _rendered(
-        self, X_WC: Array, optics: Optics, gain: float = 1.0, depth: NDArray[np.float32] | None = None
+        self, camera: Camera, X_FC: Array, gain: float = 1.0, depth: NDArray[np.float32] | None = None
     ) -> NDArray[np.uint8]:
-        """The picture that an eye sees; depth: takes its depths, upside down."""
+        """The picture that a camera sees from a pose in its frame (4, 4); depth: takes its depths, upside down."""
+        body, optics = self._data.body(camera.frame), self._optics[camera.name]
+        X_WC = pose(body.xmat.reshape(3, 3), body.xpos) @ X_FC
         if not self._shadows:
             self._leave_out_unseen(X_WC, optics)
         mujoco.mjv_updateScene(
@@ -157,11 +154,6 @@ class Renderer:
         """Give the OpenGL context back."""
         self._context.free()
         self._gl.free()
-
-    def _camera_pose(self, camera: Camera) -> Array:
-        """X_WC, shape (4, 4)."""
-        body = self._data.body(camera.frame)
-        return pose(body.xmat.reshape(3, 3), body.xpos) @ camera.X_FC
 
     def _leave_out_unseen(self, X_WC: Array, optics: Optics) -> None:
         """Put the objects that lie outside the camera's field of view, by the spheres around them, in another group."""

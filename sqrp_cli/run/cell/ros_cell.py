@@ -287,12 +287,8 @@ class RosCell(AbstractContextManager["RosCell"]):
                 return f"`{name}` is {off:.1f} deg from {where}, more than {np.degrees(limit):.1f}"
         return None
 
-    def tracking_error(self) -> float | None:
-        """None: nobody measures where the tool is."""
-        return None
-
     def truth(self) -> CellState | None:
-        """None: nobody knows the ground truth."""
+        """None: nobody knows the ground truth, nor measures where the tool is."""
         return None
 
     def _send(self, times: Array, states: JointStates) -> None:

@@ -52,6 +52,8 @@ class CellState(NamedTuple):
     """The object in the tool, by weld or contact."""
     joints: Mapping[str, float]
     """Position of every movable joint of robot and tool [rad or m]."""
+    tracking: float = 0.0
+    """Distance of the tool frame from where the reference wanted it [m], root mean square over all steps so far."""
 
 
 class SimulatedCell(AbstractContextManager["SimulatedCell"]):
@@ -88,11 +90,13 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         self._objects = tuple(X_WO)
         self._welds = {name: model.equality(name).id for name in X_WO if not self._workspace.objects[name].fixed}
         for name in self._welds:
-            self._place(name, X_WO[name])
+            data.joint(name).qpos[:] = *X_WO[name][:3, 3], *quaternion(X_WO[name])
         for name, limits in robot.limits.items():
             rest = float(np.clip(0.0, limits.lower, limits.upper))
             data.joint(name).qpos[0] = world.joints.get(name, rest)
-        move_followers(model, followers(model), data.qpos)
+        follow = followers(model)
+        for joint, leader, offset, multiplier in follow:
+            data.qpos[model.jnt_qposadr[joint]] = offset + multiplier * data.qpos[model.jnt_qposadr[leader]]
         mujoco.mj_forward(model, data)
         self._controller = Controller(model, data, self._carrier)
         # What a force sensor between arm and tool would carry, without what is held.
@@ -112,12 +116,13 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
                 force = float(np.copysign(float(min(GRIP * lever, limit)), closed[name] - opened[name]))
                 self._pushes.append((self._controller.motors[name], force, CLOSING_SPEED / lever))
             self._tool_bodies |= set(np.flatnonzero(finger_bodies(model, joints) >= 0).tolist())
-            joints += [joint for joint, leader, _, _ in followers(model) if leader in joints]
+            joints += [joint for joint, leader, _, _ in follow if leader in joints]
             self._finger_of_body = finger_bodies(model, joints)
             self._pads = np.flatnonzero(self._finger_of_body[model.geom_bodyid] >= 0)
             model.geom_priority[self._pads] = 1  # so that their friction alone counts
         if world.held is not None and world.X_TO is not None:
-            self._place(world.held, self.tool_pose() @ world.X_TO)
+            X_WH = self.tool_pose() @ world.X_TO
+            data.joint(world.held).qpos[:] = *X_WH[:3, 3], *quaternion(X_WH)
             mujoco.mj_forward(model, data)
             if self._pushes:
                 self.grasp()
@@ -167,7 +172,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
             return
         for push in self._pushes:
             self.model.geom_friction[self._pads] = FRICTION
-            self._controller.push(*push)
+            self._controller.lead(*push)
         if not self._pushes:
             model, gaps, far = self.model, list[tuple[float, str]](), 10 * SUCTION_REACH
             for obj in self._welds:
@@ -190,7 +195,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     def release(self) -> None:
         """Switch suction off, or let the fingers follow the reference again (which then opens them)."""
         for motor, _, _ in self._pushes:
-            self._controller.follow(motor)
+            self._controller.lead(motor)
             self.model.geom_friction[self._pads] = FRICTION
         if not self._pushes:
             self._data.eq_active[list(self._welds.values())] = 0
@@ -253,23 +258,17 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
     def truth(self) -> CellState:
         """The present ground truth."""
         X_WO = {name: body_pose(self._data, self.model.body(name).id) for name in self._objects}
-        return CellState(self.t, X_WO, self.held(), self.measured_joints())
-
-    def tracking_error(self) -> float:
-        """Distance of the tool frame from where the reference wanted it [m], root mean square over all steps so far."""
-        return float((self._squared_error / max(self._steps, 1)) ** 0.5)
+        tracking = float((self._squared_error / max(self._steps, 1)) ** 0.5)
+        return CellState(self.t, X_WO, self.held(), self.measured_joints(), tracking)
 
     def tool_pose(self) -> Array:
         """X_WT of the tool frame, shape (4, 4)."""
         return body_pose(self._data, self._carrier)
 
-    def _place(self, obj: str, X_WO: Array) -> None:
-        self._data.joint(obj).qpos[:] = *X_WO[:3, 3], *quaternion(X_WO)
-
     def __exit__(self, *_: object) -> None:
         """End the processes that draw."""
         if self._renderers is not None:
-            self._renderers.close()
+            self._renderers.pool.close()
 
 
 def placed_objects(world: World) -> dict[str, Array]:
@@ -329,19 +328,15 @@ class Controller:
         self._balanced = bool((limited & (np.abs(weight) > self._efforts[:, 1])).any())
         self._force = np.full(model.nu, np.nan)
         for motor in range(model.nu):
-            self.follow(motor)
+            self.lead(motor)
 
-    def push(self, motor: int, force: float, speed: float) -> None:
-        """Let a motor push with a force [N or Nm], and no faster than at a speed [m/s or rad/s], until `follow`."""
-        self._force[motor] = force
-        self._model.actuator_gainprm[motor, 0] = 1.0
-        self._model.actuator_biasprm[motor, :3] = 0.0, 0.0, -abs(force) / speed
-
-    def follow(self, motor: int) -> None:
-        """Let a motor follow its reference."""
-        self._force[motor] = np.nan
-        self._model.actuator_gainprm[motor, 0] = self._stiffness[motor]
-        self._model.actuator_biasprm[motor, :3] = 0.0, -self._stiffness[motor], -self._damping[motor]
+    def lead(self, motor: int, force: float = np.nan, speed: float = np.inf) -> None:
+        """Let a motor push with a force [N or Nm], no faster than at a speed [m/s or rad/s]; without, by reference."""
+        gain, bias = self._stiffness[motor], (0.0, -self._stiffness[motor], -self._damping[motor])
+        if not np.isnan(force):
+            gain, bias = 1.0, (0.0, 0.0, -abs(force) / speed)
+        self._force[motor], self._model.actuator_gainprm[motor, 0] = force, gain
+        self._model.actuator_biasprm[motor, :3] = bias
 
     def drive(self, velocity: Array, acceleration: Array, payload: int | None) -> None:
         """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s].
@@ -360,7 +355,8 @@ class Controller:
         model, scratch = self._model, self.scratch
         scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
         scratch.qpos[self._position] = self.wanted
-        move_followers(model, self._followers, scratch.qpos)
+        for joint, leader, offset, multiplier in self._followers:
+            scratch.qpos[model.jnt_qposadr[joint]] = offset + multiplier * scratch.qpos[model.jnt_qposadr[leader]]
         scratch.qvel[:], scratch.qacc[:] = self._moved @ velocity, self._moved @ acceleration
         mujoco.mj_kinematics(model, scratch)
         mujoco.mj_comPos(model, scratch)
@@ -387,9 +383,3 @@ def followers(model: mujoco.MjModel) -> list[Follower]:
         found += [one for one in left if one[1] not in waiting]
         left = [one for one in left if one[1] in waiting]
     return found
-
-
-def move_followers(model: mujoco.MjModel, joints: Sequence[Follower], qpos: Array) -> None:
-    """Put joints that mimic others, each after that one, where those have them, in MuJoCo's qpos."""
-    for joint, leader, offset, multiplier in joints:
-        qpos[model.jnt_qposadr[joint]] = offset + multiplier * qpos[model.jnt_qposadr[leader]]

@@ -1,13 +1,13 @@
-"""Judges the formulas of a step while evidence arrives in three values; finds formulas that the plan contradicts.
+"""One attempt at a step: it judges the formulas of the step while evidence arrives in three values.
 
-And one attempt at a step: its motion and progress, and whether cameras see it as predicted.
+And whether cameras see it as predicted, and formulas that the plan itself contradicts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import copy
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal as OneOf
 
@@ -30,15 +30,12 @@ PATIENCE = 0.3
 _SAME = 1e-9
 
 
-def read_formula(text: str) -> Formula:
-    """A formula of a program; its predicates have all their arguments."""
-
-    def grounded(formula: Formula) -> Formula:
-        if isinstance(formula, Predicate):
-            return Predicate(formula.name, formula.arguments or ())
-        return replace(formula, parts=tuple(grounded(part) for part in formula.parts))
-
-    return grounded(parse_formula(text, Place(Path("program"))))
+def read_formula(text: str | Formula) -> Formula:
+    """A formula of a program, or a part of one; its predicates have all their arguments."""
+    formula = parse_formula(text, Place(Path("program"))) if isinstance(text, str) else text
+    if isinstance(formula, Predicate):
+        return Predicate(formula.name, formula.arguments or ())
+    return replace(formula, parts=tuple(read_formula(part) for part in formula.parts))
 
 
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
@@ -64,7 +61,7 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
                 for literal in one.literals:
                     ends[literal.atom] = max(ends.get(literal.atom, 0.0), one.end)
             values = {atom: nominal.holds(str(atom), t) for atom in ends}
-            stay = [atom for atom, end in ends.items() if nominal.held_throughout(Literal(atom, values[atom]), t, end)]
+            stay = [atom for atom, end in ends.items() if nominal.holds(str(atom), t, end, value=values[atom])]
             samples.append((t, {atom: Truth.TRUE if values[atom] else Truth.FALSE for atom in stay}))
         truth = evaluate(formula, Trace(tuple(samples), total, total)).at(0)
         if truth == (Truth.FALSE if entry.fault is None else Truth.TRUE):
@@ -87,43 +84,102 @@ class Alarm:
 STOP = ProgramResponse(action="stop")
 
 
-class _FormulaMonitor:
-    """One formula with its monitor."""
+@dataclass(eq=False)
+class _Watch:
+    """A formula that is monitored."""
 
-    def __init__(self, entry: ProgramFormula, total: float) -> None:
-        self.entry, formula = entry, read_formula(entry.formula)
-        self.operators, self.monitor = ground_operators(formula, {}, total), Monitor(formula, total)
-        self.over = False
-        self.violated: Alarm | None = None
-
-    def active(self, t: float) -> Iterator[GroundOperator]:
-        """The operators that apply at a time; evidence of other times does not matter to the formula."""
-        return (one for one in self.operators if one.start - _SAME <= t <= one.end + _SAME)
-
-    def fault_alarm(self) -> Alarm:
-        """That the fault of the formula was seen, told once."""
-        self.over, entry = True, self.entry
-        return Alarm("fault", entry.fault or "", f"the fault `{entry.fault}` was seen: {entry.formula}", entry.response)
+    entry: ProgramFormula
+    operators: tuple[GroundOperator, ...]
+    monitor: Monitor
+    alarm: Alarm | None
+    """What is raised once the fault is seen; of a requirement, once it is violated."""
+    over: bool = False
+    """Whether the alarm was raised."""
 
 
-class StepMonitor:
-    """Watches all formulas of one step; times are those of the step's own clock [s]."""
+class Attempt:
+    """One attempt at a step: watches all its formulas; times are those of the step's own clock [s], if not stated."""
 
-    def __init__(self, nominal: NominalStep, period: float) -> None:
-        """period: time between images [s], of the slowest camera that matters."""
-        step = nominal.step
-        self._nominal, self._total, self._margin = nominal, step.time, period
-        self._watches = [_FormulaMonitor(entry, step.time) for entry in step.formulas]
-        self._patience = max(PATIENCE, 3 * period)
+    def __init__(
+        self,
+        nominal: NominalStep,
+        period: float,
+        check: PredictionCheck | None = None,
+        *,
+        undisturbed: bool = False,
+        start: float | None = None,
+    ) -> None:
+        """period: time between images [s], of the slowest camera that matters. check: of the images of the attempt."""
+        step = self.step = nominal.step
+        self.nominal, self.check, self._margin, self._patience = nominal, check, period, max(PATIENCE, 3 * period)
+        self.undisturbed = undisturbed
+        """Whether all goes as the program planned, so that its images count in the check of predictions."""
+        self.start = start
+        """When its motion began on the cell's clock [s], None before it."""
+        self.failed = False
+        """Whether a fault was seen, so that objects are believed to be where they were before."""
+        self.last_shown: dict[str, float] = {}
+        """When the last image was taken that showed an atom's value, on the cell's clock [s]."""
+        self.watches = []
+        """The formulas."""
+        for entry in step.formulas:
+            formula, alarm = read_formula(entry.formula), None
+            if entry.fault is not None:
+                text = f"the fault `{entry.fault}` was seen: {entry.formula}"
+                alarm = Alarm("fault", entry.fault, text, entry.response)
+            operators = tuple(ground_operators(formula, {}, step.time))
+            self.watches.append(_Watch(entry, operators, Monitor(formula, step.time), alarm))
         self._contrary: dict[Literal, float] = {}
         self._missing: dict[str, float] = {}
-        self.faults = [(one.entry.fault, one.operators) for one in self._watches if one.entry.fault is not None]
-        """The name of each fault, with the operators of its formula."""
 
     def monitored(self, t: float) -> tuple[str, ...]:
         """The atoms that some formula requires at a time."""
-        literals = (literal for watch in self._watches for one in watch.active(t) for literal in one.literals)
-        return tuple(dict.fromkeys(str(literal.atom) for literal in literals))
+        operators = (one for watch in self.watches for one in watch.operators)
+        active = (one for one in operators if one.start - _SAME <= t <= one.end + _SAME)
+        return tuple(dict.fromkeys(str(literal.atom) for one in active for literal in one.literals))
+
+    def beliefs(self, tau: float | None) -> Mapping[str, Array]:
+        """Where objects are believed to be at a time of the step [s], (4, 4) each."""
+        return self.nominal.object_poses(0.0 if self.failed else tau or 0.0)
+
+    @property
+    def unseen(self) -> Mapping[str, float | None]:
+        """Atoms required at the end of the motion that no image showed from then on, with when one last did [s]."""
+        end, last = (self.start or 0.0) + self.step.time, self.last_shown
+        return {atom: last.get(atom) for atom in self.monitored(self.step.time) if last.get(atom, 0.0) < end - 1e-9}
+
+    def note(self, evidence: Evidence) -> None:
+        """Remember what complete evidence showed."""
+        self.last_shown.update({atom: evidence.t for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
+
+    def alarms(self, arrived: Iterable[Evidence]) -> Iterator[Alarm]:
+        """What calls for a response in the motion, first by what is known completely, then by what is there of more.
+
+        arrived: in order of time, complete evidence first. None of the incomplete is kept, as images under way may
+        change it; but a seen fault counts at once, and each alarm is raised only once. Missing evidence may be under
+        way, so it counts only when the rest has arrived.
+        """
+        later, end = [], float("inf") if self.start is None else self.start + self.step.time
+        for evidence in arrived:
+            tau = evidence.tau
+            if tau is None or not 0.0 <= tau <= self.step.time or evidence.t > end + 1e-9:
+                continue
+            if not evidence.complete:
+                later.append((tau, evidence.values))
+                continue
+            self.note(evidence)
+            if (alarm := self.observe(tau, evidence.values)) is not None:
+                yield alarm
+        while later:
+            ahead = copy(self)  # which takes more evidence without this one learning of it
+            ahead.watches = [replace(watch, monitor=copy(watch.monitor)) for watch in self.watches]
+            ahead._contrary = dict(self._contrary)
+            found = (alarm for t, values in later if (alarm := ahead._seen_wrong(t, values)) is not None)
+            if (alarm := next(found, None)) is None:
+                return
+            for watch, other in zip(self.watches, ahead.watches, strict=True):
+                watch.over = other.over
+            yield alarm
 
     def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """Judge new evidence: the value of each atom from time t on. Returns an alarm, if any.
@@ -137,106 +193,86 @@ class StepMonitor:
         monitored = self.monitored(t)
         self._missing = {atom: since for atom, since in self._missing.items() if atom in monitored}
         for atom in monitored:  # has one that was predicted to be seen all the time not been seen for too long?
-            predicted = self._nominal.is_covered(atom, t, self._margin)
+            predicted = self.nominal.is_covered(atom, t, self._margin)
             if values.get(atom, Truth.UNKNOWN) != Truth.UNKNOWN or not predicted:
                 self._missing.pop(atom, None)
             elif t - self._missing.setdefault(atom, t) >= self._patience - _SAME:
-                cameras = ", ".join(self._nominal.covering(atom, t))
+                cameras = ", ".join(self.nominal.covering(atom, t))
                 text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
                 blindness = Alarm("blindness", atom, text, STOP)
                 break
         return alarm or blindness
-
-    def anticipate(self, evidence: Sequence[tuple[float, Mapping[str, Truth]]]) -> Alarm | None:
-        """Judge incomplete evidence: of times after the complete ones, from the images that have arrived.
-
-        evidence: all of it, with the value of each atom from its time on. None of it is kept, as images under way may
-        change it; but a seen fault counts at once, and each alarm is raised only once. Missing evidence may be under
-        way, so it counts only when the rest has arrived.
-        """
-        ahead = copy(self)
-        ahead._watches, ahead._contrary = [copy(watch) for watch in self._watches], dict(self._contrary)
-        for watch in ahead._watches:  # takes more evidence without the others learning of it
-            watch.monitor = copy(watch.monitor)
-        for t, values in evidence:
-            if (alarm := ahead._seen_wrong(t, values)) is not None:
-                for watch, other in zip(self._watches, ahead._watches, strict=True):
-                    watch.over = other.over
-                return alarm
-        return None
 
     def at_rest(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """Compare evidence with the expected state while the robot stands: at the start or the end.
 
         Returns a fault that happened unseen, else a deviation; missing evidence counts only if it was predicted.
         """
-        for watch in self._watches:
+        for watch in self.watches:
             if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
-                return watch.fault_alarm()
+                watch.over = True
+                return watch.alarm
         for atom in self.monitored(t):
-            value, expected = values.get(atom, Truth.UNKNOWN), self._nominal.holds(atom, t)
+            value, expected = values.get(atom, Truth.UNKNOWN), self.nominal.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):
                 wrong, right = (atom, f"not {atom}") if value == Truth.TRUE else (f"not {atom}", atom)
                 return Alarm("violation", atom, f"the cameras see `{wrong}`, expected `{right}`", STOP)
-            if value == Truth.UNKNOWN and self._nominal.is_covered(atom, t):
-                cameras = ", ".join(self._nominal.covering(atom, t))
+            if value == Truth.UNKNOWN and self.nominal.is_covered(atom, t):
+                cameras = ", ".join(self.nominal.covering(atom, t))
                 return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
         return None
 
     def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """A fault that is seen, else a violation."""
         found: list[Alarm] = []
-        for watch in self._watches:
-            if watch.over or t > self._total + _SAME:
-                continue
-            entry, known = (
-                watch.entry,
-                {Atom.of(name): value for name, value in values.items()} if any(watch.active(t)) else {},
-            )
+        for watch in (watch for watch in self.watches if not watch.over and t <= self.step.time + _SAME):
+            # Evidence of times at which no operator applies does not matter to the formula.
+            entry, active = watch.entry, [one for one in watch.operators if one.start - _SAME <= t <= one.end + _SAME]
+            known = {Atom.of(name): value for name, value in values.items()} if active else {}
             if entry.fault is not None:
-                if watch.monitor.observe(t, known) == Truth.TRUE or self._seen_late(watch, t, values):
-                    found.append(watch.fault_alarm())
-                continue
-            # What contradicts a formula may be a change that is a little late: it counts once it has lasted for the
-            # time to settle, and the nominal motion has had its change for as long.
-            required = [literal for one in watch.active(t) if one.operator == "always" for literal in one.literals]
-            for literal in required:
-                value = _value(literal, values)
-                if value == Truth.TRUE:
-                    self._contrary.pop(literal, None)
-                elif value == Truth.FALSE:
-                    late = t - self._contrary.setdefault(literal, t) < entry.settle
-                    if late or not self._nominal.held_throughout(literal, t - entry.settle, t):
-                        known[literal.atom] = Truth.UNKNOWN
-            if watch.violated is None and watch.monitor.observe(t, known) == Truth.FALSE:
-                wrong = [one for one in required if _value(one, values) == Truth.FALSE]
-                what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
-                text = f"the cameras see {what} against `{entry.formula}`"
-                watch.violated = Alarm("violation", entry.formula, text, entry.response)
-            if watch.violated is not None and not self._may_be_fault(t, values):
-                watch.over = True
-                found.append(watch.violated)
+                watch.over = watch.monitor.observe(t, known) == Truth.TRUE or self._seen_late(watch, t, values)
+            else:
+                # What contradicts a formula may be a change that is a little late: it counts once it has lasted for the
+                # time to settle, and the nominal motion has had its change for as long.
+                required = [literal for one in active if one.operator == "always" for literal in one.literals]
+                for literal in required:
+                    value, atom, since = _value(literal, values), str(literal.atom), t - entry.settle
+                    if value == Truth.TRUE:
+                        self._contrary.pop(literal, None)
+                    elif value == Truth.FALSE:
+                        late = t - self._contrary.setdefault(literal, t) < entry.settle
+                        if late or not self.nominal.holds(atom, since, t, value=literal.positive):
+                            known[literal.atom] = Truth.UNKNOWN
+                if watch.alarm is None and watch.monitor.observe(t, known) == Truth.FALSE:
+                    wrong = [one for one in required if _value(one, values) == Truth.FALSE]
+                    what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
+                    text = f"the cameras see {what} against `{entry.formula}`"
+                    watch.alarm = Alarm("violation", entry.formula, text, entry.response)
+                watch.over = watch.alarm is not None and not self._may_be_fault(t, values)
+            if watch.over and watch.alarm is not None:
+                found.append(watch.alarm)
         return min(found, key=lambda one: one.kind != "fault", default=None)
 
     def _may_be_fault(self, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be visible."""
-        for watch in self._watches:
-            for operator in watch.operators if watch.entry.fault is not None and not watch.over else ():
-                unseen = [literal for literal in operator.literals if _value(literal, values) == Truth.UNKNOWN]
-                refuted = any(_value(literal, values) == Truth.FALSE for literal in operator.literals)
-                begun = t >= operator.start and len(unseen) < len(operator.literals)
-                predicted = (self._nominal.is_covered(str(literal.atom), t, self._margin) for literal in unseen)
-                if begun and not refuted and not any(predicted):
-                    return True
+        faults = (watch for watch in self.watches if watch.entry.fault is not None and not watch.over)
+        for operator in (one for watch in faults for one in watch.operators):
+            shown = {literal: _value(literal, values) for literal in operator.literals}
+            unseen = [literal for literal, value in shown.items() if value == Truth.UNKNOWN]
+            begun = t >= operator.start and len(unseen) < len(shown)
+            predicted = (self.nominal.is_covered(str(literal.atom), t, self._margin) for literal in unseen)
+            if begun and Truth.FALSE not in shown.values() and not any(predicted):
+                return True
         return False
 
-    def _seen_late(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> bool:
+    def _seen_late(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
+        before, after = t - watch.entry.settle, t + watch.entry.settle
         for operator in watch.operators:
             if operator.operator == "eventually" and t >= operator.end and operator.literals:
                 seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
-                around = (t - watch.entry.settle, t + watch.entry.settle)
-                if seen and any(self._nominal.held_throughout(one.negated(), *around) for one in operator.literals):
+                planned = ((str(one.atom), not one.positive) for one in operator.literals)
+                if seen and any(self.nominal.holds(atom, before, after, value=other) for atom, other in planned):
                     return True
         return False
 
@@ -309,59 +345,3 @@ def predicted_delay(step: Step, atoms: Collection[str], responses: Mapping[str, 
         else:
             return t - x + slowest
     return None
-
-
-@dataclass(eq=False)
-class Attempt:
-    """One attempt at a step."""
-
-    step: Step
-    nominal: NominalStep
-    monitor: StepMonitor
-    check: PredictionCheck
-    undisturbed: bool
-    """Whether all goes as the program planned, so that its images count in the check of predictions."""
-    start: float | None = None
-    """When its motion began on the cell's clock [s], None before it."""
-    failed: bool = False
-    """Whether a fault was seen, so that objects are believed to be where they were before."""
-    last_shown: dict[str, float] = field(default_factory=dict)
-    """When the last image was taken that showed an atom's value [s]."""
-
-    @property
-    def end(self) -> float:
-        """When its motion is over on the cell's clock [s]; infinite before it."""
-        return float("inf") if self.start is None else self.start + self.step.time
-
-    def beliefs(self, tau: float | None) -> Mapping[str, Array]:
-        """Where objects are believed to be at a time of the step [s], (4, 4) each."""
-        return self.nominal.object_poses(0.0 if self.failed else tau or 0.0)
-
-    @property
-    def unseen(self) -> Mapping[str, float | None]:
-        """Atoms required at the end of the motion that no image showed from then on, with when one last did [s]."""
-        required, last = self.monitor.monitored(self.step.time), self.last_shown
-        return {atom: last.get(atom) for atom in required if last.get(atom, 0.0) < self.end - 1e-9}
-
-    def note(self, evidence: Evidence) -> None:
-        """Remember what complete evidence showed."""
-        self.last_shown.update({atom: evidence.t for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
-
-    def alarms(self, arrived: Iterable[Evidence]) -> Iterator[Alarm]:
-        """What calls for a response in the motion, first by what is known completely, then by what is there of more.
-
-        arrived: in order of time, complete evidence first.
-        """
-        ahead = []
-        for evidence in arrived:
-            tau = evidence.tau
-            if tau is None or not 0.0 <= tau <= self.step.time or evidence.t > self.end + 1e-9:
-                continue
-            if not evidence.complete:
-                ahead.append((tau, evidence.values))
-                continue
-            self.note(evidence)
-            if (alarm := self.monitor.observe(tau, evidence.values)) is not None:
-                yield alarm
-        while ahead and (alarm := self.monitor.anticipate(ahead)) is not None:
-            yield alarm

@@ -64,7 +64,7 @@ def test_the_arm_follows_a_fast_motion_within_a_tenth_of_a_millimetre() -> None:
     home = dict(base.robot.home)
     there = {name: value + 1.2 * (-1) ** k for k, (name, value) in enumerate(home.items())}
     physics.advance(2.5, Quintic(home, there, 0.2, 2.0))  # up to 1.1 rad/s, 1.7 rad/s^2
-    assert physics.tracking_error() < 1e-4
+    assert physics.truth().tracking < 1e-4
     assert physics.measured_joints() == pytest.approx(there, abs=1e-4)
 
 
@@ -157,7 +157,7 @@ def test_the_same_calls_give_the_same_bytes_also_in_a_cell_that_is_reset() -> No
                 simulated.advance(0.4, Rest(q))
                 frames.append(simulated.frames(["cam"])["cam"])
                 positions.append(simulated.positions.tobytes())
-                assert simulated.tracking_error() < 1e-3
+                assert simulated.truth().tracking < 1e-3
                 simulated.reset(start)
                 assert (simulated.t, simulated.truth().held) == (0.0, None)
     assert len(set(positions)) == 1

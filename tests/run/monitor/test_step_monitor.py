@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, StepMonitor, against_the_plan
+from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, against_the_plan
 from sqrp_cli.run.perception.detections import Evidence, FusedTruth
 from tests.run.steps import FixedNominalStep, formula, step
 
@@ -17,12 +17,12 @@ HELD, STAYS = formula("always[1, 9] held", settle=0.5), {"held": [(0, True)]}
 AWAY = formula("always[1, 9] (not there)", settle=0.5)
 
 
-def judge(formulas, changes, seen=None) -> StepMonitor:
+def judge(formulas, changes, seen=None) -> Attempt:
     atoms = {atom: ALWAYS if seen is None else seen.get(atom, ALWAYS) for atom in changes}
-    return StepMonitor(FixedNominalStep(step(formulas, atoms), changes), 0.1)
+    return Attempt(FixedNominalStep(step(formulas, atoms), changes), 0.1)
 
 
-def first_alarm(found: StepMonitor, values) -> tuple[float, Alarm] | None:
+def first_alarm(found: Attempt, values) -> tuple[float, Alarm] | None:
     """The first alarm when evidence comes every 0.1 s; values: from time to what is known."""
     for t in np.arange(0, 10 + 1e-9, 0.1).round(6):
         if (alarm := found.observe(float(t), values(t))) is not None:
@@ -93,8 +93,7 @@ def attempt() -> Attempt:
     asked = [formula("always[0, 2] (held)"), formula("always[0, 1] (placed)")]
     changes = {"held": [(0.0, True)], "placed": [(0.0, True)]}
     nominal = FixedNominalStep(step(asked, {"held": {}, "placed": {}}, TIME), changes)
-    check = PredictionCheck(0, nominal, [])  # type: ignore[arg-type]
-    return Attempt(nominal.step, nominal, StepMonitor(nominal, 0.1), check, True, START)  # type: ignore[arg-type]
+    return Attempt(nominal, 0.1, start=START)  # type: ignore[arg-type]
 
 
 def evidence(t: float, values: dict[str, Truth], *, complete: bool = True) -> Evidence:
