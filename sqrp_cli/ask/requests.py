@@ -5,6 +5,7 @@ A command is its question, with what only a command line says: see `cli.command`
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -66,7 +67,11 @@ CHOOSE: Any = option(
     complete="candidates",
 )
 JOBS: Any = option(
-    "--jobs", "Processes at most; by default one per core.", values.count(1), default=1, absent=values.cores
+    "--jobs",
+    "Processes at most; by default one per core.",
+    values.count(1),
+    default=1,
+    absent=lambda: os.cpu_count() or 1,
 )
 PROGRESS: Any = value(values.progress, default=values.silent)
 """Called with a title and a total; gives what is called with how many are done."""
@@ -367,7 +372,7 @@ class AuditRequest(Request):
     threshold: float = option(
         "--threshold",
         "Least share of predicted detections that must have come true; 97% by default.",
-        values.share(0.0),
+        values.quantity("SHARE", 0.0, 1.0, "0% to 100%", "PERCENT"),
         default=0.97,
         kw_only=False,
     )

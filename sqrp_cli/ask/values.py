@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any
@@ -35,11 +35,6 @@ def refused(name: str, value: object, expected: str) -> InputError:
 def silent(_title: str, _total: int | None) -> Iterator[Callable[[int], None]]:
     """Progress that is not shown."""
     yield lambda _count: None
-
-
-def cores() -> int:
-    """How many processes a command uses at most where it is not told."""
-    return os.cpu_count() or 1
 
 
 def reads(words: Any) -> Callable[[Callable[[Any, str], Any]], FieldKind]:  # noqa: ANN401 - a type, or a list of one
@@ -114,27 +109,7 @@ def number(least: float, most: float = math.inf, *, whole: bool = False) -> Fiel
     )
 
 
-def count(least: int, most: float = math.inf) -> FieldKind:
-    """A whole number."""
-    return number(least, most, whole=True)
-
-
-def share(least: float) -> FieldKind:
-    """A share, such as `97%` or 0.97."""
-
-    def read(value: object, name: str) -> object:
-        from sqrp_cli.files.units import SHARE, read_quantity
-
-        if not isinstance(value, str):
-            return number(least, 1).read(value, name)
-        found = read_quantity(value)
-        if found is None or found.dimension not in (None, SHARE) or not least <= found.value <= 1.0:
-            raise bad_option(f"{name} is `{value}`, expected {100 * least:g}% to 100%")
-        return found.value
-
-    return FieldKind(str, read, "PERCENT")
-
-
+count = partial(number, whole=True)  # a whole number
 flag = FieldKind(bool, lambda value, _name: value)
 progress = kept(None, "a function of a title and a total", callable)
 listeners = kept(
@@ -167,7 +142,7 @@ def time_limit(value: object, name: str) -> TimeLimit:
     return TimeLimit.read(str(value), name)
 
 
-def quantity(dimension: str, least: float, most: float, bounds: str) -> FieldKind:
+def quantity(dimension: str, least: float, most: float, bounds: str, metavar: str | None = None) -> FieldKind:
     """A value in SI units, or with its unit. dimension: its name in `files.units`; bounds: for messages."""
 
     def read(value: object, name: str) -> float:
@@ -176,10 +151,11 @@ def quantity(dimension: str, least: float, most: float, bounds: str) -> FieldKin
         own = getattr(units, dimension)
         found = units.read_quantity(str(value))
         if found is None or found.dimension not in (None, own) or not least <= found.value <= most:
-            raise bad_option(f"{name} is `{value}`, expected {units.expected_quantity(own)}, {bounds}")
+            expected = bounds if dimension == "SHARE" else f"{units.expected_quantity(own)}, {bounds}"
+            raise bad_option(f"{name} is `{value}`, expected {expected}")
         return found.value
 
-    return FieldKind(str, read)
+    return FieldKind(str, read, metavar)
 
 
 rate = quantity("FREQUENCY", 1.0, 2000.0, "1 to 2000 Hz")

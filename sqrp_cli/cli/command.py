@@ -61,10 +61,6 @@ class ParsedCommand(TyperCommand):
                 raise bad_option(f"{what} is empty; expected{kind}: {one.help}")
         return rest
 
-    def get_short_help_str(self, limit: int = 0) -> str:  # noqa: ARG002 - cut by nothing
-        """What `sqrp --help` says of it: its first sentence, whole."""
-        return (self.help or "").partition("\n\n")[0].replace("\n", " ")
-
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 # as above
         """The words after the command's name in its usage line."""
         shown, params = [self.options_metavar or ""], list[Any](self.get_params(ctx))
@@ -128,8 +124,9 @@ def command(
         said = [parameter(*one) for one in asked.said()]
         called.__signature__ = inspect.Signature(said)  # type: ignore[attr-defined]
         called.__annotations__ = {one.name: one.annotation for one in said}
-        called.__doc__ = run.__doc__ or record.__doc__
-        app.command(name, cls=parser)(called)
+        called.__doc__ = run.__doc__ or (None if record is None else record.__doc__)
+        first, _, _ = inspect.cleandoc(called.__doc__ or "").partition("\n\n")  # of `sqrp --help`, whole
+        app.command(name, cls=parser, short_help=first.replace("\n", " "))(called)
         return run
 
     return made

@@ -29,7 +29,16 @@ MOST = 500  # most proposals
 
 def propose(app: typer.Typer) -> None:
     """Print what a shell asks for in its environment variables."""
-    quoted = _read_line()
+    # Typer knows neither escaped blanks nor open quotes. Bash quotes no proposal itself, if the word does not begin so.
+    if "COMP_WORDS" in os.environ:
+        words = os.environ["COMP_WORDS"].split("\n")
+        os.environ["COMP_WORDS"] = "\n".join(shlex.join(_words(word)[0]) for word in words)
+        quoted = words[min(int(os.environ["COMP_CWORD"]), len(words) - 1)][:1] in ('"', "'")
+    else:
+        line, quoted = os.environ.get("_TYPER_COMPLETE_ARGS", ""), True
+        found, is_open = _words(line)
+        ended = line.endswith(" ") and not line.endswith("\\ ") and not is_open
+        os.environ["_TYPER_COMPLETE_ARGS"] = shlex.join(found) + " " * ended
     with redirect_stdout(StringIO()) as proposals, suppress(SystemExit):
         app(prog_name="sqrp")
     lines = [line for line in proposals.getvalue().splitlines() if line]
@@ -59,22 +68,6 @@ def for_named_shell(words: Sequence[str]) -> bool:
         _, path = install(named, "sqrp", ASKED)
         typer.echo(f"{named} completion is in {path}; restart the terminal to use it")
     return True
-
-
-def _read_line() -> bool:
-    """Make the line that a shell sends readable for Typer, which knows neither escaped blanks nor open quotes.
-
-    Returns whether proposals can be inserted as they are: bash quotes none itself, if the word does not begin so.
-    """
-    if "COMP_WORDS" not in os.environ:
-        line = os.environ.get("_TYPER_COMPLETE_ARGS", "")
-        found, is_open = _words(line)
-        ended = line.endswith(" ") and not line.endswith("\\ ") and not is_open
-        os.environ["_TYPER_COMPLETE_ARGS"] = shlex.join(found) + " " * ended
-        return True
-    words = os.environ["COMP_WORDS"].split("\n")
-    os.environ["COMP_WORDS"] = "\n".join(shlex.join(_words(word)[0]) for word in words)
-    return words[min(int(os.environ["COMP_CWORD"]), len(words) - 1)][:1] in ('"', "'")
 
 
 def _words(line: str) -> tuple[list[str], bool]:

@@ -15,7 +15,6 @@ from sqrp_cli.errors import ExitCode, bad_option
 if TYPE_CHECKING:
     from sqrp_cli.document import Document
     from sqrp_cli.figures import Figures
-    from sqrp_cli.show.documents.explanation import CandidateStudy
 
 execute: ContextVar[Callable[[list[str]], int]] = ContextVar("execute")  # the function that runs a command line
 
@@ -134,6 +133,7 @@ def view_of(answer: Document) -> AnswerView:
     from sqrp_cli.score.result import Scorecard
     from sqrp_cli.show.documents.checks import Check
     from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
+    from sqrp_cli.show.terminal.timeline_chart import covered_share
     from sqrp_cli.study.result import Ranking
 
     columns: tuple[str, ...] = ("candidate", "#", *_TITLES)
@@ -147,7 +147,12 @@ def view_of(answer: Document) -> AnswerView:
         case Explanation():
             columns, first = ("", answer.name), answer
             rows |= {title: (text,) for title, text in zip(_TITLES, _figures(answer), strict=True)}
-            rows |= _shares(answer)
+            for atom in dict.fromkeys(name.removeprefix("not ") for name in answer.targets):
+                literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in answer.samples]
+                for camera in answer.cameras:  # for which share of the time it sees the literal
+                    seen = [None if one is None else one.cameras[camera].covered for one in literals]
+                    share = covered_share(answer.samples, seen)
+                    rows[f"{atom}, {camera} [%]"] = ("–" if share is None else f"{100 * share:.1f}",)
         case Check():
             columns = ("candidate" if answer.task else "finding", "verdict")
             rows |= {one.name: ("can be done" if one.feasible else one.reasons[0],) for one in answer.candidates}
@@ -171,18 +176,3 @@ def _figures(found: Figures) -> tuple[str, ...]:
     figures += [None if t is None else f"{t:.2f}" for t in (found.time, late, found.delay_worst)]
     figures[3:] = ["never" if None in means else figures[3], "never" if found.unseen else figures[4]]
     return tuple(text or "–" for text in figures)
-
-
-def _shares(study: CandidateStudy) -> dict[str, tuple[str, ...]]:
-    """For which share of the time each camera sees each literal."""
-    rows: dict[str, tuple[str, ...]] = {}
-    for atom in dict.fromkeys(name.removeprefix("not ") for name in study.targets):
-        literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in study.samples]
-        for camera in study.cameras:
-            seen = [None if one is None else one.cameras[camera].covered for one in literals]
-            asked = covered = 0.0  # between neighbouring samples
-            for before, after, first, then in zip(study.samples, study.samples[1:], seen, seen[1:], strict=False):
-                asked += after.t - before.t if None not in (first, then) else 0.0
-                covered += after.t - before.t if first and then else 0.0
-            rows[f"{atom}, {camera} [%]"] = (f"{100 * covered / asked:.1f}" if asked else "–",)
-    return rows

@@ -51,7 +51,9 @@ def _run(
     dry_run: bool = flag("--dry-run", "With --robot: check and look, but command nothing."),
     yes: bool = flag("--yes", "With --robot: do not ask before it moves."),
     speed: float | None = option(
-        "--speed", "With --robot: share of the program's speed, such as 10%.", values.share(LEAST_SPEED)
+        "--speed",
+        "With --robot: share of the program's speed, such as 10%.",
+        values.quantity("SHARE", LEAST_SPEED, 1.0, f"{LEAST_SPEED:.0%} to 100%", "PERCENT"),
     ),
     slip: str | None = option(
         "--sweep [STEP:]slip@PRIMITIVE",

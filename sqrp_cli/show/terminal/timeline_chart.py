@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, LiteralCoverage, Sample
+from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, Sample
 from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.show.terminal.console import Column, Styled, joined, output, plain, print_table, say, unbroken
 from sqrp_cli.study.result import CandidateResult
@@ -115,15 +115,16 @@ def print_comparison(found: ExplainedAll) -> None:
     done = [one.sampling for one in found.candidates if one.sampling is not None]
     feasible = [one for one in found.candidates if one.sampling is not None]
     longest = max((one.time or 0.0 for one in feasible), default=0.0)
-    say(plain(" " * LABEL + _axis(longest)))
+    say(_axis(longest))
     for one in found.candidates:
         if one.sampling is None:
             say(joined([*_label(one.name, ""), (f"infeasible: {one.reasons[0]}", "red")]))
             continue
-        shown = _shown(one.samples, one.time or 0.0, longest)
+        shown, primitives = _placed(one, longest)
+        signs = _signs([(sample.covered, "!" if sample.event else "-") for sample in (one.samples[i] for i in shown)])
         figures = "".join(" " + ("    -" if q is None else f"{100 * q:5.1f}") for q in (one.q_eoi, one.q_avg))
-        say(joined([*_label(one.name), *_signs(shown, _state, lambda sample: "!" if sample.event else "-"), figures]))
-        say(plain(" " * LABEL + _primitives(one, len(shown), longest)))
+        say(joined([*_label(one.name), *signs, figures]))
+        say(plain(" " * LABEL + primitives))
     legend = "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest"
     say(plain(legend, "dim"))
     if feasible:
@@ -146,9 +147,8 @@ def _width() -> int:
     return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL - FIGURES))
 
 
-def _axis(time: float) -> str:
-    end = f"{time:.1f} s"
-    return "0".ljust(_width() - len(end)) + end
+def _axis(time: float) -> Styled:
+    return plain(f"{'':{LABEL}}0{f'{time:.1f} s':>{_width() - 1}}")
 
 
 def _camera_failures(found: CandidateStudy) -> str:
@@ -174,75 +174,61 @@ def _camera_failures(found: CandidateStudy) -> str:
 
 # The chart
 
-Seen = Callable[[Sample], bool | None]  # whether something is covered in a sample; None where nothing requires it
+State = bool | None  # whether something is covered in a sample; None where nothing requires it
 
 
-def _state(sample: Sample) -> bool | None:
-    return sample.covered
-
-
-def _shown(samples: Sequence[Sample], time: float, longest: float) -> list[Sample]:
-    """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle."""
-    scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in samples])
-    moments = (np.arange(round(time * scale)) + 0.5) / scale
-    before = np.clip(np.searchsorted(t, moments, side="right") - 1, 0, len(samples) - 2)
-    later = t[before + 1] - moments < moments - t[before]
-    return [samples[row] for row in (before + later).tolist()]
-
-
-def _rows(found: CandidateStudy) -> list[Styled]:
-    """Axis, primitives, events of interest, the state, and every literal with its cameras."""
-    time = found.time or 0.0
-    shown = _shown(found.samples, time, time)
-
-    def row(label: str, seen: Seen) -> Styled:
-        return joined([*_label(label), *_signs(shown, seen, lambda _: "-"), _share(found.samples, seen)])
-
-    rows: list[Styled] = [plain(" " * LABEL + _axis(time)), plain(" " * LABEL + _primitives(found, len(shown), time))]
-    if interesting := "".join("◆" if sample.event else " " for sample in shown).rstrip():
-        rows.append(plain("event of interest".ljust(LABEL) + interesting.ljust(len(shown))))
-    rows.append(row("all literals", _state))
-    for atom in dict.fromkeys(name.removeprefix("not ") for name in found.targets):
-
-        def of(sample: Sample, atom: str = atom) -> LiteralCoverage | None:
-            return sample.literals.get(atom) or sample.literals.get(f"not {atom}")
-
-        rows += ["", row(atom, lambda sample: None if (one := of(sample)) is None else one.covered)]
-        for camera in found.cameras:
-            verdicts = [one.cameras[camera] if (one := of(sample)) else None for sample in shown]
-            signs = [NOT_REQUIRED if one is None else SIGNS[one.cause] for one in verdicts]
-            seen = _share(
-                found.samples,
-                lambda sample: None if (one := of(sample)) is None else one.cameras[camera].covered,  # noqa: B023
-            )
-            rows.append(joined([*_label(f"  {camera}", ""), *signs, seen]))
-    return rows
-
-
-def _primitives(found: CandidateStudy, signs: int, longest: float) -> str:
-    """The name of each primitive at its beginning, as far as there is room before the next."""
-    scale = _width() / max(longest, 1e-9)
-    starts = [round(primitive.start * scale) for primitive in found.primitives]
-    row = [" "] * signs
-    for primitive, start, end in zip(found.primitives, starts, [*starts[1:], signs], strict=True):
-        name = f"|{primitive.name}"[: max(end - start, 0)]
-        row[start : start + len(name)] = name
-    return "".join(row)
-
-
-def _signs(shown: Sequence[Sample], seen: Seen, missed: Callable[[Sample], str]) -> list[tuple[str, str]]:
-    found = [(seen(sample), sample) for sample in shown]
-    return [
-        NOT_REQUIRED if covered is None else SIGNS[None] if covered else (missed(sample), "red")
-        for covered, sample in found
-    ]
-
-
-def _share(samples: Sequence[Sample], seen: Seen) -> str:
-    """Share of the time between neighbouring samples that are both covered, as Q counts it."""
-    states, total, covered = [seen(sample) for sample in samples], 0.0, 0.0
+def covered_share(samples: Sequence[Sample], states: Sequence[State]) -> float | None:
+    """Share of the time between neighbouring samples that are both covered, as Q counts it; None where none counts."""
+    total = covered = 0.0
     for first, then, one, after in zip(samples, samples[1:], states, states[1:], strict=False):
         if one is not None and after is not None:
             total += then.t - first.t
             covered += then.t - first.t if one and after else 0.0
-    return f" {100 * covered / total:5.1f} %" if total else ""
+    return covered / total if total else None
+
+
+def _placed(found: CandidateStudy, longest: float) -> tuple[list[int], str]:
+    """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle.
+
+    With the name of each primitive at its beginning, as far as there is room before the next.
+    """
+    scale, t = _width() / max(longest, 1e-9), np.array([sample.t for sample in found.samples])
+    moments = (np.arange(round((found.time or 0.0) * scale)) + 0.5) / scale
+    before = np.clip(np.searchsorted(t, moments, side="right") - 1, 0, len(t) - 2)
+    later = t[before + 1] - moments < moments - t[before]
+    starts = [round(primitive.start * scale) for primitive in found.primitives]
+    row = [" "] * len(moments)
+    for primitive, start, end in zip(found.primitives, starts, [*starts[1:], len(moments)], strict=True):
+        name = f"|{primitive.name}"[: max(end - start, 0)]
+        row[start : start + len(name)] = name
+    return (before + later).tolist(), "".join(row)
+
+
+def _rows(found: CandidateStudy) -> list[Styled]:
+    """Axis, primitives, events of interest, the state, and every literal with its cameras."""
+    time, samples = found.time or 0.0, found.samples
+    shown, primitives = _placed(found, time)
+
+    def row(label: str, states: Sequence[State], signs: Sequence[tuple[str, str]] | None = None) -> Styled:
+        share = covered_share(samples, states)
+        signs = _signs([(states[i], "-") for i in shown]) if signs is None else signs
+        style = "" if label.startswith(" ") else "bold"
+        return joined([*_label(label, style), *signs, "" if share is None else f" {100 * share:5.1f} %"])
+
+    rows: list[Styled] = [_axis(time), plain(" " * LABEL + primitives)]
+    if interesting := "".join("◆" if samples[i].event else " " for i in shown).rstrip():
+        rows.append(plain("event of interest".ljust(LABEL) + interesting.ljust(len(shown))))
+    rows.append(row("all literals", [sample.covered for sample in samples]))
+    for atom in dict.fromkeys(name.removeprefix("not ") for name in found.targets):
+        literals = [one.literals.get(atom) or one.literals.get(f"not {atom}") for one in samples]
+        rows += ["", row(atom, [None if one is None else one.covered for one in literals])]
+        for camera in found.cameras:
+            verdicts = [None if one is None else one.cameras[camera] for one in literals]
+            signs = [NOT_REQUIRED if (one := verdicts[i]) is None else SIGNS[one.cause] for i in shown]
+            rows.append(row(f"  {camera}", [None if one is None else one.covered for one in verdicts], signs))
+    return rows
+
+
+def _signs(states: Iterable[tuple[State, str]]) -> list[tuple[str, str]]:
+    """A sign for each state, with what stands for one that is not covered."""
+    return [NOT_REQUIRED if one is None else SIGNS[None] if one else (missed, "red") for one, missed in states]
