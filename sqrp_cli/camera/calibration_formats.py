@@ -13,11 +13,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AliasChoices, BeforeValidator, Field
+from pydantic import AliasChoices, BaseModel, BeforeValidator, Field
 
 from sqrp_cli.camera.camera import PixelCount, PixelSize
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, no_such
-from sqrp_cli.files.entries import ForeignEntry, MappingOr, Number, foreign
+from sqrp_cli.files.entries import MappingOr, Number, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.json_file import json_document, parse_json
 from sqrp_cli.files.source import Data, KeyPath, SourceDocument, not_finite
@@ -177,7 +177,7 @@ class Format(NamedTuple):
     """Rows of the reference: a name of its files, who writes them, what gives them away, and what is not read."""
     keys: Sequence[str]
     """Of these two, or all that there are, give a camera away."""
-    entry: type[ForeignEntry]
+    entry: type[BaseModel]
     """The keys of a camera."""
     lens: Callable[[Any, SourceDocument], StatedLens]
     """The lens of such an entry. Raises InputError, with the line, for lists of a wrong length and unknown models."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -32,7 +33,7 @@ from sqrp_cli.files.entries import (
     Text,
     refused,
 )
-from sqrp_cli.files.input_file import SourceFile, digest_of
+from sqrp_cli.files.input_file import SourceFile
 from sqrp_cli.files.source import LeafValue
 from sqrp_cli.files.units import LARGEST, LENGTH, TIME
 from sqrp_cli.logic.literal import Atom
@@ -173,7 +174,8 @@ class Workspace:
     @property
     def file_digest(self) -> str:
         """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
-        return digest_of((role, file.digest) for role, file in self.files.items())
+        parts = "".join(f"{role}\0{self.files[role].digest}\n" for role in sorted(self.files))
+        return hashlib.sha256(parts.encode()).hexdigest()
 
     @property
     def markers(self) -> Mapping[str, Marker]:

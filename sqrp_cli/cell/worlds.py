@@ -189,7 +189,7 @@ def _include(holder: Element, folder: Path, known: set[Path]) -> None:
         known.add(file)
         root = parse_xml(file, read_input(file, MAX_BYTES), None)
         if root.tag not in ("mujoco", "mujocoinclude"):
-            raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <mujoco>")
+            raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <mujoco>")
         _include(root, folder, known)
         holder.children[index : index + 1] = root.children
     for child in holder.children:

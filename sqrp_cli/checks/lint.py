@@ -19,7 +19,7 @@ from sqrp_cli.checks import cameras
 from sqrp_cli.checks.formulas import contradictions, faults_of_the_plan, formulas_against_the_action
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
-from sqrp_cli.files.frames import WORLD, FrameName
+from sqrp_cli.files.frames import AT_START, WORLD
 from sqrp_cli.logic.formula import Predicate, nested
 from sqrp_cli.skill.skill import Grasp, Skill
 from sqrp_cli.skill.target_box import BoxSpec
@@ -99,7 +99,7 @@ def seen_by_targets(skill: Skill) -> Iterator[Problem]:
                 f"skill `{skill.name}`: fault `{fault.name}` is seen by box `{box.name}` of `{predicate}`, "
                 f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
             )
-            mend = f"give the box a frame that stays: `tool`, or `{FrameName.at_start_of(box.frame)}`"
+            mend = f"give the box a frame that stays: `tool`, or `{box.frame}{AT_START}`"
             place = skill.place("targets", predicate, "boxes", index, "name")
             yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 from typing import Annotated, Any, LiteralString, TypeVar, cast
 
 import numpy as np
@@ -19,7 +20,6 @@ from pydantic import (
     PlainSerializer,
     StringConstraints,
     Tag,
-    ValidatorFunctionWrapHandler,
     WithJsonSchema,
     create_model,
     model_validator,
@@ -51,42 +51,28 @@ class Entry(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
-        if not isinstance(data, cls):
-            keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
-            _check_keys(data, keys)
-        return data
+        keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
+        return _with_declared_keys(cls, keys, data)
 
 
 class FileRecord:
     """A frozen dataclass that a file holds as a mapping of its fields, by their aliases, and no other keys.
 
-    Pydantic checks a file by the annotations of the fields, and accepts an existing record unchanged.
+    Pydantic checks a file by the annotations of the fields, and accepts an existing record unchanged. `FileRecord()`
+    marks a field whose type is such a dataclass, but one that knows no files.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
     @classmethod
-    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Pydantic's schema of the dataclass, behind a check of the keys."""
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Pydantic's schema of the dataclass `source`, behind a check of the keys."""
         schema: Any = {**handler.resolve_ref_schema(handler(source))}
         fields = schema["schema"]["fields"]
         keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
-
-        def check(data: object) -> object:
-            if not isinstance(data, cls):
-                _check_keys(data, keys)
-            return data
-
+        check = partial(_with_declared_keys, source, keys)
         # Pydantic uses the schema with the reference where the record occurs again: it must include the check.
         return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
-
-
-class AsFileRecord:
-    """Marks a field whose type is a frozen dataclass that a file holds as a `FileRecord`, but that knows no files."""
-
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        make: Callable[..., CoreSchema] = vars(FileRecord)["__get_pydantic_core_schema__"].__func__
-        return make(source, source, handler)
 
 
 def from_fields(record: Callable[..., Made], *known: object, **found: object) -> Made:
@@ -111,12 +97,9 @@ class SerializedAs:
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Pydantic's schema of the form, between `read` and `write`; an existing record is accepted unchanged."""
-
-        def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
-            return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
-
+        made = source if isinstance(source, type) else ()
         return no_info_wrap_validator_function(
-            validate,
+            lambda value, in_form: value if isinstance(value, made) else self.read(in_form(value)),
             handler.generate_schema(self.form),
             serialization=plain_serializer_function_ser_schema(self.write) if self.write else None,
         )
@@ -130,41 +113,41 @@ PoseMatrix = Annotated[
 """A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
 
 
-def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
-    """Raises PydanticCustomError unless data is a mapping with only these keys. keys: whether each is required."""
+def _with_declared_keys(record: type, keys: Mapping[str, bool], data: object) -> object:
+    """The data of a record, or the record. keys: whether each is required.
+
+    Raises PydanticCustomError for data that are no mapping, or have other keys.
+    """
+    if isinstance(data, record):
+        return data
     if not isinstance(data, dict):
         needed = [key for key, required in keys.items() if required]
         raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
     unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
     if unknown:
         raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
-
-
-class ForeignEntry(BaseModel):
-    """An entry of a file that other programs write: unknown keys are ignored."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
+    return data
 
 
 def foreign(**fields: Any) -> Any:  # noqa: ANN401 - a class made at run time
-    """The class of such entries with some fields, each a type, or one with its default or Pydantic's `Field`."""
+    """The class of entries of a file that other programs write: unknown keys are ignored.
+
+    fields: each a type, or one with its default or Pydantic's `Field`.
+    """
     given: dict[str, Any] = {
         name: stated if isinstance(stated, tuple) else (stated, ...) for name, stated in fields.items()
     }
-    return create_model("ForeignEntry", __base__=ForeignEntry, **given)
+    config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
+    return create_model("ForeignEntry", __config__=config, **given)
 
 
 def one_of(*keys: str) -> Discriminator:
     """Chooses the entry of a union by its unique key; the entry's tag is that key in `<...>`."""
-
-    def tag(data: object) -> str | None:
-        found = [key for key in keys if isinstance(data, dict) and key in data]
-        return f"<{found[0]}>" if len(found) == 1 else None
-
+    expected = "expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys)
     return Discriminator(
-        tag,
+        lambda data: f"<{found[0]}>" if isinstance(data, dict) and len(found := [*data.keys() & keys]) == 1 else None,
         custom_error_type="ambiguous-entry",
-        custom_error_message="expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys),
+        custom_error_message=expected,
     )
 
 
@@ -260,14 +243,13 @@ AnyQuantity = Annotated[
 """A quantity whose dimension is checked later, where it is used."""
 
 
-def _of_length(*lengths: int) -> BeforeValidator:
-    def validate(value: object) -> object:
-        if not isinstance(value, list) or len(value) not in lengths:
-            expected = " or ".join(str(length) for length in lengths)
-            raise refused("wrong-length", f"found {describe(value)}, expected a list of {expected} numbers")
-        return value
+def _numbers(count: int, value: object) -> object:
+    if not isinstance(value, list) or len(value) != count:
+        raise refused("wrong-length", f"found {describe(value)}, expected a list of {count} numbers")
+    return value
 
-    return BeforeValidator(validate)
+
+_TWO, _THREE, _FOUR = (BeforeValidator(partial(_numbers, count)) for count in (2, 3, 4))
 
 
 def _with_length(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -276,15 +258,15 @@ def _with_length(vector: tuple[float, float, float]) -> tuple[float, float, floa
     return vector
 
 
-Position = Annotated[tuple[Length, Length, Length], _of_length(3)]
-Extents = Annotated[tuple[Size, Size, Size], _of_length(3)]
-Direction = Annotated[tuple[Number, Number, Number], _of_length(3), AfterValidator(_with_length)]
-Rotation = Annotated[tuple[Angle, Angle, Angle], _of_length(3)]
-Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
-Range = Annotated[tuple[Distance, Distance], _of_length(2)]
+Position = Annotated[tuple[Length, Length, Length], _THREE]
+Extents = Annotated[tuple[Size, Size, Size], _THREE]
+Direction = Annotated[tuple[Number, Number, Number], _THREE, AfterValidator(_with_length)]
+Rotation = Annotated[tuple[Angle, Angle, Angle], _THREE]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], _FOUR]
+Range = Annotated[tuple[Distance, Distance], _TWO]
 Scale = Annotated[
     tuple[Number, Number, Number],
-    _of_length(3),
+    _THREE,
     BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
     WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "array", "items": _A_NUMBER}]}),
 ]

@@ -7,7 +7,7 @@ their parameters for objects.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 
@@ -18,7 +18,7 @@ WORLD = "world"  # the cell's world, wherever a frame is named
 WORLD_LINK = "robot/world"
 """Name of a URDF's link `world`, which is at the robot's base and need not be the cell's world."""
 TOOL = "tool"  # in a skill: the tool frame, or all parts of the tool
-_START = "@start"
+AT_START = "@start"  # behind the name of an object: the frame that stays where it was when the step began
 _X_WW = read_only(np.eye(4))
 
 
@@ -27,20 +27,15 @@ class FrameName(str):
 
     __slots__ = ()
 
-    @classmethod
-    def at_start_of(cls, name: str) -> FrameName:
-        """The frame that stays where an object was when the step began."""
-        return cls(name + _START)
-
     @property
     def at_start(self) -> bool:
         """Whether it stays where an object was when the step began."""
-        return self.endswith(_START)
+        return self.endswith(AT_START)
 
     @property
     def owner(self) -> str:
         """The object before `@start`, else the whole name."""
-        return self.removesuffix(_START)
+        return self.removesuffix(AT_START)
 
 
 FrameField = Annotated[FrameName, SerializedAs(Text, FrameName, str)]  # a field of a record that a file holds
@@ -59,18 +54,14 @@ def frame_poses(
     X_WL: of links. X_WO: of objects, and starts: of objects when the step began. X_WW: of the world itself, in the
     wanted shape.
     """
-    return {**X_WO, **{FrameName.at_start_of(name): X_WS for name, X_WS in starts.items()}, **X_WL, WORLD: X_WW}
+    return {**X_WO, **{f"{name}{AT_START}": X_WS for name, X_WS in starts.items()}, **X_WL, WORLD: X_WW}
 
 
-class Stay(NamedTuple):
-    """Where an object is over consecutive samples of a motion."""
+Stay = tuple[slice, Array | None, Array | None]
+"""Where an object is over consecutive samples of a motion, the rows.
 
-    rows: slice
-    """The samples."""
-    X_TO: Array | None
-    """Its pose in the tool frame while it is held, shape (4, 4)."""
-    X_WO: Array | None
-    """Where it rests while it is not."""
+Its pose X_TO in the tool frame while it is held, shape (4, 4), else None; then the pose X_WO where it rests.
+"""
 
 
 def carried_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
@@ -79,6 +70,6 @@ def carried_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
     X_WT: poses of the tool frame, shape (m, 4, 4). stays: cover all m samples; each is used before the next is drawn.
     """
     X_WO = np.empty_like(X_WT)
-    for stay in stays:
-        X_WO[stay.rows] = stay.X_WO if stay.X_TO is None else X_WT[stay.rows] @ stay.X_TO
+    for rows, X_TO, resting in stays:
+        X_WO[rows] = resting if X_TO is None else X_WT[rows] @ X_TO
     return X_WO

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from io import BufferedReader
@@ -21,6 +21,7 @@ from sqrp_cli.records import dataclass
 LARGEST = 200_000_000  # most bytes of any input file, meshes included
 NOT_THERE = "no such file or folder"  # what messages say of a path at which there is nothing
 YAML_ENDINGS = (".yaml", ".yml")
+_TOO_LARGE = "the file has {:,} bytes, the limit is {:,}"
 _noted: ContextVar[set[Path] | None] = ContextVar("noted", default=None)
 
 
@@ -52,7 +53,7 @@ def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
             if not stat.S_ISREG(status.st_mode):  # replaced since the check before
                 raise InputError(missing_file(path))
             if status.st_size > limit:
-                raise InputError(_too_large(path, status.st_size, limit))
+                raise bad_input("file-too-large", _TOO_LARGE.format(status.st_size, limit), Place(path))
             if status.st_size == 0 and file.read(1) != b"":
                 message = "the system makes up the content of this file as it is read, expected a file on a disk"
                 raise bad_input("no-regular-file", message, Place(path))
@@ -66,7 +67,7 @@ def read_input(path: Path, limit: int) -> bytes:
     with open_input(path, limit) as file:
         content = file.read(limit + 1)
     if len(content) > limit:  # it has grown since
-        raise InputError(_too_large(path, len(content), limit))
+        raise bad_input("file-too-large", _TOO_LARGE.format(len(content), limit), Place(path))
     return content
 
 
@@ -94,15 +95,10 @@ def missing_file(path: Path) -> Problem:
     folder = path.parent
     if not os.path.isdir(folder):  # noqa: PTH112
         return Problem("missing-file", f"{NOT_THERE}; there is no folder {folder}", Place(path))
+    # A file of the same ending, by default YAML, or of any if the names agree.
     ending = path.suffix.lower() or YAML_ENDINGS[0]
-
-    def could_be_meant(entry: Path) -> bool:
-        """Whether a file's ending fits: that of the path, or any if the names agree; by default YAML."""
-        other = entry.suffix.lower()
-        alike = ending == other or (ending in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem
-        return alike and entry.is_file()
-
-    close = nearest_entry(path, could_be_meant)
+    endings = YAML_ENDINGS if ending in YAML_ENDINGS else (ending,)
+    close = nearest_entry(path, lambda e: (e.suffix.lower() in endings or e.stem == path.stem) and e.is_file())
     return Problem("missing-file", NOT_THERE + (f"; did you mean `{close}`?" if close else ""), Place(path))
 
 
@@ -134,12 +130,3 @@ def source_file(path: Path, content: bytes | None = None) -> SourceFile:
         return SourceFile(path.absolute(), hashlib.sha256(content).hexdigest())
     with open_input(path) as file:
         return SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
-
-
-def digest_of(parts: Iterable[tuple[str, str]]) -> str:
-    """One SHA-256 of named digests, independent of their order."""
-    return hashlib.sha256("".join(f"{role}\0{digest}\n" for role, digest in sorted(parts)).encode()).hexdigest()
-
-
-def _too_large(path: Path, size: int, limit: int) -> Problem:
-    return Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))

@@ -47,14 +47,12 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
         return data
 
     def number(text: str) -> float:
-        if not math.isfinite(value := float(text)):
+        whole = text.lstrip("-").isdigit()
+        if whole and len(text) > MAX_DIGITS:
+            raise ValueError
+        if not math.isfinite(value := int(text) if whole else float(text)):
             raise ValueError
         return value
-
-    def whole(text: str) -> int:
-        if len(text) > MAX_DIGITS:
-            raise ValueError
-        return int(text)
 
     try:
         if text.count("[") + text.count("{") > MAX_DEPTH:
@@ -63,7 +61,7 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
                 depth += (bracket[0] in "[{") - (bracket[0] in "]}")
                 if depth > MAX_DEPTH:
                     raise ValueError
-        return json.loads(text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number)
+        return json.loads(text, object_pairs_hook=unique, parse_float=number, parse_int=number, parse_constant=number)
     except json.JSONDecodeError as error:
         message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:].removesuffix(' at')}"
         raise bad_input("json-syntax", message, Place(path, line + error.lineno - 1, error.colno)) from None

@@ -66,10 +66,11 @@ def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
     `share`).
     """
     python = [Path(entry) for entry in sys.path if entry]
+    ros, prefixes = (os.environ.get(name, "").split(os.pathsep) for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
     candidates = [
         *stated,
-        *_environment_paths("ROS_PACKAGE_PATH"),
-        *(prefix / "share" for prefix in _environment_paths("AMENT_PREFIX_PATH")),
+        *(Path(entry) for entry in ros if entry),
+        *(Path(entry, "share") for entry in prefixes if entry),
         *(entry / "cmeel.prefix" / "share" for entry in python),
         Path(sys.prefix) / "share",
         *(entry for entry in python if entry.name in ("site-packages", "dist-packages")),
@@ -132,10 +133,6 @@ def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
     """
     own = package_around(urdf) if reference.startswith("package://") else None
     return resolve(reference, urdf.parent, (*([own] if own else ()), *roots), Place(urdf))
-
-
-def _environment_paths(variable: str) -> list[Path]:
-    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
 def _no_package(what: str, name: str, roots: Sequence[Path], place: Place | None) -> Problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,16 @@ class SourceDocument:
     @property
     def leaves(self) -> Mapping[str, LeafValue]:
         """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
-        return {dotted(path): value for path, value in _leaves(self.data, ())}
+        found: dict[str, LeafValue] = {}
+        waiting: list[tuple[KeyPath, Any]] = [((), self.data)]
+        while waiting:
+            path, value = waiting.pop()
+            if isinstance(value, dict | list) and value:
+                inside = [*value.items()] if isinstance(value, dict) else [*enumerate(value)]
+                waiting += [((*path, key), child) for key, child in reversed(inside)]
+            else:
+                found[dotted(path)] = value if isinstance(value, LeafValue) else None
+        return found
 
     def at(self, path: KeyPath) -> Any:  # noqa: ANN401 - whatever the file has
         """The value at a path; None where there is none."""
@@ -92,14 +101,6 @@ class SourceDocument:
     def error(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> InputError:
         """The error of that problem alone."""
         return InputError(self.problem(code, path, message, mend))
-
-
-def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, LeafValue]]:
-    if isinstance(value, dict | list) and value:
-        for key, child in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _leaves(child, (*path, key))
-    else:
-        yield path, value if isinstance(value, LeafValue) else None
 
 
 def too_deep(place: Place | None, most: int, what: str = "", hint: str = "") -> Problem:

@@ -38,20 +38,21 @@ class Dimension:
     """An example for messages."""
 
 
-def _per(base: dict[str, float], power: str, name: str, example: str) -> Dimension:
-    return Dimension(name, {f"{unit}/s{power}": factor for unit, factor in base.items()}, example)
-
-
 LENGTH = Dimension("a length", _LENGTHS, "20 mm")
 ANGLE = Dimension("an angle", _ANGLES, "30 deg")
 TIME = Dimension("a time", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}, "50 ms")
 FREQUENCY = Dimension("a frequency", {"Hz": 1.0, "kHz": 1e3, "fps": 1.0}, "10 Hz")
-SPEED = _per(_LENGTHS, "", "a speed", "5 cm/s")
-ACCELERATION = _per(_LENGTHS, "^2", "an acceleration", "0.5 m/s^2")
-JERK = _per(_LENGTHS, "^3", "a jerk", "5 m/s^3")
-ANGULAR_SPEED = _per(_ANGLES, "", "an angular speed", "60 deg/s")
-ANGULAR_ACCELERATION = _per(_ANGLES, "^2", "an angular acceleration", "120 deg/s^2")
-ANGULAR_JERK = _per(_ANGLES, "^3", "an angular jerk", "600 deg/s^3")
+SPEED, ACCELERATION, JERK, ANGULAR_SPEED, ANGULAR_ACCELERATION, ANGULAR_JERK = (
+    Dimension(name, {f"{unit}/s{power}": factor for unit, factor in base.items()}, example)
+    for name, base, power, example in (
+        ("a speed", _LENGTHS, "", "5 cm/s"),
+        ("an acceleration", _LENGTHS, "^2", "0.5 m/s^2"),
+        ("a jerk", _LENGTHS, "^3", "5 m/s^3"),
+        ("an angular speed", _ANGLES, "", "60 deg/s"),
+        ("an angular acceleration", _ANGLES, "^2", "120 deg/s^2"),
+        ("an angular jerk", _ANGLES, "^3", "600 deg/s^3"),
+    )
+)
 PIXELS = Dimension("a number of pixels", {"px": 1.0}, "20 px")
 FORCE = Dimension("a force", {"N": 1.0, "kN": 1e3}, "5 N")
 SHARE = Dimension("a share", {"%": 0.01}, "50 %")

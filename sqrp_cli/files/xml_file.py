@@ -16,7 +16,7 @@ from sqrp_cli.files.source import excerpt, too_deep
 from sqrp_cli.files.units import LARGEST, as_number
 from sqrp_cli.records import dataclass
 
-LONGEST_TAG = 60  # most letters of a tag in messages
+LONGEST_TAG = 60  # most letters of a tag that are kept
 MAX_BYTES = 10_000_000  # largest XML file that is read
 MAX_DEPTH = 64  # deepest nesting of elements
 MAX_ELEMENTS = 200_000  # most elements of a file
@@ -29,6 +29,7 @@ class Element:
     """An XML element."""
 
     tag: str
+    """Of a longer one the beginning: a damaged file may have one of a million letters."""
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
@@ -94,12 +95,7 @@ class Element:
 
     def __str__(self) -> str:
         key = next((key for key in ("name", "id") if self.attributes.get(key)), None)
-        return f'<{self.shown_tag} {key}="{self.attributes[key]}">' if key else f"<{self.shown_tag}>"
-
-    @property
-    def shown_tag(self) -> str:
-        """The tag, or its beginning: a damaged file may have one of a million letters."""
-        return self.tag if len(self.tag) <= LONGEST_TAG else f"{self.tag[:LONGEST_TAG]}..."
+        return f'<{self.tag} {key}="{self.attributes[key]}">' if key else f"<{self.tag}>"
 
 
 def read_xml(path: Path, root_tag: str) -> Element:
@@ -131,7 +127,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
         said = expat.ErrorString(error.code).removeprefix("not well-formed ").strip("()")
         if error.code == _TAG_MISMATCH and open_elements:  # it leaves an element open
             element = open_elements[-1]
-            shown = element if recognised else f"<{element.shown_tag}>"
+            shown = element if recognised else f"<{element.tag}>"
             said = f"{shown} of line {element.place.line} is not closed before another closing tag"
         place = Place(path, error.lineno, error.offset + 1)
         quote = excerpt(line, error.offset + 1) if recognised else None
@@ -140,7 +136,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str | None, texts: frozenset
         message = f"not well-formed XML: {error}"
         raise bad_input("xml-syntax", message, Place(path, 1), mend="save the file as UTF-8") from error
     if root_tag is not None and root.tag != root_tag:
-        raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
+        raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{root_tag}>")
     return root
 
 
@@ -149,15 +145,16 @@ def _root_of(path: Path, content: bytes, texts: frozenset[str], opened: list[Ele
     top: list[Element] = []
     parser, number = expat.ParserCreate(), count(1)
 
-    def here() -> Place:
-        return Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+    def refuse(code: str, message: str) -> None:
+        raise bad_input(code, message, Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1))
 
     def interrupt(*_what: object) -> None:
         if opened and opened[-1].tag in texts:
-            raise bad_input("xml-text", f"the text of {opened[-1]} is interrupted, expected one piece", here())
+            refuse("xml-text", f"the text of {opened[-1]} is interrupted, expected one piece")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, here())
+        shown = tag if len(tag) <= LONGEST_TAG else f"{tag[:LONGEST_TAG]}..."
+        element = Element(shown, attributes, Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1))
         if next(number) > MAX_ELEMENTS:
             raise element.error("too-many-elements", f"the file has more than {MAX_ELEMENTS:,} elements")
         interrupt()
@@ -166,19 +163,15 @@ def _root_of(path: Path, content: bytes, texts: frozenset[str], opened: list[Ele
         (opened[-1].children if opened else top).append(element)
         opened.append(element)
 
-    def keep(text: str) -> None:
-        if opened and opened[-1].tag in texts:
-            opened[-1].pieces.append(text)
-
-    def refuse_entity(name: str, *_declaration: object) -> None:
-        raise bad_input("xml-entity", f"declares the entity `{name}`; entities are not accepted", here())
-
     parser.specified_attributes = True  # other readers ignore the default values of a DOCTYPE
     parser.buffer_text, parser.buffer_size = True, _BUFFER
     parser.StartElementHandler, parser.EndElementHandler = start, lambda _tag: opened.pop()
-    parser.EntityDeclHandler = refuse_entity
+    parser.EntityDeclHandler = lambda name, *_declaration: refuse(
+        "xml-entity", f"declares the entity `{name}`; entities are not accepted"
+    )
     if texts:
-        parser.CharacterDataHandler, parser.StartCdataSectionHandler = keep, interrupt
+        parser.CharacterDataHandler = lambda text: opened[-1].pieces.append(text) if opened[-1].tag in texts else None
+        parser.StartCdataSectionHandler = interrupt
         parser.CommentHandler = parser.ProcessingInstructionHandler = interrupt
     parser.Parse(content, True)
     return top[0]

@@ -9,8 +9,9 @@ import difflib
 import io
 import os
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -35,9 +36,7 @@ def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
         start, end = node.start_mark.index, node.end_mark.index
         value, rest = (value, text[end:]) if end > start else (f" {value}", text[end:].removeprefix(" "))
         text = text[:start] + value + rest
-    return _changed_only(
-        document, text, ", ".join(values), lambda name: any(f"{name}.".startswith(f"{path}.") for path in values)
-    )
+    return _checked(document, text, *values)
 
 
 def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
@@ -62,7 +61,7 @@ def with_values(document: SourceDocument, values: Mapping[str, str]) -> bytes:
                 entries = _node(root, keys[:-1]).value
                 start = next(name.start_mark.index for name, _ in entries if str(name.value) == str(keys[-1]))
                 new = f"{keys[-1]}: {text}"
-            content = _checked(document, whole[:start] + new + whole[_end(node) :], keys)
+            content = _checked(document, whole[:start] + new + whole[_end(node) :], path)
         elif key and parent in known and isinstance(document.at(known[parent]), dict):
             content = appended(document, known[parent], f"{key}: {text}")
         else:
@@ -108,17 +107,17 @@ def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:
     listed = ":" not in item.partition("{")[0]
     if path not in document.values:
         text = text.rstrip("\n") + f"\n\n{path[-1]}:\n  {'- ' if listed else ''}{item}\n"
-        return _checked(document, text, path)
+        return _checked(document, text, dotted(path))
     node = _node(root, path)
-    if _in_one_line(node) or not node.value:
+    if node.flow_style or not node.value:
         end = text.rindex("]" if listed else "}", node.start_mark.index, node.end_mark.index)
         before = text[:end].rstrip()
         text = before + (", " if node.value else "") + item + text[end:]
-        return _checked(document, text, path)
+        return _checked(document, text, dotted(path))
     line = text.find("\n", _end(node)) % (len(text) + 1)  # at the end of the text if there is none
     column = (node if listed else node.value[0][0]).start_mark.column
     new = f"\n{' ' * column}{'- ' if listed else ''}{item}"
-    return _checked(document, text[:line] + new + text[line:], path)
+    return _checked(document, text[:line] + new + text[line:], dotted(path))
 
 
 def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str], items: Sequence[str]) -> bytes:
@@ -136,30 +135,28 @@ def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str],
     node = _node(root, path)
     entries = [(str(key.value), text[key.start_mark.index : _end(value)]) for key, value in node.value]
     left = [*(entry for name, entry in entries if name in kept), *items]
-    if _in_one_line(node) or not node.value:
+    if node.flow_style or not node.value:
         new = "{" + ", ".join(left) + "}"
         start, end = node.start_mark.index, node.end_mark.index
-        return _checked(document, text[:start] + new + text[end:], path)
+        return _checked(document, text[:start] + new + text[end:], dotted(path))
     first, end = node.value[0][0].start_mark, _end(node)
     if entries[-1][0] not in kept:
         end = text.find("\n", end) % (len(text) + 1)
     new = f"\n{' ' * first.column}".join(left)
-    return _checked(document, text[: first.index] + new + text[end:], path)
+    return _checked(document, text[: first.index] + new + text[end:], dotted(path))
 
 
-def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
-    """The text as bytes. Raises InputError if a value outside of `path` differs."""
-    within = dotted(path[:-1] if path in document.values else path)
-    return _changed_only(document, text, dotted(path), lambda name: f"{name}.".startswith(within))
+def _checked(document: SourceDocument, text: str, *meant: str) -> bytes:
+    """The text as bytes. Raises InputError if a value differs that is not meant, as where an anchor is used twice.
 
-
-def _changed_only(document: SourceDocument, text: str, what: str, is_meant: Callable[[str], bool]) -> bytes:
-    """The text as bytes. Raises InputError if a value differs that is not meant, as where an anchor is used twice."""
+    meant: the dotted paths of what may differ.
+    """
     content = text.encode()
     known, leaves = document.leaves, parse_yaml(document.path, content).leaves
-    others = [name for name in (*known, *leaves) if not is_meant(name) and known.get(name) != leaves.get(name)]
+    others = {name for name in (*known, *leaves) if known.get(name) != leaves.get(name)}
+    others -= {name for name in others for path in meant if f"{name}.".startswith(f"{path}.")}
     if others:
-        message = f"changing `{what}` would also change `{min(others)}`, which is the same text in the file"
+        message = f"changing `{', '.join(meant)}` would also change `{min(others)}`, which is the same text in the file"
         raise bad_input("shared-value", message, Place(document.path), mend="write the value out in both places")
     return content
 
@@ -171,34 +168,26 @@ def _text_and_root(document: SourceDocument) -> tuple[str, yaml.Node]:
     return text, root
 
 
-def _node(node: yaml.Node, path: KeyPath) -> yaml.Node:
+def _node(node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401 - a mapping, a list or a scalar
     """The value at a path; of a mapping its own keys come before merged ones."""
-
-    def pairs(node: yaml.Node) -> Iterator[tuple[str, yaml.Node]]:
-        merged = [value for key, value in node.value if key.value == "<<" and key.style is None]
-        yield from ((str(key.value), value) for key, value in node.value if key.value != "<<" or key.style is not None)
-        for value in merged:
-            yield from pairs(value)
-
     for key in path:
         if isinstance(node, yaml.SequenceNode):
             node = node.value[int(key)]
-        else:
-            node = next(value for name, value in pairs(node) if name == str(key))
+            continue
+        mappings = [node]
+        for one in mappings:  # those that it merges come behind it
+            mappings += [value for name, value in one.value if name.value == "<<" and name.style is None]
+        entries = (entry for one in mappings for entry in one.value)
+        node = next(value for name, value in entries if name.value == str(key) and (name.style or key != "<<"))
     return node
 
 
 def _end(node: yaml.Node) -> int:
     """Where the text of a value ends; a block ends with its last value, before comments that follow."""
-    if _in_one_line(node) or not node.value:
+    if not isinstance(node, yaml.CollectionNode) or node.flow_style or not node.value:
         return int(node.end_mark.index)
     last = node.value[-1]
     return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
-
-
-def _in_one_line(node: yaml.Node) -> bool:
-    """Whether its text ends where the parser says: it is a scalar, or in brackets."""
-    return not isinstance(node, yaml.CollectionNode) or bool(node.flow_style)
 
 
 def patch(document: SourceDocument, content: bytes, name: str | None = None) -> str:

@@ -172,16 +172,6 @@ def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str]) -> sour
     def place_of(node: yaml.Node) -> Place:
         return Place(path, node.start_mark.line + 1, node.start_mark.column + 1)
 
-    def text_place(node: yaml.Node) -> Place:
-        """Where a scalar's text starts, behind its quote or block sign."""
-        place, style = place_of(node), node.style if isinstance(node, yaml.ScalarNode) else None
-        if style and style in "'\"":
-            return replace(place, column=node.start_mark.column + 2)
-        for number in range(node.start_mark.line + 1, len(lines)) if style else ():
-            if lines[number].strip():
-                return Place(path, number + 1, len(lines[number]) - len(lines[number].lstrip()) + 1)
-        return place
-
     def pairs(node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
         """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""
         own: set[str] = set()
@@ -205,7 +195,13 @@ def _plain(root: yaml.Node, path: Path, text: str, tags: frozenset[str]) -> sour
             raise bad_input("too-many-values", message, place_of(node))
         if len(at) > MAX_DEPTH:
             raise InputError(source.too_deep(place_of(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
-        values[at] = text_place(node)
+        values[at], style = place_of(node), node.style if isinstance(node, yaml.ScalarNode) else None
+        if style in ("'", '"'):
+            values[at] = replace(values[at], column=node.start_mark.column + 2)
+        elif style:  # a block, whose text begins in a line below its sign
+            filled = (row for row in range(node.start_mark.line + 1, len(lines)) if lines[row].strip())
+            if (row := next(filled, None)) is not None:
+                values[at] = Place(path, row + 1, len(lines[row]) - len(lines[row].lstrip()) + 1)
         explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
         if explicit_tag and explicit_tag not in tags:
             raise bad_input("yaml-tag", f"the tag `{explicit_tag}` is not accepted", place_of(node))

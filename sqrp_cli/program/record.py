@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
-from sqrp_cli.files.entries import AsFileRecord, Entry, Finite, SerializedAs
+from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs
 from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.skill.settings import ANY, FASTEST
@@ -177,7 +177,7 @@ class ProgramSight(Entry):
     it may happen.
     """
 
-    windows: tuple[Annotated[Window, AsFileRecord()], ...]
+    windows: tuple[Annotated[Window, FileRecord()], ...]
     onsets: tuple[ProgramOnset, ...]
 
     def latest(self, x: float) -> float | None:

@@ -111,7 +111,7 @@ def _expanded(path: Path, source: RobotSource) -> RobotXml:
             raise bad_input("xacro-argument", message, Place(path))
     root = _element(found["root"], 0)
     if root.tag != ROOT:
-        raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{ROOT}>")
+        raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{ROOT}>")
     old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
     if old is not None:
         message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"

@@ -10,7 +10,7 @@ from itertools import chain, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
+from sqrp_cli.files.frames import carried_poses, frame_poses
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.fingers import closed_behind
 from sqrp_cli.motion.plan_motion import Motion
@@ -157,7 +157,7 @@ def states_of(stages: Sequence[Stage], samples: Sequence[Samples], q: Sequence[A
     for stage, some, X_of_tool in zip(stages, samples, X_WT, strict=True):
         during = [(rows, stage.motion.primitives[index]) for index, rows in stage.by_primitive(some)]
         stays = {
-            name: [Stay(rows, p.X_TO if p.held == name else None, p.X_WO.get(name)) for rows, p in during]
+            name: [(rows, p.X_TO if p.held == name else None, p.X_WO.get(name)) for rows, p in during]
             for name in stage.carried
         }
         carried.append({name: carried_poses(X_of_tool, own) for name, own in stays.items()})

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
-from sqrp_cli.files.frames import TOOL, FrameName, frame_poses, link_called
+from sqrp_cli.files.frames import AT_START, TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.logic.formula import argument_lists, bind
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
@@ -95,7 +95,7 @@ def _box(cell: Cell, spec: BoxSpec, waypoints: WaypointGrounder) -> SoughtBox:
     model, binding, X_WO = cell.model, waypoints.binding, waypoints.X_WO
     name = model.tool_frame if spec.frame == TOOL else spec.frame.owner
     owner = binding.get(name, name)
-    frame: str = FrameName.at_start_of(owner) if spec.frame.at_start else owner
+    frame: str = f"{owner}{AT_START}" if spec.frame.at_start else owner
     size, X_FB = spec.size, spec.X_FB
     if spec.fits is not None:
         fitted = binding.get(spec.fits, spec.fits)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.files.frames import WORLD, WORLD_LINK, FrameName, Stay, carried_poses, frame_poses, link_called
+from sqrp_cli.files.frames import AT_START, WORLD, WORLD_LINK, FrameName, carried_poses, frame_poses, link_called
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 
 
@@ -20,7 +20,7 @@ def some_pose(seed: int) -> Array:
 def test_a_frame_is_read_from_its_name(name: str, owner: str, at_start: bool) -> None:
     frame = FrameName(name)
     assert (frame.owner, frame.at_start) == (owner, at_start)
-    assert (FrameName.at_start_of(owner) if at_start else owner) == frame == name
+    assert (f"{owner}{AT_START}" if at_start else owner) == frame == name
 
 
 def test_every_frame_has_its_pose() -> None:
@@ -42,7 +42,7 @@ def test_a_carried_object_keeps_its_pose_in_the_tool_and_rests_where_it_is_left(
     X_WT = np.array([some_pose(seed) for seed in range(6)])
     before, X_TO = some_pose(8), some_pose(9)
     after = X_WT[3] @ X_TO
-    stays = [Stay(slice(0, 2), None, before), Stay(slice(2, 4), X_TO, None), Stay(slice(4, 6), None, after)]
+    stays = [(slice(0, 2), None, before), (slice(2, 4), X_TO, None), (slice(4, 6), None, after)]
     X_WO = carried_poses(X_WT, stays)
     assert (X_WO[:2] == before).all()
     assert (X_WO[4:] == after).all()

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sqrp_cli.files.frames import Stay, carried_poses, frame_poses
+from sqrp_cli.files.frames import carried_poses, frame_poses
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
@@ -80,7 +80,7 @@ class NominalStep:
                     X_TO = None
                 elif X_TO is None:
                     X_TO = inverse(X_WT[start]) @ X_WO
-                stays.append(Stay(slice(start, end), X_TO, None if holding[start] else X_WO))
+                stays.append((slice(start, end), X_TO, None if holding[start] else X_WO))
                 X_WO = X_WO if X_TO is None else X_WT[end - 1] @ X_TO
             self._X_WO[name] = carried_poses(X_WT, stays)
         self._holds = {atom: np.zeros(len(t), dtype=bool) for atom in step.targets}
