@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
@@ -22,8 +23,8 @@ from sqrp_cli.camera.camera import (
     Intrinsics,
     PixelSize,
     check_count,
+    check_image,
     check_pixels,
-    check_principal_point,
 )
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument
@@ -52,10 +53,11 @@ def read_calibration(
     wanted = wanted or CalibrationFile(file=str(path))
     document, syntax = formats.read_calibration_text(path)
     part, format_name, name = _chosen(document, wanted, asked)
-    known = formats.FORMATS[format_name]
-    camera = validate(part, known.entry)
-    stated = known.lens(camera, part)
-    width, height = _size(stated.size or formats.stated_size(camera), part, wanted, asked)
+    entry, lens_of = formats.LENSES[format_name]
+    camera: Any = validate(part, entry)
+    stated = lens_of(camera, part)
+    size = PixelSize.of(*(camera.resolution or (camera.image_width, camera.image_height)))
+    width, height = _size(stated.size or size, part, wanted, asked)
     numbers, rows = stated.K, "[fx, 0, cx, 0, fy, cy, 0, 0, 1]"
     if len(numbers) == 4:
         fx, fy, cx, cy = numbers
@@ -67,7 +69,7 @@ def read_calibration(
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = f"found skew or a last row that is not 0, 0, 1; expected {rows}"
         raise part.error("wrong-value", stated.K_at, message)
-    title = known.files[0].partition(" | ")[0]
+    title = formats.FORMATS[format_name]["files"][0].partition(" | ")[0]
     if format_name == "camera_info":  # which is said in several syntaxes, by OpenCV too
         matrix = next(part.data[key] for key in formats.K_KEYS if key in part.data)
         of_opencv = syntax in ("XML", "JSON") or (isinstance(matrix, dict) and "dt" in matrix)
@@ -81,23 +83,23 @@ def read_calibration(
         distortion=read_only(coefficients),
         lens_file=title if name is None else f"{title}: {name}",
     )
-    check_principal_point(part, stated.K_at, intrinsics)
+    check_image(part, stated.K_at, intrinsics)
     return intrinsics, document, part
 
 
 def _chosen(document: SourceDocument, wanted: CalibrationFile, asked: str) -> tuple[SourceDocument, str, str | None]:
     """The wanted camera of a file, the name of its format, and its own if the file has several."""
-
-    def cameras(data: object, at: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-        has = {name: sum(key in data for key in one.keys) >= min(2, len(one.keys))
-               for name, one in formats.FORMATS.items() if isinstance(data, dict)}  # fmt: skip
+    found, names = dict[KeyPath, str](), dict[str, KeyPath]()
+    waiting: list[tuple[KeyPath, object]] = [((), document.data)]
+    while waiting:  # depth first
+        at, data = waiting.pop()
+        has = {name: sum(key in data for key in keys) >= min(2, len(keys))
+               for name, keys in formats.CAMERA_KEYS.items() if isinstance(data, dict)}  # fmt: skip
         if any(has.values()):
-            yield at, next(name for name in has if has[name])
+            found[at] = next(name for name in has if has[name])
         elif len(at) < MOST_CAMERAS_NESTED and isinstance(data, dict | list):
-            for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-                yield from cameras(value, (*at, key))
-
-    found, names = dict(cameras(document.data, ())), dict[str, KeyPath]()
+            inside = data.items() if isinstance(data, dict) else enumerate(data)
+            waiting += [((*at, key), value) for key, value in inside][::-1]
     is_one = () in found or not found
     if not found and not any(key in document.data for key in formats.TOP_KEYS):
         raise InputError(formats.no_calibration(document.path))

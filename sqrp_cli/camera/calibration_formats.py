@@ -1,15 +1,15 @@
 """Formats of calibration files: their text as keys and values, and what it says of a camera's lens.
 
 Syntaxes are recognised by content: YAML (with OpenCV's header and tags), JSON, OpenCV's XML, the INI files of
-`camera_calibration` (`ost.txt`) and COLMAP's `cameras.txt`. A format is an entry of `FORMATS`: what
-`calibration_formats.yaml` says of it, the keys of a camera, and the lens that they mean.
+`camera_calibration` (`ost.txt`) and COLMAP's `cameras.txt`. A format is an entry of `FORMATS`, from
+`calibration_formats.yaml`, and one of `LENSES`: the keys of a camera, and the lens that they mean.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -75,7 +75,7 @@ def read_calibration_text(path: Path) -> tuple[SourceDocument, str]:
 
 def no_calibration(path: Path) -> Problem:
     """The problem of a file that is none of those read here."""
-    known = ", ".join(row.partition(" | ")[0] for one in FORMATS.values() for row in one.files)
+    known = ", ".join(row.partition(" | ")[0] for one in FORMATS.values() for row in one["files"])
     mend = "export it as one of these, or state `image: {width, height, fx, fy, cx, cy, distortion}` in the workspace"
     return Problem("unknown-calibration", f"found no camera; expected one of {known}", Place(path), mend=mend)
 
@@ -170,20 +170,10 @@ class StatedLens(NamedTuple):
     """Of the image, where it is not that of the camera's entry."""
 
 
-class Format(NamedTuple):
-    """A format of calibration files."""
-
-    files: Sequence[str]
-    """Rows of the reference: a name of its files, who writes them, what gives them away, and what is not read."""
-    keys: Sequence[str]
-    """Of these two, or all that there are, give a camera away."""
-    entry: type[BaseModel]
-    """The keys of a camera."""
-    lens: Callable[[Any, SourceDocument], StatedLens]
-    """The lens of such an entry. Raises InputError, with the line, for lists of a wrong length and unknown models."""
-
-
-K_KEYS, _D_KEYS, WIDTHS, HEIGHTS = FACTS["formats"]["camera_info"]["keys"]
+FORMATS: Mapping[str, Any] = FACTS["formats"]
+"""By name. `files`: rows of the reference, a name of its files, who writes them, what gives them away, and what is not
+read. `keys`: of these two, or all that there are, give a camera away."""
+K_KEYS, _D_KEYS, WIDTHS, HEIGHTS = FORMATS["camera_info"]["keys"]
 SIZES = ("resolution", "image_size", "imageSize")
 _Numbers = Annotated[list[Number], BeforeValidator(flat)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
@@ -202,35 +192,29 @@ _CAMERA: Data = {
 """What every format may say of a camera: the size of its image."""
 
 
-def stated_size(camera: Any) -> PixelSize | None:  # noqa: ANN401 - an entry with the fields above
-    """The size of the image by a camera's entry, if it has one."""
-    return PixelSize.of(*(camera.resolution or (camera.image_width, camera.image_height)))
-
-
 def _camera_info(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
     """ROS `sensor_msgs/CameraInfo`, or matrices in OpenCV's FileStorage.
 
     Matrix and size of a message are those of the full sensor. The images are cut to `roi` (all of it where that has no
     size) and then binned, as `image_geometry` has it.
     """
-
-    def listed(keys: Sequence[str], entry: Any) -> tuple[list[float], KeyPath]:  # noqa: ANN401 - a matrix, or a list
-        """The numbers of a matrix and their path, checked against its rows and columns."""
-        key = next(key for key in keys if key in document.data)
-        if isinstance(entry, list):
-            return entry, (key,)
-        if (stated := entry.rows * entry.cols) != len(entry.data):
-            expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
-            raise document.error("wrong-length", (key, "data"), f"found {len(entry.data)} numbers, expected {expected}")
-        return entry.data, (key, "data")
-
-    roi, x, y, size = camera.roi, max(camera.binning_x, 1), max(camera.binning_y, 1), stated_size(camera)
+    roi, x, y = camera.roi, max(camera.binning_x, 1), max(camera.binning_y, 1)
+    size = PixelSize.of(*(camera.resolution or (camera.image_width, camera.image_height)))
     if size is not None:
         width, height = roi.width or size.width, roi.height or size.height
         if roi.x_offset + width > size.width or roi.y_offset + height > size.height:
             raise document.error("wrong-value", ("roi",), f"reaches out of the image of {size.short}")
         size = PixelSize(max(width // x, 1), max(height // y, 1))
-    (K, K_at), (D, D_at) = listed(K_KEYS, camera.camera_matrix), listed(_D_KEYS, camera.distortion_coefficients)
+    found = list[tuple[list[float], KeyPath]]()  # numbers of both matrices, and their paths
+    for keys, entry in ((K_KEYS, camera.camera_matrix), (_D_KEYS, camera.distortion_coefficients)):
+        at: KeyPath = (next(key for key in keys if key in document.data),)
+        if not isinstance(entry, list):
+            at, rows, columns, entry = (*at, "data"), entry.rows, entry.cols, entry.data
+            if rows * columns != len(entry):
+                expected = f"`rows` x `cols` = {rows} x {columns} = {rows * columns}"
+                raise document.error("wrong-length", at, f"found {len(entry)} numbers, expected {expected}")
+        found.append((entry, at))
+    (K, K_at), (D, D_at) = found
     if len(K) != 9:
         raise document.error("wrong-length", K_at, f"found {len(K)} numbers, expected 9: 3 x 3")
     K = [K[0] / x, K[1] / x, (K[2] - roi.x_offset) / x, K[3] / y, K[4] / y, (K[5] - roi.y_offset) / y, *K[6:]]
@@ -254,7 +238,7 @@ def _kalibr(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN40
 
 def _vins(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
     """A camera of camodocal, as VINS-Mono and VINS-Fusion have it."""
-    models = FACTS["formats"]["vins"]["models"]
+    models = FORMATS["vins"]["models"]
     if camera.model_type not in models:
         message = no_such(camera.model_type, "known camera model", models)
         raise document.error("unknown-distortion-model", ("model_type",), message)
@@ -270,7 +254,7 @@ def _vins(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 
 
 def _colmap(camera: Any, document: SourceDocument) -> StatedLens:  # noqa: ANN401 - its entry
     """A line of COLMAP's `cameras.txt`, which counts pixels from the corner of the first one, not from its centre."""
-    model, models, at = camera.model.upper(), FACTS["formats"]["colmap"]["models"], ("params",)
+    model, models, at = camera.model.upper(), FORMATS["colmap"]["models"], ("params",)
     if model not in models:
         message = f"found `{camera.model}`, expected one of {', '.join(f'`{known}`' for known in models)}"
         mend = "estimate the camera again with one of these: `colmap feature_extractor --ImageReader.camera_model`"
@@ -308,10 +292,10 @@ _FIELDS: dict[str, tuple[Callable[[Any, SourceDocument], StatedLens], Data]] = {
 }  # fmt: skip
 """By format what reads the lens, and the keys of a camera besides the size of its image."""
 
-FORMATS = {
-    name: Format(row["files"], flat(row["keys"]), foreign(**_CAMERA, **_FIELDS[name][1]), _FIELDS[name][0])
-    for name, row in FACTS["formats"].items()
-}
-"""Of a mapping the first whose keys it has."""
-TOP_KEYS = ("cam0", "model_type", *(key for name, one in FORMATS.items() for key in one.keys if name != "colmap"))
+LENSES = {name: (foreign(**_CAMERA, **fields), lens_of) for name, (lens_of, fields) in _FIELDS.items()}
+"""By format the entry of a camera, and what gives the lens of such an entry: it raises InputError, with the line, for
+lists of a wrong length and unknown models."""
+CAMERA_KEYS: Mapping[str, Sequence[str]] = {name: flat(row["keys"]) for name, row in FORMATS.items()}
+"""Keys of a camera by format; a mapping is of the first whose keys it has."""
+TOP_KEYS = ("cam0", "model_type", *(key for name, keys in CAMERA_KEYS.items() for key in keys if name != "colmap"))
 """Keys of which one is at the top of a calibration file in YAML, so that problems may quote it."""

@@ -201,14 +201,9 @@ def image_of(camera: Intrinsics) -> ImageEntry:
 
 
 def check_image(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
-    """Raises InputError where the image that a workspace states at `path` is of no camera."""
+    """Raises InputError where the image stated at `path` is of no camera: by coefficients or principal point."""
     model, count = image.distortion_model, len(image.distortion)
     check_count(document, (*path, "distortion", "coefficients"), model, count, (DISTORTION_LENGTHS[model],))
-    check_principal_point(document, path, image)
-
-
-def check_principal_point(document: SourceDocument, path: KeyPath, image: Intrinsics) -> None:
-    """Raises InputError for a principal point outside the image."""
     cx, cy = image.matrix[:2, 2]
     if not (-0.5 <= cx <= image.width - 0.5 and -0.5 <= cy <= image.height - 0.5):
         message = f"the principal point ({cx:g}, {cy:g}) is outside the image of {image.width} x {image.height} pixels"

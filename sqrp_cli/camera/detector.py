@@ -103,19 +103,14 @@ def marker_range(camera: Intrinsics, marker: Marker, incidence: float = 0.0) -> 
     """
     fx, fy = float(camera.matrix[0, 0]), float(camera.matrix[1, 1])
     near = marker.side * max(fx / camera.width, fy / camera.height)
-    return near, marker.side * sqrt(fx * fy) / float(_least_side(camera, marker.dictionary, incidence))
+    turned = sqrt(max(cos(incidence), cos(STEEPEST)))  # of the area, to that of its longer side
+    return near, marker.side * sqrt(fx * fy) * turned / float(least_pixels(camera, marker.dictionary, incidence))
 
 
 def least_pixels(camera: Intrinsics, dictionary: str, incidence: ArrayLike = 0.0) -> Array:
     """Square root of the area in the image of the smallest marker that is read in nine of ten images [pixels].
 
     incidence: angles between its normal and the direction to the camera [rad]; the result has their shape.
-    """
-    return _least_side(camera, dictionary, incidence) * np.sqrt(np.maximum(np.cos(incidence), cos(STEEPEST)))
-
-
-def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Array:
-    """The longer side in the image of the smallest marker that is read [pixels].
 
     A bit is read by the distance h of its module's edges in the image. Of a marker turned by an angle of cosine k about
     an axis at phi to them, h^2 is in proportion to k^2 / (cos(phi)^2 + k^2 sin(phi)^2); over all axes, the mean of h^-2
@@ -125,8 +120,8 @@ def _least_side(camera: Intrinsics, dictionary: str, incidence: ArrayLike) -> Ar
     shorter = np.maximum(np.cos(incidence), cos(STEEPEST))  # the shorter side of a turned marker, to the longer one
     module = MODULE_PIXELS * ((code.modules - 2) / (1 + code.corrected)) ** PER_BIT
     read = code.modules * module * np.sqrt(0.5 * (1.0 + shorter**2)) / shorter
-    found: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
-    return found
+    longer: Array = np.maximum(read, LEAST_SIDE * max(camera.width, camera.height) * 2.0 / (1.0 + shorter))
+    return longer * np.sqrt(shorter)
 
 
 GROUP = "sqrp.detectors"
@@ -136,13 +131,8 @@ GROUP = "sqrp.detectors"
 @cache
 def installed_detectors() -> Mapping[str, EntryPoint]:
     """The entry point of each kind, by its name; of several packages with one name, the first by the package's name."""
-    found = sorted(entry_points(group=GROUP), key=lambda one: (one.name, package_of(one)), reverse=True)
-    return {one.name: one for one in found}
-
-
-def package_of(entry: EntryPoint) -> str:
-    """The name of the package that brings an entry point."""
-    return entry.dist.name if entry.dist is not None else entry.module
+    found = [(one.name, one.dist.name if one.dist else one.module, one) for one in entry_points(group=GROUP)]
+    return {name: one for name, _, one in sorted(found, key=lambda kind: kind[:2], reverse=True)}
 
 
 LEAST_VISIBLE = 0.001  # a box of which less than this share is visible is never seen

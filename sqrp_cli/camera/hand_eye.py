@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sqrp_cli.errors import InputError, Place, bad_input, expected_names
+from sqrp_cli.errors import Place, bad_input, expected_names
 from sqrp_cli.files.entries import Length, Number, Text, foreign
 from sqrp_cli.files.input_file import decoded, read_input
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
@@ -31,7 +31,6 @@ from sqrp_cli.files.validation import validate
 from sqrp_cli.files.xml_file import Element, parse_xml
 from sqrp_cli.files.yaml_file import MAX_BYTES, parse_yaml
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only, rpy_to_matrix
-from sqrp_cli.records import dataclass
 from sqrp_cli.ros.bag import Bag, is_bag
 
 TOPIC, _TYPE = "/tf_static", "tf2_msgs/msg/TFMessage"
@@ -42,16 +41,25 @@ _DOCUMENTS = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SHELL = ("&", "&&", ";", "|", "||")  # what ends a command
 _POSITION = ("x", "y", "z")
 _QUATERNION = ("qx", "qy", "qz", "qw")
+_ANGLES = ("roll", "pitch", "yaw")
 
 
 class StaticTransform(NamedTuple):
-    """The pose of a frame in its parent."""
+    """The pose of a frame, such as a camera's optical one (x right, y down, z forward), in another, by a file."""
 
     parent: str
+    """Of a camera: `world`, or the link that carries it."""
     child: str
     X_PC: Array
     """Shape (4, 4)."""
     place: Place
+    """Where the file names the parent."""
+    pose_file: str = ""
+    """Format of the file."""
+    content: bytes = b""
+    """What was read of the file."""
+    document: SourceDocument | None = None
+    """Its keys and values, of easy_handeye."""
 
     @classmethod
     def of(cls, stamped: Any, place: Place) -> StaticTransform | None:  # noqa: ANN401 - of a file, or a ROS message
@@ -60,26 +68,6 @@ class StaticTransform(NamedTuple):
         R = unit_quaternion((r.x, r.y, r.z, r.w))
         frames = (stamped.header.frame_id.lstrip("/"), stamped.child_frame_id.lstrip("/"))
         return None if R is None else cls(*frames, pose(R, (t.x, t.y, t.z)), place)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HandEye:
-    """Where a camera is by a file."""
-
-    frame: str
-    """`world`, or the link that carries the camera."""
-    X_FC: Array
-    """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
-    pose_file: str
-    """Format of the file."""
-    camera_frame: str
-    """The frame at pose `X_FC`, as the file calls it."""
-    place: Place
-    """Where the file names the frame that carries it."""
-    content: bytes
-    """What was read of the file."""
-    document: SourceDocument | None = None
-    """Its keys and values, of easy_handeye."""
 
 
 def unit_quaternion(quaternion: Sequence[float]) -> Array | None:
@@ -115,7 +103,7 @@ _KEYS = (
 
 def read_hand_eye(
     path: Path, camera: str | None = None, carriers: Collection[str] = (), asked: str = "hand_eye"
-) -> HandEye:
+) -> StaticTransform:
     """The pose of a camera in a file of one of the formats that this module reads.
 
     camera: its frame, where the file has several; None: the only one without frames on it, or the only one of these
@@ -129,44 +117,38 @@ def read_hand_eye(
         # A recording may be large: of that, what was read.
         read = repr([(one.parent, one.child, one.X_PC.tolist()) for one in transforms]).encode()
     else:
-        read = read_input(path, MAX_BYTES)
+        read, pose_file = read_input(path, MAX_BYTES), "static_transform_publisher"
         text = decoded(path, read)
-        formats = ((title, format_(path, read, text)) for title, format_ in _FORMATS.items())
-        pose_file, transforms = next(((title, those) for title, those in formats if those is not None), ("", []))
-        if not pose_file:
+        if (found := read_launch(path, read, text)) is None:
+            found, pose_file = read_messages(path, text), "TF messages"
+        if found is None:
             return _easy_handeye(path, read)
+        transforms = found
     above, parents = {one.child: one for one in transforms}, {one.parent for one in transforms}
     frame = "" if camera is None else camera.lstrip("/")
     if camera is None:
         leaves = [child for child in above if child not in parents]
-        found = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
-        if len(found) != 1:
-            names = found or leaves
+        optical = leaves if len(leaves) == 1 else [child for child in leaves if "optical" in child]
+        if len(optical) != 1:
+            names = optical or leaves
             listed = ", ".join(f"`{name}`" for name in names[:10])
             mend = f"say which: `{asked}: {{file: {path.name}, camera: {names[0]}}}`" if names else None
             message = f"which frame is the camera's? The file has {listed}"
             raise bad_input("ambiguous-entry", message, Place(path), mend=mend)
-        frame = found[0]
+        frame = optical[0]
     if frame not in above:
         message = f"`{asked}.camera`: found `{frame}`, which has no transform in the file; "
         raise bad_input("unknown-camera", message + expected_names(frame, above), Place(path))
     X, at, last = np.eye(4), frame, above[frame]
     for _ in range(len(above) + 1):
         if at not in above or (at in carriers and at != frame):
-            return HandEye(
-                frame=at,
-                X_FC=read_only(X),
-                pose_file=pose_file,
-                camera_frame=frame,
-                place=last.place,
-                content=read,
-            )
+            return StaticTransform(at, frame, read_only(X), last.place, pose_file, read)
         last = above[at]
         X, at = last.X_PC @ X, last.parent
     raise bad_input("wrong-value", f"the frames above `{frame}` lead back to it", last.place)
 
 
-def _easy_handeye(path: Path, content: bytes) -> HandEye:
+def _easy_handeye(path: Path, content: bytes) -> StaticTransform:
     """A result of easy_handeye."""
     document = parse_yaml(path, content, keys=_KEYS)
     if not any(key in document.data for key in _KEYS):
@@ -176,22 +158,19 @@ def _easy_handeye(path: Path, content: bytes) -> HandEye:
     result: Any = validate(document, _EASY_HANDEYE if owner else _EARLY)
     parameters = result.parameters if owner else result
 
-    def lacks(owner: KeyPath, key: str) -> InputError:
-        who = f"`{dotted(owner)}`" if owner else "the file"
-        return bad_input("missing-key", f"{who} lacks the key {key}", document.key_place(owner))
-
     in_hand = parameters.eye_on_hand
     if parameters.calibration_type is not None:
         in_hand = parameters.calibration_type == "eye_in_hand"
-    if in_hand is None:
-        raise lacks(owner, "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)")
     key = "robot_effector_frame" if in_hand else "robot_base_frame"
-    frame = getattr(parameters, key)
-    if frame is None:
-        raise lacks(owner, f"`{key}`, the frame that carries the camera")
-    found = result.transform or result.transformation
-    if found is None:
-        raise lacks((), "`transform` (easy_handeye2) or `transformation` (easy_handeye)")
+    frame, found = getattr(parameters, key), result.transform or result.transformation
+    for value, holder, needed in (
+        (in_hand, owner, "`calibration_type` (easy_handeye2) or `eye_on_hand` (easy_handeye)"),
+        (frame, owner, f"`{key}`, the frame that carries the camera"),
+        (found, (), "`transform` (easy_handeye2) or `transformation` (easy_handeye)"),
+    ):
+        if value is None:
+            who = f"`{dotted(holder)}`" if holder else "the file"
+            raise bad_input("missing-key", f"{who} lacks the key {needed}", document.key_place(holder))
     at: KeyPath = ("transform", "rotation") if result.transform else ("transformation",)
     t, r = (found.translation, found.rotation) if result.transform else (found, found)
     quaternion = [getattr(r, name) for name in ("xyzw" if result.transform else _QUATERNION)]
@@ -199,18 +178,18 @@ def _easy_handeye(path: Path, content: bytes) -> HandEye:
     if R is None:
         length = sum(value * value for value in quaternion) ** 0.5
         raise document.error("not-a-rotation", at, f"the quaternion has length {length:.3g}, expected 1")
-    return HandEye(
-        frame=frame.lstrip("/"),
+    return StaticTransform(
+        parent=frame.lstrip("/"),
+        child=parameters.tracking_base_frame,
+        X_PC=read_only(pose(R, (t.x, t.y, t.z))),
         place=document.value_place((*owner, key)),
-        camera_frame=parameters.tracking_base_frame,
-        X_FC=read_only(pose(R, (t.x, t.y, t.z))),
         pose_file="easy_handeye",
         content=document.content,
         document=document,
     )
 
 
-def read_messages(path: Path, _content: bytes, text: str) -> list[StaticTransform] | None:
+def read_messages(path: Path, text: str) -> list[StaticTransform] | None:
     """Transforms of TF messages in YAML, one or several (`---`); None for a file that has none."""
     if not re.search(r"^[ \t]*child_frame_id:|^transforms:", text, re.MULTILINE):
         return None
@@ -293,47 +272,45 @@ def _of_python(path: Path, text: str) -> Iterator[StaticTransform]:
     assigned = {target.id: ast.unparse(one.value) for one in ast.walk(tree) if isinstance(one, ast.Assign)
                 for target in one.targets if isinstance(target, ast.Name)}  # fmt: skip
     defaults: dict[str, str | None] = {}
-    around: dict[ast.Call, list[ast.expr]] = {}
+    around: dict[ast.Call, list[tuple[str, bool]]] = {}  # conditions, and whether each has to hold
     for call in calls:  # the outer ones first
         given = {keyword.arg: keyword.value for keyword in call.keywords}
         name, default = next(iter(call.args), given.get("name")), given.get("default_value")
         if isinstance(name, ast.Constant) and isinstance(default, ast.Constant):
             defaults[str(name.value)] = str(default.value)
-        if "condition" in given:
+        if "condition" in given:  # `IfCondition(LaunchConfiguration(...))`, or the opposite
+            condition = ast.unparse(given["condition"])
+            for _ in range(2):  # both may be variables
+                condition = re.sub(
+                    r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), condition
+                )
+            parts = r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+"
+            asked = (condition, True)
+            if found := re.fullmatch(parts, condition):
+                asked = (f"$(var {found[2]})" if "LaunchConfiguration" in condition else found[2], found[1] == "If")
             for inner in (inner for inner in ast.walk(call) if isinstance(inner, ast.Call)):
-                around.setdefault(inner, []).append(given["condition"])
-
-    def holds(condition: ast.expr, place: Place) -> bool:
-        """Whether `IfCondition(LaunchConfiguration(...))`, or the opposite, holds with the defaults of arguments."""
-        text = ast.unparse(condition)
-        for _ in range(2):  # both may be variables
-            text = re.sub(r"(^|\()(\w+)(?=\)|$)", lambda word: word[1] + assigned.get(word[2], word[2]), text)
-        found = re.fullmatch(r"[\w.]*?(If|Unless)Condition\((?:[\w.]*LaunchConfiguration\()?'([^']*)'\)+", text)
-        if found is None:
-            return _holds(text, True, defaults, place)
-        asked = f"$(var {found[2]})" if "LaunchConfiguration" in text else found[2]
-        return _holds(asked, found[1] == "If", defaults, place)
-
-    def word(item: ast.expr) -> str:
-        negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
-        plain = item.operand if isinstance(item, ast.UnaryOp) and negative else item
-        if isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float):
-            return f"{'-' if negative else ''}{plain.value}"
-        message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
-        place = Place(path, item.lineno, item.col_offset + 1)
-        raise bad_input("wrong-value", message, place, mend="write the value itself")
-
+                around.setdefault(inner, []).append(asked)
     for call in calls:
         given = {keyword.arg: keyword.value for keyword in call.keywords}
         executable = given.get("executable", given.get("node_executable"))
         if not (isinstance(executable, ast.Constant) and executable.value == PUBLISHER):
             continue
         place, stated = Place(path, call.lineno, call.col_offset + 1), given.get("arguments")
-        if all(holds(condition, place) for condition in around.get(call, ())):
-            if not isinstance(stated, ast.List | ast.Tuple):
-                message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
-                raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
-            yield _of_words([word(item) for item in stated.elts], place)
+        if not all(_holds(*asked, defaults, place) for asked in around.get(call, ())):
+            continue
+        if not isinstance(stated, ast.List | ast.Tuple):
+            message = f"the `arguments` of `{PUBLISHER}` are no list that can be read without running the file"
+            raise bad_input("wrong-value", message, place, mend="write them as a list of texts")
+        words = []
+        for item in stated.elts:
+            is_negative = isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub)
+            plain = item.operand if isinstance(item, ast.UnaryOp) and is_negative else item
+            if not (isinstance(plain, ast.Constant) and isinstance(plain.value, str | int | float)):
+                message = f"`{ast.unparse(item)}` is not known without running the file; expected text or a number"
+                at = Place(path, item.lineno, item.col_offset + 1)
+                raise bad_input("wrong-value", message, at, mend="write the value itself")
+            words.append(f"{'-' if is_negative else ''}{plain.value}")
+        yield _of_words(words, place)
 
 
 def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
@@ -348,34 +325,26 @@ def _of_words(words: Sequence[str], place: Place) -> StaticTransform:
                 raise bad_input("missing-key", f"`{PUBLISHER}` lacks `--{name.replace('_', '-')}`", place)
         frames = [values["frame_id"], values["child_frame_id"]]
     elif len(words) > 2 and len(frames) == 2 and (count := words.index(frames[0])) in (6, 7):
-        names = (*_POSITION, "yaw", "pitch", "roll") if count == 6 else (*_POSITION, *_QUATERNION)
+        names = (*_POSITION, *_ANGLES[::-1]) if count == 6 else (*_POSITION, *_QUATERNION)
         values = dict(zip(names, words, strict=False))
     else:
         message = f"found {len(words)} arguments, expected x y z yaw pitch roll, or x y z qx qy qz qw, and two frames"
         raise bad_input("wrong-length", message, place)
 
-    def number(name: str) -> float:
+    figures = {}
+    for name in (*_POSITION, *_QUATERNION, *_ANGLES):
         text = values.get(name, "1" if name == "qw" else "0")
-        value = as_number(text)
-        if not abs(value) <= LARGEST_TRANSLATION:
+        figures[name] = as_number(text)
+        if not abs(figures[name]) <= LARGEST_TRANSLATION:
             message = f"`{name}` is `{text}`, expected a number of at most {LARGEST_TRANSLATION:g}"
             raise bad_input("wrong-value", message, place)
-        return value
-
-    R: Array | None = rpy_to_matrix([number(name) for name in ("roll", "pitch", "yaw")])
+    R: Array | None = rpy_to_matrix([figures[name] for name in _ANGLES])
     if any(name in values for name in _QUATERNION):
-        R = unit_quaternion([number(name) for name in _QUATERNION])
+        R = unit_quaternion([figures[name] for name in _QUATERNION])
     if R is None:
         raise bad_input("not-a-rotation", "the quaternion is not of length 1 (order qx, qy, qz, qw)", place)
     parent, child = (frame.lstrip("/") for frame in frames)
-    return StaticTransform(parent, child, pose(R, [number(name) for name in _POSITION]), place)
-
-
-_FORMATS: Mapping[str, Callable[[Path, bytes, str], list[StaticTransform] | None]] = {
-    "static_transform_publisher": read_launch,
-    "TF messages": read_messages,
-}
-"""How files of static transforms are read, by the names of their formats; each reader knows its own."""
+    return StaticTransform(parent, child, pose(R, [figures[name] for name in _POSITION]), place)
 
 
 def read_bag(path: Path) -> list[StaticTransform]:

@@ -11,7 +11,7 @@ import colorsys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from math import inf, radians
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -59,12 +59,7 @@ def hue_of(color: str | None) -> int | None:
 
 def look_alike(sought: str | None, other: str | None) -> bool:
     """Whether a detector that looks for one colour takes another one for it."""
-    first, second = hue_of(sought), hue_of(other)
-    return first is not None and second is not None and _are_near(first, second)
-
-
-def _are_near(first: int, second: int) -> bool:
-    return min(abs(first - second), HUES - abs(first - second)) <= HUE_TOLERANCE
+    return sought is not None and other is not None and detected_as(sought, COLORS.get(other.lower(), (0.0, 0.0, 0.0)))
 
 
 def detected_as(color: str, pixel: Sequence[float]) -> bool:
@@ -73,7 +68,8 @@ def detected_as(color: str, pixel: Sequence[float]) -> bool:
     hue, saturation, value = colorsys.rgb_to_hsv(r, g, b)
     if sought is None or saturation < LEAST_SEEN_SATURATION or value < LEAST_VALUE:
         return False
-    return _are_near(round(hue * HUES), sought)
+    apart = abs(round(hue * HUES) - sought)
+    return min(apart, HUES - apart) <= HUE_TOLERANCE
 
 
 MOST_LIGHTS = 8  # lights of a cell, of which one may come from everywhere: as many as the simulated cell can draw
@@ -127,15 +123,10 @@ class Light(FileRecord):
         return np.subtract(self.look_at or (0.0, 0.0, 0.0), self.position or (0.0, 0.0, 0.0))
 
 
-class Brightness(NamedTuple):
-    """Between which intensities of light, at gain 1, something is told from others."""
-
-    least: float
-    most: float
-
-
-ANY_BRIGHTNESS = Brightness(0.0, inf)
-MARKER = Brightness(0.2, inf)
+Brightness = tuple[float, float]
+"""Least and most intensity of light, at gain 1, in which something is told from others."""
+ANY_BRIGHTNESS: Brightness = (0.0, inf)
+MARKER: Brightness = (0.2, inf)
 """Of the white of a marker: with less, black and white differ too little for a threshold. Black stays black."""
 
 
@@ -149,4 +140,4 @@ def brightness_of(color: str | None) -> Brightness:
     brighter: Array = np.geomspace(1.0, 2 * MOST_INTENSITY, 4000)
     seen = np.minimum(np.outer(brighter, paint), 1.0).tolist()
     lost = (light for light, pixel in zip(brighter.tolist(), seen, strict=True) if not detected_as(color or "", pixel))
-    return Brightness((LEAST_VALUE - 0.5 / 255) / max(paint), next(lost, inf))
+    return (LEAST_VALUE - 0.5 / 255) / max(paint), next(lost, inf)

@@ -35,7 +35,7 @@ from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
 
 if TYPE_CHECKING:
-    from sqrp_cli.camera.hand_eye import HandEye
+    from sqrp_cli.camera.hand_eye import StaticTransform
 
 X_BODY_OPTICAL = read_only(pose(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))))
 """Pose of an optical frame (x right, y down, z forward) in the body frame (x forward, y left, z up) of REP 103."""
@@ -60,7 +60,7 @@ class CellReader(RobotReader):
                     assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
                     frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
                 else:
-                    frame, X_FC = entry.frame or link_called(found.frame, self.links), found.X_FC
+                    frame, X_FC = entry.frame or link_called(found.parent, self.links), found.X_PC
                 if frame != WORLD and frame not in self.links:
                     in_file = found if entry.frame is None else None
                     place = self.document.value_place((*path, "frame")) if in_file is None else in_file.place
@@ -88,7 +88,7 @@ class CellReader(RobotReader):
                 )
         return cameras
 
-    def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> HandEye:
+    def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> StaticTransform:
         """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
         from sqrp_cli.camera.hand_eye import read_hand_eye
         from sqrp_cli.ros.bag import METADATA
@@ -101,7 +101,7 @@ class CellReader(RobotReader):
         self.digest[dotted(key)] = source_file(file, found.content)
         if found.document is not None:
             self.warnings.extend(unusual_values(found.document, HAND_EYE))
-        if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
+        if entry.frame is None and found.parent == WORLD == link_called(WORLD, self.links):
             base, who = self.links[0] if self.links else "base_link", f"for `{dotted(path)}` say"
             message = (
                 "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
@@ -109,8 +109,8 @@ class CellReader(RobotReader):
             )
             mend = f"{who} `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
             raise bad_input("ambiguous-word", message, found.place, mend=mend)
-        if (*path, "convention") not in self.document.keys and "optical" not in found.camera_frame:
-            message = f"the pose is that of `{found.camera_frame}`, which does not sound like an optical frame"
+        if (*path, "convention") not in self.document.keys and "optical" not in found.child:
+            message = f"the pose is that of `{found.child}`, which does not sound like an optical frame"
             mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
             place = self.document.value_place(key)
             self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))

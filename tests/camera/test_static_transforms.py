@@ -92,15 +92,15 @@ def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path: Path, name: str)
     path = tmp_path / name
     path.write_text(TEXTS[name], encoding="utf-8")
     found = read_hand_eye(path, carriers=LINKS)
-    assert (found.frame, found.camera_frame) == ("wrist", "camera_optical_frame")
-    np.testing.assert_allclose(found.X_FC, X_HC, atol=1e-9)
+    assert (found.parent, found.child) == ("wrist", "camera_optical_frame")
+    np.testing.assert_allclose(found.X_PC, X_HC, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["type", "exec"])
 def test_launch_files_in_xml_are_read(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "camera_pose.launch"
     path.write_text(launch_xml(kind, IN_HAND), encoding="utf-8")
-    np.testing.assert_allclose(read_hand_eye(path).X_FC, matrix(IN_HAND), atol=1e-9)
+    np.testing.assert_allclose(read_hand_eye(path).X_PC, matrix(IN_HAND), atol=1e-9)
 
 
 def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path: Path) -> None:
@@ -110,14 +110,14 @@ def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path: Path
     for words in (older, f"{named} --pitch 0.2 --roll 0.1 --child-frame-id cam"):
         path.write_text(f"rosrun tf static_transform_publisher {words}\n", encoding="utf-8")
         found = read_hand_eye(path)
-        assert (found.frame, found.camera_frame) == ("wrist", "cam")
-        np.testing.assert_allclose(found.X_FC, expected, atol=1e-12)
+        assert (found.parent, found.child) == ("wrist", "cam")
+        np.testing.assert_allclose(found.X_PC, expected, atol=1e-12)
 
 
 def test_a_launch_file_is_not_executed(tmp_path: Path) -> None:
     path, trap = tmp_path / "camera_pose.launch.py", tmp_path / "trap"
     path.write_text(f"open({str(trap)!r}, 'w')\n" + launch_py(IN_HAND), encoding="utf-8")
-    assert read_hand_eye(path).frame == "wrist"
+    assert read_hand_eye(path).parent == "wrist"
     assert not trap.exists()
 
 
@@ -128,12 +128,12 @@ def test_recordings_are_read_as_rosbags_writes_them(tmp_path: Path, kind: str, w
     if path.is_dir():
         path = path / "metadata.yaml" if whole else next(file for file in path.iterdir() if file.suffix != ".yaml")
     found = read_hand_eye(path, carriers=LINKS)
-    assert (found.frame, found.camera_frame, found.pose_file) == (
+    assert (found.parent, found.child, found.pose_file) == (
         "wrist",
         "camera_optical_frame",
         "/tf_static of a recording",
     )
-    np.testing.assert_allclose(found.X_FC, X_HC, atol=1e-9)
+    np.testing.assert_allclose(found.X_PC, X_HC, atol=1e-9)
 
 
 def bag(folder: Path, kind: str, all_frames: Sequence[Frames]) -> Path:
@@ -228,7 +228,7 @@ def test_a_transform_whose_condition_is_false_by_default_is_not_that_of_the_real
     )
     path = tmp_path / f"camera.launch.{kind}"
     path.write_text(text, encoding="utf-8")
-    assert read_hand_eye(path, carriers=LINKS).X_FC[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
+    assert read_hand_eye(path, carriers=LINKS).X_PC[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
     path.write_text(path.read_text().replace('default="false"', "").replace('default_value="false"', ""))
     with pytest.raises(InputError, match=r"depends on .*sim.*, which is not known before a launch"):
         read_hand_eye(path, carriers=LINKS)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.camera.detector import BUILT_IN, GROUP, Detector, installed_detectors, package_of
+from sqrp_cli.camera.detector import BUILT_IN, GROUP, Detector, installed_detectors
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import SqrpError, bad_input
@@ -194,7 +194,8 @@ def plugin_errors(kind: str, what: str) -> Iterator[None]:
 def complaint(kind: str, what: str) -> str:
     """What is wrong with a kind of detector, with the package that brings it."""
     entry = installed_detectors().get(kind)
-    return f"the detector `{kind}` of the package {'' if entry is None else package_of(entry)} {what}"
+    package = "" if entry is None else entry.dist.name if entry.dist else entry.module
+    return f"the detector `{kind}` of the package {package} {what}"
 
 
 @dataclass(frozen=True)
