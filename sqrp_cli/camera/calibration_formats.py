@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AliasChoices, BaseModel, BeforeValidator, Field
+from pydantic import AliasChoices, BeforeValidator, Field
 
 from sqrp_cli.camera.camera import PixelCount, PixelSize
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, no_such
