@@ -38,18 +38,18 @@ def learned(ask: CalibrateRequest) -> CalibrateDocument:
     document = read_workspace_document(cell.workspace.whole_file.file)
     detectors, content = {}, document.content
     for name, looks in looked.items():
-        detector, reason, curve = cell.workspace.detectors[name], None, None
-        if len(looks) < LEAST_LOOKS:
-            reason = f"it looked at {len(looks)} boxes in range and in the image, expected {LEAST_LOOKS} or more"
+        detector, reason, curve, count = cell.workspace.detectors[name], None, None, len(looks.seen)
+        if count < LEAST_LOOKS:
+            reason = f"it looked at {count} boxes in range and in the image, expected {LEAST_LOOKS} or more"
         else:
             curve = fit(looks, detector)
             content = with_curve(read_workspace_document(document.path, content), name, curve)
         detectors[name] = CalibratedDetector(
-            looks=len(looks),
-            seen=int(looks.seen.sum()) / max(len(looks), 1),
+            looks=count,
+            seen=int(looks.seen.sum()) / max(count, 1),
             curve=curve,
             held_out=None if reason else judge(held_out(looks, detector), looks.seen),
-            limits=judge(looks.covered.astype(float), looks.seen) if len(looks) else None,
+            limits=judge(looks.covered.astype(float), looks.seen) if count else None,
             reason=reason,
         )
     if not any(one.curve for one in detectors.values()):

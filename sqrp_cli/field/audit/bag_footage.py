@@ -67,9 +67,14 @@ class BagFootage:
         for start, step in zip(self.starts, program.steps, strict=True):
             tau = np.append(np.arange(0.0, step.time, SPACING), step.time)
             planned = dict(zip(program.joints, planned_joints(step, tau).T, strict=True))
-            near = self._tracks.covers(arm, start + tau)
+            near, t = np.ones(len(tau), dtype=bool), start + tau
             for name in arm:
-                near &= np.abs(self._tracks.position(name, start + tau) - planned[name]) <= STRAYS
+                times, values = self._tracks[name]
+                after = (
+                    np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
+                )
+                near &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
+                near &= np.abs(np.interp(t, times, values) - planned[name]) <= STRAYS
             strayed = np.flatnonzero(~near)
             self._until.append(start + float(tau[-1] if not len(strayed) else tau[max(strayed[0] - 1, 0)]))
 
@@ -92,14 +97,14 @@ class BagFootage:
         frames = [Frame(self._topics[packed.topic], t, number) for number, packed, _, t in images]
         self.frames: Sequence[Frame] = sorted(frames, key=lambda frame: (frame.t, frame.camera))
         joints = at_most([one.name for one in bag.topics], [JOINTS], MOST_STATES, "joint states")
-        self._tracks = JointTracks((packed.topic, t, read.name, read.position) for _, packed, read, t in joints)
+        self._tracks = joint_tracks((packed.topic, t, read.name, read.position) for _, packed, read, t in joints)
         changes = at_most([AS_PLANNED], ["std_msgs/msg/Bool"], MOST_FRAMES, "changes of the plan")
         self._told = sorted((packed.t * 1e-9, bool(read.data)) for _, packed, read, _ in changes)
 
     def joints(self, t: Array) -> Mapping[str, Array]:
         """As recorded; those of a gripper that nobody recorded are as the program wants them."""
         planned = planned_at(self._program, self.starts, t)
-        return {**planned, **{name: self._tracks.position(name, t) for name in self._tracks.by_name}}
+        return {**planned, **{name: np.interp(t, *track) for name, track in self._tracks.items()}}
 
     def as_planned(self, t: Array) -> Mask:
         """Whether every joint of the arm has been near where the program wants it since the step began.
@@ -196,41 +201,28 @@ _BLOCK = 4096
 """Starts that are tried at once."""
 
 
-class JointTracks:
-    """Where joints were, as recorded: positions over times of the robot's clock, by topic and name."""
+JointTracks: TypeAlias = Mapping[str, tuple[Array, Array]]
+"""Where joints were, as recorded: by name, times of the robot's clock [s] and positions, (n,); linear in between."""
 
-    def __init__(self, states: Iterable[tuple[str, float, Sequence[str], Sequence[float]]]) -> None:
-        """states: topic, time [s], names and positions; what is missing or not finite is left out.
 
-        Of a joint on several topics that with the most states counts.
-        """
-        points: dict[tuple[str, str], tuple[array[float], array[float]]] = {}
-        for topic, t, names, positions in states:
-            for name, position in zip(names, positions, strict=False):
-                if np.isfinite(position):
-                    times, values = points.setdefault((topic, name), (array("d"), array("d")))
-                    times.append(t)
-                    values.append(float(position))
-        self.by_name: dict[str, tuple[Array, Array]] = {}
-        """Times [s] and positions of each joint, (n,)."""
-        for (_, name), (times, values) in points.items():
-            if len(times) > len(self.by_name.get(name, ((), ()))[0]):
-                order, first = np.unique(np.array(times), return_index=True)
-                self.by_name[name] = (order, np.array(values)[first])
+def joint_tracks(states: Iterable[tuple[str, float, Sequence[str], Sequence[float]]]) -> JointTracks:
+    """Where joints were; states: topic, time [s], names and positions; what is missing or not finite is left out.
 
-    def position(self, name: str, t: Array) -> Array:
-        """Of a joint at times t (m,) [s]; between two states linear."""
-        times, values = self.by_name[name]
-        return np.interp(t, times, values)
-
-    def covers(self, names: Collection[str], t: Array) -> Mask:
-        """Whether all of some joints are known at times t (m,) [s]."""
-        known = np.ones(len(t), dtype=bool)
-        for name in names:
-            times, _ = self.by_name[name]
-            after = np.clip(np.searchsorted(times, t), 1, len(times) - 1) if len(times) > 1 else np.zeros(len(t), int)
-            known &= (t >= times[0] - GAP) & (t <= times[-1] + GAP) & (times[after] - times[after - 1] <= GAP)
-        return known
+    Of a joint on several topics that with the most states counts.
+    """
+    points: dict[tuple[str, str], tuple[array[float], array[float]]] = {}
+    for topic, t, names, positions in states:
+        for name, position in zip(names, positions, strict=False):
+            if np.isfinite(position):
+                times, values = points.setdefault((topic, name), (array("d"), array("d")))
+                times.append(t)
+                values.append(float(position))
+    found: dict[str, tuple[Array, Array]] = {}
+    for (_, name), (times, values) in points.items():
+        if len(times) > len(found.get(name, ((), ()))[0]):
+            order, first = np.unique(np.array(times), return_index=True)
+            found[name] = (order, np.array(values)[first])
+    return found
 
 
 def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path: Path) -> tuple[list[float], int]:
@@ -239,13 +231,13 @@ def found_steps(program: Program, arm: Sequence[str], tracks: JointTracks, path:
     Returns when each step began, by the robot's clock [s], and how many times all of its steps are there, one after the
     other; of several runs the first one counts. Raises InputError where a joint was not recorded, or a step is missing.
     """
-    missing = [name for name in arm if name not in tracks.by_name]
+    missing = [name for name in arm if name not in tracks]
     if missing:
-        there = first_names(sorted(tracks.by_name)) or "none"
+        there = first_names(sorted(tracks)) or "none"
         message = f"the joint states of this recording lack {', '.join(missing)}; they have {there}"
         raise bad_input("no-joints", message, Place(path))
     columns = [program.joints.index(name) for name in arm]
-    times = [tracks.by_name[name][0] for name in arm]
+    times = [tracks[name][0] for name in arm]
     left = known = TimeInterval(max(float(t[0]) for t in times), min(float(t[-1]) for t in times))
     if known.length > LONGEST:
         hours = known.length / 3600
@@ -288,7 +280,7 @@ def _best_start(
     costs, shares = np.empty(len(starts)), np.empty(len(starts))
     for first in range(0, len(starts), _BLOCK):
         t = starts[first : first + _BLOCK, None] + tau
-        errors = np.max([np.abs(tracks.position(n, t) - planned[:, i]) for i, n in enumerate(arm)], axis=0)
+        errors = np.max([np.abs(np.interp(t, *tracks[n]) - planned[:, i]) for i, n in enumerate(arm)], axis=0)
         errors = np.where((t < span.start - SPACING) | (t > span.end + SPACING), np.inf, errors)
         costs[first : first + _BLOCK] = np.minimum(errors, NEAR).mean(axis=1)
         shares[first : first + _BLOCK] = np.logical_and.accumulate(errors < NEAR, axis=1).mean(axis=1)
@@ -303,7 +295,7 @@ def _best_start(
     tau = np.arange(0.0, step.time, h)
     planned = planned_joints(step, tau)[:, columns]
     for _ in range(10):
-        before, after = (np.column_stack([tracks.position(n, start + tau + d) for n in arm]) for d in (-h, h))
+        before, after = (np.column_stack([np.interp(start + tau + d, *tracks[n]) for n in arm]) for d in (-h, h))
         slope, error = (after - before) / (2 * h), (after + before) / 2 - planned
         kept = np.abs(error).max(axis=1) < NEAR
         weight = float((slope[kept] ** 2).sum())

@@ -9,7 +9,7 @@ motions to and fro.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.field.audit.expected_edges import ExpectedEdges
-from sqrp_cli.geometry import Array, Mask, displacement
+from sqrp_cli.geometry import Array, Indices, Mask, displacement
 from sqrp_cli.records import dataclass
 
 TURN = 0.016
@@ -49,39 +49,6 @@ BLUR = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class SeenEdges:
-    """What an image shows along the normals of n points of expected edges.
-
-    pixels: where the points are expected, (n, 2). normals: in the image, (n, 2). contrast: size of the slope of
-    brightness along each normal, (n, samples) [of 255, per pixel].
-    """
-
-    edges: ExpectedEdges
-    pixels: Array
-    normals: Array
-    contrast: Array
-
-    @classmethod
-    def of(cls, edges: ExpectedEdges, projection: Projection, image: NDArray[np.uint8]) -> SeenEdges:
-        """Of the points that are in an image in grey, (height, width)."""
-        (pixels, inside), (beside, _) = projection.pixels(edges.points), projection.pixels(edges.beside)
-        normals = beside - pixels
-        lengths = np.linalg.norm(normals, axis=1)
-        camera = projection.camera
-        reach = float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH))
-        size = np.array([camera.width, camera.height])
-        kept = inside & (lengths > 0.2) & ((pixels > 3) & (pixels < size - 4)).all(axis=1)
-        pixels, normals = pixels[kept], normals[kept] / lengths[kept, None]
-        steps = np.arange(-reach, reach + GRAIN / 2, GRAIN)
-        gray = cv2.GaussianBlur(image, (0, 0), BLUR).astype(np.float32)
-        x, y = ((pixels[:, None, axis] + steps * normals[:, None, axis]).astype(np.float32) for axis in (0, 1))
-        values = cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) if len(x) else x
-        contrast = np.abs(np.gradient(values, GRAIN, axis=1)) if len(x) else x
-        outside = (x < 1) | (x > size[0] - 2) | (y < 1) | (y > size[1] - 2)
-        return cls(edges.of(kept), pixels, normals, np.where(outside, 0.0, contrast))
-
-
-@dataclass(frozen=True, eq=False)
 class CameraFit:
     """The pose error of a camera and the offset of its clock, as its images show them.
 
@@ -101,24 +68,75 @@ class CameraFit:
     pixels: float
 
 
-class _Points:
-    """The points of several images as one."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SeenEdges:
+    """What images of a camera show along the normals of n points of expected edges, those of all images together.
 
-    def __init__(self, seen: Sequence[SeenEdges], projection: Projection) -> None:
-        self.projection = projection
-        of_edges = ("points", "speeds", "body", "owner", "levers", "freedom")
-        self.points, self.speeds, self.body, owner, self.levers, freedom = (
-            np.concatenate([getattr(one.edges, name) for one in seen]) for name in of_edges
+    points, speeds, levers, body: as in `ExpectedEdges`. pixels: where the points are expected, (n, 2). normals: in the
+    image, (n, 2). contrast: size of the slope of brightness along each normal, (n, samples) [of 255, per pixel].
+    R_CW: the world's axes in the optical frame, (n, 3, 3). alike: as how many points that are wrong alike each counts,
+    (n,). owned: by which object each point is, (n, objects). deviations: standard deviations of the numbers of a change
+    (see `away`) before anything is seen. reach: how far the samples go along the normals [pixels].
+    """
+
+    projection: Projection
+    points: Array
+    speeds: Array
+    levers: Array
+    body: Indices
+    pixels: Array
+    normals: Array
+    contrast: Array
+    R_CW: Array
+    alike: Array
+    owned: Mask
+    deviations: Array
+    reach: float
+
+    @classmethod
+    def of(cls, images: Iterable[tuple[ExpectedEdges, NDArray[np.uint8]]], projection: Projection) -> SeenEdges | None:
+        """What images in grey, (height, width), show of the points that are in them; None where none is."""
+        camera = projection.camera
+        reach, size = float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH)), [camera.width, camera.height]
+        steps = np.arange(-reach, reach + GRAIN / 2, GRAIN)
+        names = ("points", "speeds", "levers", "body", "owner", "freedom")
+        found: list[tuple[Array, ...]] = []
+        for edges, image in images:
+            (pixels, inside), (beside, _) = projection.pixels(edges.points), projection.pixels(edges.beside)
+            normals = beside - pixels
+            lengths = np.linalg.norm(normals, axis=1)
+            kept = inside & (lengths > 0.2) & ((pixels > 3) & (pixels < np.array(size) - 4)).all(axis=1)
+            if not kept.any():
+                continue
+            pixels, normals = pixels[kept], normals[kept] / lengths[kept, None]
+            gray = cv2.GaussianBlur(image, (0, 0), BLUR).astype(np.float32)
+            x, y = ((pixels[:, None, axis] + steps * normals[:, None, axis]).astype(np.float32) for axis in (0, 1))
+            values = cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            outside = (x < 1) | (x > size[0] - 2) | (y < 1) | (y > size[1] - 2)
+            contrast = np.where(outside, 0.0, np.abs(np.gradient(values, GRAIN, axis=1)))
+            R_CW = np.tile(edges.R_CW, (len(pixels), 1, 1))
+            found.append((*(getattr(edges, name)[kept] for name in names), pixels, normals, contrast, R_CW))
+        if not found:
+            return None
+        points, speeds, levers, body, owner, freedom, pixels, normals, contrast, R_CW = map(
+            np.concatenate, zip(*found, strict=True)
         )
-        self.pixels, self.normals, self.contrast = (
-            np.concatenate([getattr(one, name) for one in seen]) for name in ("pixels", "normals", "contrast")
-        )
-        self.R_CW = np.concatenate([np.tile(one.edges.R_CW, (len(one.pixels), 1, 1)) for one in seen])
-        self.alike = np.where(owner >= 0, ALIKE * len(seen), ALIKE)
         objects, first = np.unique(owner[owner >= 0], return_index=True)
-        self.owned = owner[:, None] == objects
-        self.deviations = np.array([*PRIOR, FRINGE, *freedom[owner >= 0][first].ravel()])
-        self.reach = (self.contrast.shape[1] - 1) * GRAIN / 2
+        return cls(
+            projection=projection,
+            points=points,
+            speeds=speeds,
+            levers=levers,
+            body=body,
+            pixels=pixels,
+            normals=normals,
+            contrast=contrast,
+            R_CW=R_CW,
+            alike=np.where(owner >= 0, ALIKE * len(found), ALIKE),
+            owned=owner[:, None] == objects,
+            deviations=np.array([*PRIOR, FRINGE, *freedom[owner >= 0][first].ravel()]),
+            reach=(contrast.shape[1] - 1) * GRAIN / 2,
+        )
 
     def away(self, change: Array) -> Array:
         """How far along their normals points are from where they were expected, after a change [pixels], (n,).
@@ -176,12 +194,8 @@ class _Points:
         return (at + peak) * GRAIN - self.reach, found
 
 
-def fitted(seen: Sequence[SeenEdges], projection: Projection, start: Array) -> CameraFit | None:
+def fitted(points: SeenEdges, start: Array) -> CameraFit | None:
     """The change of a camera that fits its images best, from a first guess (7,); None where too little is seen."""
-    seen = [one for one in seen if len(one.pixels)]
-    if not seen:
-        return None
-    points = _Points(seen, projection)
     prior = np.diag(points.deviations**-2.0)
     change = np.append(start, np.zeros(len(prior) - len(start)))
     for width in WIDTHS:
@@ -227,15 +241,11 @@ def _weights(r: Array) -> tuple[Array, float]:
     return np.maximum(1.0 - (r / (TUKEY * sigma)) ** 2, 0.0) ** 2, sigma
 
 
-def first_guess(seen: Sequence[SeenEdges], projection: Projection, offsets: Sequence[float]) -> Array:
+def first_guess(points: SeenEdges, offsets: Sequence[float]) -> Array:
     """The turn of a camera and the offset of its clock for which most points meet edges, on a coarse grid, (7,).
 
     offsets: of the clock that are tried [s].
     """
-    seen = [one for one in seen if len(one.pixels)]
-    if not seen:
-        return np.zeros(7)
-    points = _Points(seen, projection)
     rows = np.random.default_rng(0).permutation(len(points.pixels))[:2500]
     strength = np.minimum(points.contrast[rows] / 10.0, 1.0)
     strength = cv2.GaussianBlur(strength.astype(np.float32), (0, 0), sigmaX=2.0, sigmaY=1e-6)
@@ -243,7 +253,7 @@ def first_guess(seen: Sequence[SeenEdges], projection: Projection, offsets: Sequ
     reach = points.reach - 2.0
     sides = np.arange(-reach, reach + 1e-9, 2.0)
     best, guess = -1.0, np.zeros(7)
-    fx, fy = projection.camera.matrix[0, 0], projection.camera.matrix[1, 1]
+    fx, fy = np.diag(points.projection.camera.matrix)[:2]
     normals = points.normals[rows]
     for offset in offsets:
         still = by_offset * offset

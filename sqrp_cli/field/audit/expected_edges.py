@@ -6,20 +6,22 @@ in it, smoothed, gives points of its edge to a fraction of a pixel, with their p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import Workspace
+from sqrp_cli.field.audit.bag_footage import Footage
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Indices, Mask, inverse, matrix_to_quaternion, transform
+from sqrp_cli.geometry import Array, Indices, inverse, matrix_to_quaternion, transform
+from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
+from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.robot_body import RobotBody
 
 SMOOTHED = 1.5
@@ -59,18 +61,14 @@ class ExpectedEdges:
     freedom: Array
     R_CW: Array
 
-    def of(self, kept: Mask) -> ExpectedEdges:
-        """Some of the points, (n,)."""
-        columns = ("points", "speeds", "beside", "body", "owner", "levers", "freedom")
-        return replace(self, **{name: getattr(self, name)[kept] for name in columns})
-
 
 class EdgeRenderer:
-    """Gives the edges that cameras should show of a cell."""
+    """Gives the edges that cameras should show while a program runs."""
 
-    def __init__(self, workspace: Workspace, body: RobotBody, world: World) -> None:
-        """world: with the objects that are in the cell. Raises InputError where OpenGL cannot draw."""
-        self._body, self._cameras, objects = body, workspace.cameras, placed_objects(world)
+    def __init__(self, program: Program, workspace: Workspace, footage: Footage) -> None:
+        """footage: where the robot was. Raises InputError where OpenGL cannot draw."""
+        self.body, self._footage, self._program = RobotBody.load(workspace.robot), footage, program
+        self._cameras, objects = workspace.cameras, placed_objects(program.steps[0].before)
         self._model = model = build_model(workspace, objects)
         self._renderer = Renderer(model, list(workspace.cameras.values()), 0)
         self.close = self._renderer.close
@@ -78,21 +76,26 @@ class EdgeRenderer:
         self._objects = np.array([name in objects for name in self._names])
         self._movable = [index for index in range(1, model.nbody) if self._objects[index] and model.body(index).jntnum]
         self._rng = np.random.default_rng(0)
+        self._nominal = [NominalStep(step, program.joints, self.body) for step in program.steps]
+        ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
+        self.spans = list(zip(footage.starts, ends, strict=True))
+        """When each step begins and ends, by the robot's clock [s]."""
 
-    def edges(
-        self,
-        camera: str,
-        X_FC: Array,
-        joints: Sequence[Mapping[str, float]],
-        X_WO: Mapping[str, Array],
-        held: str | None,
-    ) -> ExpectedEdges:
-        """The edges in an image of a camera whose pose in its frame is X_FC (4, 4).
+    def edges(self, camera: str, X_FC: Array, t: float) -> ExpectedEdges | None:
+        """The edges in an image of a camera whose pose in its frame is X_FC (4, 4), at time t of the robot's clock [s].
 
-        joints: where they are [rad or m], and where `STEP` later. X_WO: poses of objects, (4, 4) each. held: the object
-        that moves with the tool; how it is held is not known well enough to measure by it.
+        None for a time at which it does not do as planned. An object that moves with the tool has none: how it is held
+        is not known well enough to measure by it.
         """
-        X_WL, X_WL_later = (self._body.link_poses(q) for q in joints)
+        index = next((i for i, (start, end) in enumerate(self.spans) if start <= t <= end), None)
+        if index is None or not self._footage.as_planned(np.array([t]))[0]:
+            return None
+        tau = t - self.spans[index][0]
+        known = self._footage.joints(np.array([t, t + STEP]))
+        joints = [{name: float(q[i]) for name, q in known.items()} for i in (0, 1)]
+        X_WO = self._nominal[index].object_poses(tau)
+        held = next((p.held for p in self._program.steps[index].primitives if tau <= p.end), None)
+        X_WL, X_WL_later = (self.body.link_poses(q) for q in joints)
         self._renderer.move(self._positions(joints[0], X_WO))
         # Points on the outlines of the robot's links and of each object but a held one.
         solids = self._renderer.solids(camera, X_FC)
@@ -131,11 +134,11 @@ class EdgeRenderer:
 
     def _positions(self, joints: Mapping[str, float], X_WO: Mapping[str, Array]) -> Array:
         """MuJoCo's qpos."""
-        tree, model = self._body.tree, self._model
+        tree, model = self.body.tree, self._model
         known = [index for index, joint in enumerate(tree.joints) if joint.name in joints]
         q = np.array([joints[tree.joints[index].name] for index in known])
         found = np.array(model.qpos0, dtype=float)
-        for joint, position in zip(tree.joints, tree.driven_by(known, self._body.rest).positions(q), strict=True):
+        for joint, position in zip(tree.joints, tree.driven_by(known, self.body.rest).positions(q), strict=True):
             found[model.joint(joint.name).qposadr[0]] = position
         for name, X in X_WO.items():
             if name in self._names and model.body(name).jntnum[0]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -45,19 +46,27 @@ def audit(
     """
     robot = RobotBody.load(workspace.robot)
     offsets = {name: one.clock.offset or 0.0 for name, one in cameras.items() if one.clock.wrong}
-    steps = []
+    checks, until, lost, compared, repeated = list[PredictionCheck](), list[float | None](), list[MaybeLost](), 0, 0
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
             nominal = NominalStep(step, program.joints, robot)
-            audited = _StepAudit(index, nominal, list(workspace.cameras))
-            steps.append(audited)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
             frames = frames_of(footage, index, step, offsets)
-            believed = believed_in(step, footage.starts[index], nominal, footage)
+            found = []
+            believed = partial(believed_in, step, footage.starts[index], nominal, footage)
             for frame, detection in detected(pool, footage, frames, believed):
                 image_done()
-                audited.add(detection, frames[frame])
-    compared = sum(step.compared for step in steps)
+                found.append((frames[frame], detection))
+            check, false_at = _compared(index, nominal, list(workspace.cameras), found)
+            checks.append(check)
+            until.append(max((t for t, _ in found), default=None))
+            compared += len(found)
+            repeated += sum(detection.frozen for _, detection in found)
+            lost += [
+                MaybeLost(step=index + 1, t=min(times), atom=atom, images=len(times))
+                for atom, times in false_at.items()
+                if len(times) >= LEAST_LOST
+            ]
     begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
     apart = {}
     for camera in sorted(footage.recorded):
@@ -71,54 +80,42 @@ def audit(
         times=[step.time for step in program.steps],
         images=compared,
         skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
-        repeated=sum(step.repeated for step in steps),
-        until=[step.until for step in steps],
+        repeated=repeated,
+        until=until,
         runs=footage.runs,
         damaged=len(footage.damaged),
         damage=next(iter(footage.damaged.values()), None),
         apart=apart,
         missing=[name for name in workspace.cameras if name not in footage.recorded],
         other_topics=list(footage.other_topics),
-        lost=[
-            MaybeLost(step=number, t=min(times), atom=atom, images=len(times))
-            for number, step in enumerate(steps, 1)
-            for atom, times in step.false_at.items()
-            if len(times) >= LEAST_LOST
-        ],
+        lost=lost,
         threshold=threshold,
         cameras=cameras,
-        prediction=[step.check.counts for step in steps],
-        usual=[step.check.usual for step in steps],
-        disagreements=[found for step in steps for found in step.check.disagreements],
+        prediction=[check.counts for check in checks],
+        usual=[check.usual for check in checks],
+        disagreements=[found for check in checks for found in check.disagreements],
     )
 
 
-class _StepAudit:
-    """What the images of one step say, one after the other."""
+def _compared(
+    index: int, nominal: NominalStep, cameras: Collection[str], found: Sequence[tuple[float, Detection]]
+) -> tuple[PredictionCheck, dict[str, list[float]]]:
+    """What images say of the predictions of a step, each with its time in the step [s].
 
-    def __init__(self, index: int, nominal: NominalStep, cameras: Collection[str]) -> None:
-        """index: of the step. cameras: names of all."""
-        self.check = PredictionCheck(index, nominal, cameras)
-        self.compared = self.repeated = 0
-        self.until: float | None = None
-        self._nominal, self._monitor = nominal, Attempt(nominal, 1.0)
-        self.false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
-        """By atom, the times of the images that say that it is not as planned, since the last that says it is."""
-
-    def add(self, detection: Detection, t: float) -> None:
-        """Compare an image taken at time t [s] of the step."""
-        self.compared += 1
-        self.repeated += detection.frozen
-        self.until = t if self.until is None else max(self.until, t)
-        truths = {atom: self._nominal.holds(atom, t) for atom in self.false_at}
-        asked = self._monitor.monitored(t)
-        self.check.add(detection, t, asked, truths)
+    And by atom, the times of the images that say that it is not as planned, since the last that says it is.
+    """
+    check, monitor = PredictionCheck(index, nominal, cameras), Attempt(nominal, 1.0)
+    false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
+    for t, detection in found:
+        truths, asked = {atom: nominal.holds(atom, t) for atom in false_at}, monitor.monitored(t)
+        check.add(detection, t, asked, truths)
         for atom in (atom for atom in asked if truths[atom]):
             seen = detection.truth(atom)
             if seen == Truth.FALSE:
-                self.false_at[atom].append(t)
+                false_at[atom].append(t)
             elif seen == Truth.TRUE:
-                self.false_at[atom].clear()
+                false_at[atom].clear()
+    return check, false_at
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:
@@ -132,19 +129,15 @@ def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, fl
     return {frames[i]: float(np.clip(tau[i], 0.0, step.time)) for i in np.flatnonzero(inside)}
 
 
-def believed_in(step: Step, start: float, nominal: NominalStep, footage: Footage) -> Callable[[float], BelievedState]:
-    """What says where the robot was, what it was commanded to hold, and where objects are, at times of a step [s].
+def believed_in(step: Step, start: float, nominal: NominalStep, footage: Footage, t: float) -> BelievedState:
+    """Where the robot was, what it was commanded to hold, and where objects were, at a time of a step [s].
 
     start: of the step, by the robot's clock [s].
     """
-
-    def at(t: float) -> BelievedState:
-        primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
-        joints = {name: float(q[0]) for name, q in footage.joints(np.array([start + t])).items()}
-        holding = primitive.held is not None or primitive.action == "Grasp"
-        return BelievedState(joints, holding, nominal.object_poses(t))
-
-    return at
+    primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
+    joints = {name: float(q[0]) for name, q in footage.joints(np.array([start + t])).items()}
+    holding = primitive.held is not None or primitive.action == "Grasp"
+    return BelievedState(joints, holding, nominal.object_poses(t))
 
 
 def detected(

@@ -19,14 +19,13 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.field.audit.bag_footage import Footage
 from sqrp_cli.field.audit.camera_fit import CameraFit, SeenEdges, first_guess, fitted
-from sqrp_cli.field.audit.expected_edges import STEP, EdgeRenderer
+from sqrp_cli.field.audit.expected_edges import EdgeRenderer
 from sqrp_cli.field.audit.footage import FARTHEST, Frame
 from sqrp_cli.field.audit.report import AuditedCamera, AuditedClock, AuditedPose
 from sqrp_cli.files.frames import WORLD
-from sqrp_cli.geometry import Array, Mask, displacement, inverse, transform
+from sqrp_cli.geometry import Array, displacement, inverse, transform
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.robot_body import RobotBody
 
 IMAGES = 24
@@ -59,16 +58,6 @@ class FilmedImages:
     """Of all images [s]."""
     changes: list[float] = field(default_factory=list)
     """Between each image and the next one: mean over the pixels, small changes only [of 255]."""
-    _last: NDArray[np.uint8] | None = None
-
-    def add(self, t: float, gray: NDArray[np.uint8]) -> None:
-        """The next image, (height, width)."""
-        height = max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))
-        small = cv2.GaussianBlur(cv2.resize(gray, (_WIDTH, height), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
-        if self._last is not None:
-            self.changes.append(float(np.minimum(cv2.absdiff(small, self._last), _MOST_CHANGE).mean()))
-        self.times.append(t)
-        self._last = small
 
 
 def survey(
@@ -86,11 +75,12 @@ def survey(
         filmed = _read(workspace, footage, of_camera, lambda: advance(1))
     found = {}
     with (
-        closing(_Surveyor(program, workspace, footage)) as surveyor,
+        closing(EdgeRenderer(program, workspace, footage)) as renderer,
         progress("Surveying the cameras", len(filmed)) as advance,
     ):
         for name, images in filmed.items():
-            camera, fit = workspace.cameras[name], surveyor.fit(workspace.cameras[name], images)
+            camera = workspace.cameras[name]
+            fit = _fit(camera, images, renderer, footage)
             advance(1)
             if fit is None:
                 clock = AuditedClock(offset=None, error=None, wrong=False)
@@ -132,84 +122,63 @@ def _read(
             chosen = np.unique(np.linspace(0, len(near) - 1, min(len(near), most)).round().astype(int))
             wanted |= {frames[near[i]] for i in chosen}
     found = {name: FilmedImages() for name, frames in of_camera.items() if frames}
+    last: dict[str, NDArray[np.uint8]] = {}
     for frame, image in footage.images(footage.frames):
         done()
         gray = cv2.cvtColor(image.image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
-        found[frame.camera].add(frame.t, gray)
+        filmed, height = found[frame.camera], max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))
+        small = cv2.GaussianBlur(cv2.resize(gray, (_WIDTH, height), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
+        if frame.camera in last:
+            change = np.minimum(cv2.absdiff(small, last[frame.camera]), _MOST_CHANGE)
+            filmed.changes.append(float(change.mean()))
+        filmed.times.append(frame.t)
+        last[frame.camera] = small.astype(np.uint8, copy=False)
         if frame in wanted:
-            found[frame.camera].kept.append((frame, gray))
+            filmed.kept.append((frame, gray))
     return found
 
 
-class _Surveyor:
-    """Fits cameras to their images."""
+def _fit(camera: Camera, filmed: FilmedImages, renderer: EdgeRenderer, footage: Footage) -> CameraFit | None:
+    """The pose error of a camera and the offset of its clock."""
+    projection, kept = Projection(camera), filmed.kept
 
-    def __init__(self, program: Program, workspace: Workspace, footage: Footage) -> None:
-        self._program, self._footage, self._body = program, footage, (body := RobotBody.load(workspace.robot))
-        self._nominal = [NominalStep(step, program.joints, body) for step in program.steps]
-        self._renderer = EdgeRenderer(workspace, body, program.steps[0].before)
-        self.close = self._renderer.close
-        ends = [start + step.time for start, step in zip(footage.starts, program.steps, strict=True)]
-        self._spans = list(zip(footage.starts, ends, strict=True))
+    def seen_in(some: Sequence[tuple[Frame, NDArray[np.uint8]]], offset: float, X_FC: Array) -> SeenEdges | None:
+        """What images show if the clock is ahead by an offset [s] and the camera is at a pose."""
+        edges = ((renderer.edges(camera.name, X_FC, frame.t - offset), gray) for frame, gray in some)
+        return SeenEdges.of(((expected, gray) for expected, gray in edges if expected is not None), projection)
 
-    def fit(self, camera: Camera, filmed: FilmedImages) -> CameraFit | None:
-        """The pose error of a camera and the offset of its clock."""
-        projection, kept = Projection(camera), filmed.kept
-        # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
-        if not kept:
+    # What a few images say, those in which most moves, with the best of the offsets that the others tell of.
+    if not kept:
+        return None
+    spans = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in renderer.spans]
+    t, guesses = np.unique(np.concatenate(spans).round(3)), []
+    middles = (np.array(filmed.times[1:]) + np.array(filmed.times[:-1])) / 2
+    times = [frame.t for frame, _ in kept]
+    around = np.interp(times, middles, filmed.changes) if len(middles) else np.zeros(len(times))
+    tried = [kept[i] for i in sorted(np.argsort(-around, kind="stable")[:TRIED].tolist())]
+    way = motion_in_image(camera, renderer.body, footage, t)
+    for at in dict.fromkeys([*rough_offsets(filmed, t, way), 0.0]):
+        few = seen_in(tried, at, camera.X_FC)
+        guess = None if few is None else fitted(few, first_guess(few, AROUND))
+        if guess is not None:
+            guesses.append((at, guess))
+    if not guesses:
+        return None
+    offset, fit = min(guesses, key=lambda one: one[1].moving_cost)
+    change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
+    for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
+        offset, X_CC = offset + change[6], displacement(change[3:6], change[:3])
+        seen = seen_in(kept, offset, camera.X_FC @ X_CC)
+        better = None if seen is None else fitted(seen, np.zeros(7))
+        if seen is None or better is None or better.cost > MEETS:
             return None
-        spans = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in self._spans]
-        t, guesses = np.unique(np.concatenate(spans).round(3)), []
-        middles = (np.array(filmed.times[1:]) + np.array(filmed.times[:-1])) / 2
-        times = [frame.t for frame, _ in kept]
-        around = np.interp(times, middles, filmed.changes) if len(middles) else np.zeros(len(times))
-        tried = [kept[i] for i in sorted(np.argsort(-around, kind="stable")[:TRIED].tolist())]
-        for at in dict.fromkeys(
-            [*rough_offsets(filmed, t, motion_in_image(camera, self._body, self._footage, t)), 0.0]
-        ):
-            few = self._seen(camera, projection, tried, at, camera.X_FC)
-            guess = fitted(few, projection, first_guess(few, projection, AROUND))
-            if guess is not None:
-                guesses.append((at, guess))
-        if not guesses:
-            return None
-        offset, fit = min(guesses, key=lambda one: one[1].moving_cost)
-        change, X_CC, points = fit.change, np.eye(4), np.zeros((0, 3))
-        for _ in range(2):  # with the edges of where camera and robot really are, as far as that is known by then
-            offset, X_CC = offset + change[6], displacement(change[3:6], change[:3])
-            seen = self._seen(camera, projection, kept, offset, camera.X_FC @ X_CC)
-            better = fitted(seen, projection, np.zeros(7))
-            if better is None or better.cost > MEETS:
-                return None
-            fit, points = better, np.concatenate([one.edges.points for one in seen])
-            X_CC = X_CC @ displacement(fit.change[3:6], fit.change[:3])
-            turn, _ = cv2.Rodrigues(X_CC[:3, :3])
-            change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
-        away = projection.pixels(points)[0] - projection.pixels(transform(X_CC, points))[0]
-        pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
-        return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
-
-    def _seen(
-        self,
-        camera: Camera,
-        projection: Projection,
-        kept: Sequence[tuple[Frame, NDArray[np.uint8]]],
-        offset: float,
-        X_FC: Array,
-    ) -> list[SeenEdges]:
-        found = []
-        for frame, gray in kept:
-            t = frame.t - offset  # by the robot's clock
-            index = next((i for i, (start, end) in enumerate(self._spans) if start <= t <= end), None)
-            if index is None or not self._footage.as_planned(np.array([t]))[0]:
-                continue
-            step, tau = self._program.steps[index], t - self._spans[index][0]
-            joints = self._footage.joints(np.array([t, t + STEP]))
-            moments = [{name: float(q[i]) for name, q in joints.items()} for i in (0, 1)]
-            held = next((p.held for p in step.primitives if tau <= p.end), None)
-            edges = self._renderer.edges(camera.name, X_FC, moments, self._nominal[index].object_poses(tau), held)
-            found.append(SeenEdges.of(edges, projection, gray))
-        return found
+        fit, points = better, seen.points
+        X_CC = X_CC @ displacement(fit.change[3:6], fit.change[:3])
+        turn, _ = cv2.Rodrigues(X_CC[:3, :3])
+        change = np.concatenate([turn.ravel(), X_CC[:3, 3], fit.change[6:]])
+    away = projection.pixels(points)[0] - projection.pixels(transform(X_CC, points))[0]
+    pixels = float(np.sqrt(np.mean((away**2).sum(axis=1))))
+    return replace(fit, change=np.append(change[:6], offset + change[6]), pixels=pixels)
 
 
 SPACING = 0.01
@@ -231,21 +200,18 @@ def rough_offsets(seen: FilmedImages, known: Array, way: Array) -> list[float]:
     known: times of the robot's clock [s], (m,), at which it is known how far everything has moved: way, (m,), as
     `motion_in_image` gives it. What counts is the correlation of what changes with what moves.
     """
-
-    def knows(t: Array) -> Mask:
-        after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
-        is_known: Mask = (t >= known[0]) & (t <= known[-1]) & (known[after] - known[after - 1] < 2 * SPACING)
-        return is_known
-
     t, changes = np.array(seen.times), np.array(seen.changes)
     gaps = np.diff(t)
     usable = (gaps > 1e-6) & (gaps < 3.0 * np.median(gaps)) if len(gaps) else np.zeros(0, dtype=bool)
     offsets = np.arange(-FARTHEST, FARTHEST + SPACING / 2, SPACING)
     scores = np.zeros(len(offsets))
     for index, offset in enumerate(offsets):
-        inside = usable & knows(t[:-1] - offset) & knows(t[1:] - offset)
+        at = t - offset
+        after = np.clip(np.searchsorted(known, at), 1, len(known) - 1)
+        is_known = (at >= known[0]) & (at <= known[-1]) & (known[after] - known[after - 1] < 2 * SPACING)
+        inside = usable & is_known[:-1] & is_known[1:]
         if inside.sum() >= 8:
-            moved = np.maximum(np.diff(np.interp(t - offset, known, way)), 0.0)
+            moved = np.maximum(np.diff(np.interp(at, known, way)), 0.0)
             a, b = np.sqrt(changes[inside]), np.sqrt(moved[inside])
             a, b = a - a.mean(), b - b.mean()
             size = float(np.sqrt((a @ a) * (b @ b)))

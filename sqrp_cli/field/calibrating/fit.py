@@ -5,7 +5,7 @@ The document of `calibrate` has both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any, Literal
 
@@ -46,18 +46,9 @@ class DetectorLooks:
     pose: Indices
     """Looks with the same number have much the same pose, and are learned from or judged together, shape (n,)."""
 
-    def __len__(self) -> int:
-        return len(self.seen)
-
     def some(self, which: Mask) -> DetectorLooks:
         """Some of the looks."""
         return DetectorLooks(**{part.name: getattr(self, part.name)[..., which] for part in fields(self)})
-
-    @classmethod
-    def joined(cls, parts: Sequence[DetectorLooks]) -> DetectorLooks:
-        """The looks at several boxes; their poses have the same numbers."""
-        names = [part.name for part in fields(cls)]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
 
 @dataclass(frozen=True)
@@ -101,7 +92,7 @@ def judge(told: Array, seen: Mask) -> Judged:
 
 def held_out(looks: DetectorLooks, detector: Detector) -> Array:
     """How likely each look sees (n,), by the curve that the other parts teach. Each pose is in one part."""
-    part, told = looks.pose % FOLDS, np.zeros(len(looks))
+    part, told = looks.pose % FOLDS, np.zeros(len(looks.seen))
     for number in range(FOLDS):
         here: NDArray[np.bool_] = part == number
         if here.any():
@@ -136,12 +127,13 @@ def fit(looks: DetectorLooks, detector: Detector) -> Curve:
     else:
         within = looks.seen[looks.covered]
         share = (within.sum() + 1.0) / (len(within) + 2.0)
-        return Curve(bias=_rounded(float(np.log(share / (1.0 - share)))))
-    # The curve replaces the limits that some frame fails, if only by nothing.
+        return Curve(bias=float(f"{np.log(share / (1.0 - share)):.4g}"))
+    # The curve replaces the limits that some frame fails, if only by nothing. Its numbers have four digits.
     terms = {name: 0.0 for name, fails in _failed(detector, looks.sights).items() if fails.any()}
-    terms |= {COEFFICIENTS[index]: _rounded(w / spread[index]) for index, w in zip(used, weights[1:], strict=True)}
+    slopes = weights[1:] / spread[used]
+    terms |= {COEFFICIENTS[index]: float(f"{slope:.4g}") for index, slope in zip(used, slopes, strict=True)}
     slopes = np.array([terms.get(name, 0.0) for name in COEFFICIENTS])
-    return Curve(bias=_rounded(weights[0] - float(slopes @ middle)), most=most, **terms)
+    return Curve(bias=float(f"{weights[0] - float(slopes @ middle):.4g}"), most=most, **terms)
 
 
 def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:
@@ -155,10 +147,6 @@ def _failed(detector: Detector, sights: BoxSights) -> dict[str, Mask]:
     }
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
-
-
 def _fitted(features: Array, seen: Array) -> tuple[Array, float]:
     """Weights of 1 and of features (f, n), and the probability in the best of views, that tell best what was seen.
 
@@ -167,33 +155,30 @@ def _fitted(features: Array, seen: Array) -> tuple[Array, float]:
     rows = np.vstack([np.ones(len(seen)), features])
     ridge = _RIDGE * np.diag([0.0, *np.ones(len(features))])
 
-    def told(weights: Array, most: float) -> Array:
+    def told(weights: Array, most: float) -> tuple[Array, float]:
+        """How likely each look sees (n,), and the loss that is to be least."""
         probability: Array = most / (1.0 + np.exp(-np.clip(weights @ rows, -30.0, 30.0)))
-        return np.clip(probability, 1e-12, 1.0 - 1e-12)
-
-    def loss_of(weights: Array, most: float) -> float:
-        p = told(weights, most)
+        p = np.clip(probability, 1e-12, 1.0 - 1e-12)
         log_likelihood = seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)
-        return float(0.5 * _RIDGE * (weights[1:] ** 2).sum() - log_likelihood.sum())
+        return p, float(0.5 * _RIDGE * (weights[1:] ** 2).sum() - log_likelihood.sum())
 
     weights = np.zeros(len(rows))
     found: list[tuple[float, int, Array, float]] = []
     for most in _MOST:
         if most < 1.0 and seen.mean() >= most:
             continue
-        loss = loss_of(weights, most)
+        p, loss = told(weights, most)
         for _ in range(100):
-            p = told(weights, most)
             slope = p * (1.0 - p / most) / np.maximum(p * (1.0 - p), 1e-12)
             gradient = rows @ ((seen - p) * slope) - ridge @ weights
             information = (rows * (slope * slope * p * (1.0 - p))) @ rows.T + ridge
             step = np.linalg.solve(information + 1e-9 * np.eye(len(rows)), gradient)
-            while (better := loss_of(weights + step, most)) > loss and np.abs(step).max() > 1e-9:
+            while (better := told(weights + step, most))[1] > loss and np.abs(step).max() > 1e-9:
                 step = 0.5 * step
-            if better >= loss - 1e-9:
+            if better[1] >= loss - 1e-9:
                 break
-            weights, loss = weights + step, better
-        found.append((loss_of(weights, most), len(found), weights, most))
+            weights, (p, loss) = weights + step, better
+        found.append((loss, len(found), weights, most))
     _, _, weights, most = min(found, key=lambda one: one[:2])
     return weights, most
 

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -89,7 +90,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
     robot, first = RobotBody.load(workspace.robot), 0
     for index, step in enumerate(program.steps):
         nominal = NominalStep(step, program.joints, robot)
-        believed = believed_in(step, footage.starts[index], nominal, footage)
+        believed = partial(believed_in, step, footage.starts[index], nominal, footage)
         images = []
         for frame, t in frames_of(footage, index, step, {}).items():
             half = 0.5 * workspace.cameras[frame.camera].exposure
@@ -231,7 +232,11 @@ def look_at_frames(
                 if of_camera:
                     for detector, looks in _of_camera(cell, robot, together, of_camera):
                         found.setdefault(detector, []).append(looks)
-    return {name: DetectorLooks.joined(looks) for name, looks in sorted(found.items())}
+    names = [field.name for field in fields(DetectorLooks)]
+    return {
+        detector: DetectorLooks(**{n: np.concatenate([getattr(one, n) for one in looks], axis=-1) for n in names})
+        for detector, looks in sorted(found.items())
+    }
 
 
 def _of_camera(

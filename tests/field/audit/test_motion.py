@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.field.audit.bag_footage import JointTracks, found_steps
+from sqrp_cli.field.audit.bag_footage import JointTracks, found_steps, joint_tracks
 from sqrp_cli.trajectory import Trajectory
 from tests.run.steps import played
 
@@ -48,7 +48,7 @@ def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: floa
         q = position(runs, t)[:, column] + rng.normal(0.0, 1e-4, len(t))
         for time, value in zip(t, q, strict=True):
             states.append((f"/{name}", time, [name, "finger"], [value, float("nan")]))
-    return JointTracks(states)
+    return joint_tracks(states)
 
 
 def test_each_step_is_found_to_a_millisecond() -> None:
