@@ -97,8 +97,8 @@ class Studio:
 
     # From beginning to end
 
-    async def run(self, port: int, ready: Callable[[str], None]) -> None:
-        """Serve until it is cancelled or alone; ready: called with the address. Raises InputError for a taken port.
+    async def run(self, port: int, ready: Callable[[str], None], closed: Callable[[], bool]) -> None:
+        """Serve until it is closed or alone; ready: called with the address. Raises InputError for a taken port.
 
         It is alone once the process that started it is gone: nobody could close it then.
         """
@@ -110,7 +110,7 @@ class Studio:
         self._stamps = self._stamped()
         self._tell_state()
         try:
-            while os.getppid() == self._parent:
+            while os.getppid() == self._parent and not closed():
                 await asyncio.wait([over], timeout=LOOK_EVERY)
                 if over.done():
                     over.result()

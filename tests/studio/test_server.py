@@ -6,6 +6,7 @@ import http.client
 import inspect
 import json
 import shlex
+import signal
 import subprocess
 import sys
 
@@ -14,6 +15,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from sqrp_cli.cli.main import run
+from sqrp_cli.platform.interrupts import heed_signals
+from sqrp_cli.show.terminal import console
 from sqrp_cli.studio.messages import _FIELDS
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK
@@ -29,6 +32,23 @@ def answer(studio, path: str, **headers: str) -> tuple[int, bytes]:
     connection.endheaders()
     response = connection.getresponse()
     return response.status, response.read()
+
+
+def test_ctrl_c_inside_a_callback_whose_exceptions_are_lost_closes_the_studio(cell, monkeypatch):
+    class Lost:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def lose(told: str) -> None:
+        if "Ctrl-C" in told:
+            Lost()
+
+    monkeypatch.setattr(console, "note", lose)
+    heed_signals()
+    try:
+        assert run(["studio", str(cell), "--no-browser", TASK]) == 0
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def test_the_address_with_the_token_is_the_page(studio):

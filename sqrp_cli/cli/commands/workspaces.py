@@ -102,6 +102,7 @@ def _studio(
     import webbrowser
 
     from sqrp_cli.show.pages.assembly import check_libraries
+    from sqrp_cli.platform.interrupts import interrupts_later
     from sqrp_cli.show.terminal.console import note, say_raw
     from sqrp_cli.studio.rankings import WorkerProcess
     from sqrp_cli.studio.server import check_server
@@ -129,7 +130,9 @@ def _studio(
         read_task(task, known)
         studio = Studio(opened, task, jobs, worker)
         try:
-            asyncio.run(studio.run(port, ready))
+            # An exception inside a callback of a library might be lost, and the studio would go on.
+            with interrupts_later(second_raises=True) as closed:
+                asyncio.run(studio.run(port, ready, closed))
         except KeyboardInterrupt:
             note("closed")
         finally:
