@@ -101,8 +101,8 @@ def _studio(
     import threading
     import webbrowser
 
-    from sqrp_cli.show.pages.assembly import check_libraries
     from sqrp_cli.platform.interrupts import interrupts_later
+    from sqrp_cli.show.pages.assembly import check_libraries
     from sqrp_cli.show.terminal.console import note, say_raw
     from sqrp_cli.studio.rankings import WorkerProcess
     from sqrp_cli.studio.server import check_server
