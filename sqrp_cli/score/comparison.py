@@ -178,10 +178,10 @@ def lost(before: Coverage, now: Coverage) -> tuple[LostView, ...]:
             gone = intersection(missing, moved(old.seen_by(camera)))
             for stretch in difference(gone, target.seen_by(camera)):
                 why, longest = "there is no such camera any more", -inf
-                for span in target.blind.get(camera, ()):
-                    within = min(span.stretch.end, stretch.end) - max(span.stretch.start, stretch.start)
+                for span, reason in target.blind.get(camera, ()):
+                    within = min(span.end, stretch.end) - max(span.start, stretch.start)
                     if within > longest:
-                        why, longest = span.words, within
+                        why, longest = reason.words, within
                 if stretch.length >= SHORTEST_LOSS:
                     losses.append(LostView(atom, camera, stretch.start, stretch.end, why))
     return tuple(sorted(losses, key=lambda loss: loss.start - loss.end))

@@ -19,7 +19,7 @@ from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.study.assessment import Analysis, observed_again
+from sqrp_cli.study.assessment import Analysis, observed
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -124,7 +124,7 @@ def figures_of(way: Candidate, found: WholeAnalysis | Infeasible) -> CandidateRe
 
 def whole_observed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
     """The same motion observed by the cameras of another cell. full: with the verdicts of every camera."""
-    return replace(found, steps=tuple(observed_again(cell, one, sampling, full=full) for one in found.steps))
+    return replace(found, steps=tuple(observed(cell, one, sampling, full=full) for one in found.steps))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -229,8 +229,8 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
     if now:
         job = RankJob(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
-        done = [(step.before, step.assessment) for step in job.steps_done(best.candidate)]
-        return tuple(SuggestedStep.of(one.candidate, world, one) for world, one in done or [(suggester.world, best)])
+        done = job.steps_done(best.candidate) or [(best, suggester.world)]
+        return tuple(SuggestedStep.of(one.candidate, world, one) for one, world in done)
     suggestions = [one.suggestion for one in found if one.suggestion.feasible]
     fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
     if fastest:

@@ -8,7 +8,7 @@ from math import ceil, inf
 from typing import TYPE_CHECKING
 
 from sqrp_cli.study.ranking import criterion_figure
-from sqrp_cli.study.result import CandidateResult, Criterion, ObjectToMove, SamplingDone
+from sqrp_cli.study.result import CandidateResult, Criterion, SamplingDone
 
 if TYPE_CHECKING:
     from sqrp_cli.search.goal import Kind
@@ -107,7 +107,7 @@ def part_shares_in_words(parts: Sequence[HidingPart]) -> str:
     return ", ".join(words)
 
 
-def what_to_move(found: Sequence[ObjectToMove]) -> str:
+def what_to_move(found: Sequence[HidingPart]) -> str:
     """A sentence about the object to move first; empty if no move of one object would help."""
     if not found or found[0].alone < LEAST_GAIN:
         return ""

@@ -6,7 +6,7 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields
 
 import numpy as np
 
@@ -152,7 +152,7 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
 
 
 def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
-    """What the cameras see of a motion; see `study`."""
+    """What the cameras of a cell see of a motion, whatever others see of it; see `study`."""
     return with_delays(cell, all_observed(cell, [scene], sampling, full=full), sampling)[0]
 
 
@@ -176,8 +176,9 @@ def all_observed(
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
+    plans = ({part.name: getattr(one, part.name) for part in fields(PlannedMotion)} for one in scenes)
     seen = (observe(one, cell.observer, sampling, full=full, bars=bars) for one in scenes)
-    return [Observed(**vars(one), timeline=timeline) for one, timeline in zip(scenes, seen, strict=True)]
+    return [Observed(**plan, timeline=timeline) for plan, timeline in zip(plans, seen, strict=True)]
 
 
 def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
@@ -192,10 +193,3 @@ def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> 
             one = Analysis(**vars(one), recovery=recovery, windows=windows, onsets=onsets)
         done.append(one)
     return done
-
-
-def observed_again(cell: Cell, study: Analysis, sampling: Sampling, *, full: bool) -> Analysis:
-    """The same motion seen by the cameras of another cell; see `study`."""
-    timeline = observe(study, cell.observer, sampling, full=full)
-    windows = all_fault_windows(study, timeline, cell.observer, sampling)
-    return replace(study, timeline=timeline, windows=windows, onsets=fault_onsets(study, cell.observer))

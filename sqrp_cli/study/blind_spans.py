@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import groupby, pairwise
 from typing import Annotated, cast
 
@@ -90,29 +90,28 @@ def sample_weights(study: Analysis) -> Array:
     return weights
 
 
-@dataclass(frozen=True, kw_only=True)
-class BlindSpan(Reason):
-    """A stretch of time in which a camera does not see a target for one cause."""
-
-    stretch: TimeInterval
-
-
-def _ends(stretch: TimeInterval) -> tuple[float, float]:
-    return round(stretch.start, 3), round(stretch.end, 3)
-
-
-_Ends = Annotated[TimeInterval, SerializedAs(tuple[Seconds, Seconds], lambda ends: TimeInterval(*ends), _ends)]
-"""A file has start and end of a stretch, to 1 ms."""
-
-_Span = Annotated[
-    BlindSpan,
+_Ends = Annotated[
+    TimeInterval,
     SerializedAs(
-        tuple[Seconds, Seconds, CauseLabel, str | None],
-        lambda said: BlindSpan(stretch=TimeInterval(*said[:2]), cause=said[2], by=said[3]),
-        lambda span: (*_ends(span.stretch), span.cause, span.by),
+        tuple[Seconds, Seconds],
+        lambda ends: TimeInterval(*ends),
+        lambda one: (round(one.start, 3), round(one.end, 3)),
     ),
 ]
-"""A file has start and end, the cause and what is in the way."""
+"""A file has start and end of a stretch, to 1 ms."""
+
+BlindSpan = Annotated[
+    tuple[TimeInterval, Reason],
+    SerializedAs(
+        tuple[Seconds, Seconds, CauseLabel, str | None],
+        lambda said: (TimeInterval(*said[:2]), Reason(cause=said[2], by=said[3])),
+        lambda span: (round(span[0].start, 3), round(span[0].end, 3), span[1].cause, span[1].by),
+    ),
+]
+"""A stretch of time in which a camera does not see a target for one cause.
+
+A file has start and end, the cause and what is in the way.
+"""
 
 
 @dataclass(frozen=True)
@@ -123,30 +122,27 @@ class TargetCoverage(FileRecord):
     """Number of cameras that must see it."""
     required: tuple[_Ends, ...]
     """When it must be observable."""
-    blind: Mapping[str, tuple[_Span, ...]]
+    blind: Mapping[str, tuple[BlindSpan, ...]]
     """Per camera, in order of time and without overlap, when it does not see the required target."""
 
     def seen_by(self, camera: str) -> tuple[TimeInterval, ...]:
         """When a camera sees it; never if there is no such camera."""
         if camera not in self.blind:
             return ()
-        return difference(self.required, [span.stretch for span in self.blind[camera]])
+        return difference(self.required, [stretch for stretch, _ in self.blind[camera]])
 
     @property
     def covered(self) -> tuple[TimeInterval, ...]:
         """When enough cameras see it."""
         seen = [self.seen_by(camera) for camera in self.blind]
         edges = sorted({edge for some in (self.required, *seen) for s in some for edge in (s.start, s.end)})
-
-        def holds(some: Sequence[TimeInterval], t: float) -> bool:
-            return any(stretch.start <= t <= stretch.end for stretch in some)
-
-        middles = ((TimeInterval(start, end), 0.5 * (start + end)) for start, end in pairwise(edges))
-        return merge(
-            part
-            for part, t in middles
-            if holds(self.required, t) and sum(holds(some, t) for some in seen) >= self.needed
-        )
+        parts = []
+        for start, end in pairwise(edges):
+            t = 0.5 * (start + end)
+            asked, *sees = (any(one.start <= t <= one.end for one in some) for some in (self.required, *seen))
+            if asked and sum(sees) >= self.needed:
+                parts.append(TimeInterval(start, end))
+        return merge(parts)
 
 
 @dataclass(frozen=True)
@@ -184,8 +180,7 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
                     end = t[after]
                 cause = Cause(code)
                 if cause is not Cause.NONE and end > start:
-                    stretch = TimeInterval(start, end)
-                    spans.append(BlindSpan(stretch=stretch, cause=cause.label, by=by_name(cell, cause, by)))
+                    spans.append((TimeInterval(start, end), Reason(cause=cause.label, by=by_name(cell, cause, by))))
             blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
     return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
@@ -204,7 +199,7 @@ def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
         for atom, target in step.targets.items():
             required = tuple(one.later(start) for one in target.required)
             blind = {
-                camera: tuple(replace(span, stretch=span.stretch.later(start)) for span in spans)
+                camera: tuple((stretch.later(start), why) for stretch, why in spans)
                 for camera, spans in target.blind.items()
             }
             targets[f"{number}.{atom}"] = TargetCoverage(target.needed, required, blind)

@@ -17,7 +17,7 @@ from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.observer import BoxViews
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import first_failing, sample_weights
-from sqrp_cli.study.result import HiddenTarget, ObjectToMove
+from sqrp_cli.study.result import HiddenTarget
 
 _VIEWS = 4000
 """Views to look at together, to bound the memory."""
@@ -81,12 +81,12 @@ def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenT
     return tuple(found)
 
 
-def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[ObjectToMove, ...]:
+def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HidingPart, ...]:
     """The objects in the way, the one first without which most would be seen; none that the task handles.
 
     Nor a fixed one that others stand on.
 
-    It counts what is hidden from any camera while too few see the target. views: all hidden ones.
+    Shares are of all that is hidden, from any camera, while too few see the target. views: all hidden ones.
     """
     weights, observation = sample_weights(study), study.timeline.observation
     lost = observation.required & ~observation.covered
@@ -101,8 +101,7 @@ def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[ObjectToMo
     kept = supports.union(study.candidate.binding.values())
     of_objects = [replace(part, name=parents[part.name]) for part in parts]
     movable = _mean([(1.0, [part for part in of_objects if part.name in objects and part.name not in kept])], total)
-    found = [ObjectToMove(name=one.name, share=one.share, alone=one.alone) for one in movable]
-    return tuple(sorted(found, key=lambda one: (-one.alone, -one.share, one.name)))
+    return tuple(sorted(movable, key=lambda one: (-one.alone, -one.share, one.name)))
 
 
 def _mean(some: Sequence[tuple[float, Sequence[HidingPart]]], duration: float) -> tuple[HidingPart, ...]:

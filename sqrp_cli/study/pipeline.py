@@ -48,17 +48,10 @@ class Explained(NamedTuple):
     """Of a feasible candidate of several steps, each."""
 
 
-@dataclass(frozen=True, eq=False)
-class StepDone:
-    """A step in its best way, and what it leaves behind."""
+_Known = dict[tuple[str, ...], tuple[CandidateResult, World | None]]
+"""Steps in their best ways, and the worlds that they leave; None of an infeasible one."""
 
-    assessment: CandidateResult
-    before: World
-    after: World | None
-    """None if it is infeasible."""
-
-
-_known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, dict[tuple[str, ...], StepDone]]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, _Known]] = WeakKeyDictionary()
 """Steps that several candidates share, by the world that they start from."""
 
 
@@ -86,7 +79,7 @@ class RankJob(RankSettings):
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
         if candidate.steps:
-            return assessment_of_all(candidate, [step.assessment for step in self.steps_done(candidate)])
+            return assessment_of_all(candidate, [step for step, _ in self.steps_done(candidate)])
         found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted, self.plans)
         if isinstance(found, Infeasible):
             ways = WaysFound(tried=found.tried, feasible=0, pareto=())
@@ -102,24 +95,25 @@ class RankJob(RankSettings):
             recalibrated=() if errors is None else under_calibration_errors(self.cell, study, self.sampling, errors),
         )
 
-    def steps_done(self, candidate: Candidate) -> list[StepDone]:
-        """The steps of a candidate of several, each in its wanted way in the world that those before it leave.
+    def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
+        """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.
 
         The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
         """
         asked = [repr(getattr(self, part.name)) for part in fields(RankSettings)]
-        done: list[StepDone] = []
-        before: World | None = self.world
+        done: list[tuple[CandidateResult, World]] = []
+        world: World | None = self.world
         for step in candidate.steps:
-            if before is None:
+            if world is None:
                 break
             key = (step.skill.name, repr(step.all_parameters), *asked)
-            known = _known.setdefault(before, WeakKeyDictionary()).setdefault(self.cell, {})
+            known = _known.setdefault(world, WeakKeyDictionary()).setdefault(self.cell, {})
             if key not in known:
-                assessment = replace(self, world=before, plans=None).assess(step)
-                known[key] = StepDone(assessment, before, world_left(self.cell, assessment, before))
-            done.append(known[key])
-            before = done[-1].after
+                found = replace(self, world=world, plans=None).assess(step)
+                known[key] = found, world_left(self.cell, found, world)
+            result, after = known[key]
+            done.append((result, world))
+            world = after
         return done
 
     def explain(self, known: CandidateResult) -> Explained:

@@ -190,18 +190,6 @@ class HiddenTarget(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectToMove:
-    """An object in the way that the task does not handle."""
-
-    name: str
-    """As in the workspace."""
-    share: float
-    """Of all that is hidden, from any camera, while too few see the target: its part, in 0..1."""
-    alone: float
-    """The part of that which nothing else hides, in 0..1."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class SamplingDone(Record):
     """How the motions were sampled."""
 

@@ -106,7 +106,17 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
     used = sorted({piece.primitive for piece in stage.pieces})
     asked = {piece.primitive for piece in stage.pieces if piece.literals}
     t = {index: np.linspace(primitives[index].start, primitives[index].end, _PROBES) for index in used}
-    tracked = _tracked(stage, observer, targets)
+    # The points of each frame that may move of which movement counts, before a column of ones, shape (k, 4).
+    boxes = dict.fromkeys(box for target in targets for box in target.boxes)
+    points: list[tuple[str, Array | None, Array]] = [(one.part.parent, None, one.corners) for one in observer.solids]
+    points += [(box.frame, box.X_FB, box_corners(box.size)) for box in boxes]
+    points += [(camera.frame, camera.X_FC, VIEW) for camera in observer.cameras]
+    of_frames: defaultdict[str, list[Array]] = defaultdict(list)
+    for frame, X_FP, some in points:
+        if frame not in stage.resting:
+            of_frames[frame].append(some if X_FP is None else transform(X_FP, some))
+    joined = {name: np.concatenate(some) for name, some in of_frames.items()}
+    tracked = {name: np.append(some, np.ones((len(some), 1)), axis=1) for name, some in joined.items()}
     for index, moved in _steps(stage, tracked, t).items():
         # About `_SPACING` is moved between two instants at most, and no more time passes than allowed.
         most = longest if index in asked and not primitives[index].trajectory.stands else np.inf
@@ -122,7 +132,7 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
 def _steps(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Array]) -> dict[int, Array]:
     """Movement of the fastest tracked point from each instant of a primitive to the next [m].
 
-    tracked: see `_tracked`. instants: of some primitives, by their index [s].
+    tracked: points of each frame before a column of ones, shape (k, 4). instants: of primitives, by their index [s].
     """
     first = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
     counts = [len(t) for t in instants.values()]
@@ -137,17 +147,3 @@ def _steps(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Ar
             np.maximum(squares[:-1], moved.sum(axis=1).max(axis=0), out=squares[:-1])
     parts = np.split(np.sqrt(squares), np.cumsum(counts)[:-1])
     return {index: part[:-1] for index, part in zip(instants, parts, strict=True)}
-
-
-def _tracked(stage: Stage, observer: Observer, targets: Sequence[Target]) -> dict[str, Array]:
-    """The points of each frame that may move of which movement counts, before a column of ones, shape (k, 4)."""
-    boxes = dict.fromkeys(box for target in targets for box in target.boxes)
-    points: list[tuple[str, Array | None, Array]] = [(one.part.parent, None, one.corners) for one in observer.solids]
-    points += [(box.frame, box.X_FB, box_corners(box.size)) for box in boxes]
-    points += [(camera.frame, camera.X_FC, VIEW) for camera in observer.cameras]
-    of_frames: defaultdict[str, list[Array]] = defaultdict(list)
-    for frame, X_FP, some in points:
-        if frame not in stage.resting:
-            of_frames[frame].append(some if X_FP is None else transform(X_FP, some))
-    joined = {name: np.concatenate(points) for name, points in of_frames.items()}
-    return {name: np.append(points, np.ones((len(points), 1)), axis=1) for name, points in joined.items()}

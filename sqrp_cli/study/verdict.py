@@ -95,12 +95,6 @@ class CameraChange:
         up, right = cos(radians(self.up)), cos(radians(self.right))
         return degrees(acos(min(max(0.5 * (up + right + up * right - 1.0), -1.0), 1.0)))  # of the rotation's trace
 
-    @property
-    def X_CD(self) -> Array:
-        """The changed optical frame in the one before, shape (4, 4)."""
-        turned = axis_rotation(1, np.radians(self.right)) @ axis_rotation(0, np.radians(self.up))
-        return pose(turned, np.array([0.0, 0.0, -self.back]))
-
     def __str__(self) -> str:
         if self.back:
             return f"move {{camera}} {100 * abs(self.back):.0f} cm {'back' if self.back > 0 else 'closer'}"
@@ -134,14 +128,6 @@ class CameraCause(Reason):
         shadow = f", in the shadow of {self.by}" if self.by else ""
         words = {"camera": self.camera, "by": self.by, "figure": figure, "target": atom, "shadow": shadow}
         return templates[self.limit].format_map(words)
-
-    @property
-    def words(self) -> str:
-        """The cause in a few words."""
-        words = f"behind {self.by}" if self.limit is Cause.HIDDEN else self.limit.words
-        if self.limit in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
-            words = self.limit.by(self.by)
-        return f"{words} for a part of that time" if self.partly else words
 
 
 @dataclass(frozen=True)
@@ -200,10 +186,13 @@ def _who_see(cameras: Sequence[str]) -> str:
 
 
 def _listed(causes: Sequence[CameraCause]) -> str:
-    """Cameras grouped by their causes."""
+    """Cameras grouped by their causes, each in a few words."""
     groups: dict[str, list[str]] = defaultdict(list)
     for cause in causes:
-        groups[cause.words].append(cause.camera)
+        words = f"behind {cause.by}" if cause.limit is Cause.HIDDEN else cause.limit.words
+        if cause.limit in (Cause.SAME_COLOUR, Cause.TOO_DARK, Cause.TOO_BRIGHT):
+            words = cause.limit.by(cause.by)
+        groups[f"{words} for a part of that time" if cause.partly else words].append(cause.camera)
     return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
@@ -357,8 +346,9 @@ def _least_change(
     changes = _changes(cell.observer.projections, limits, target, states, lost)
     for camera, change in sorted(changes, key=lambda one: (abs(one[1].back), one[1].angle))[:_TRIED]:
         missing = target.cameras - others[camera.name]
-        X_FD = (camera.X_FC @ change.X_CD)[None]
-        ((then,),) = cell.observer.seen_from([camera], X_FD, [target], states, *items, decisive=missing > 0)
+        turn = axis_rotation(1, np.radians(change.right)) @ axis_rotation(0, np.radians(change.up))
+        X_FD = camera.X_FC @ pose(turn, np.array([0.0, 0.0, -change.back]))
+        ((then,),) = cell.observer.seen_from([camera], X_FD[None], [target], states, *items, decisive=missing > 0)
         if bool(np.all(then >= missing)):
             return {camera.name: change}
     return {}
@@ -374,11 +364,9 @@ def _changes(
     poses = [np.broadcast_to(states.box_poses(box), (len(lost), 4, 4))[lost] for box in target.boxes]
     corners = [transform(X, box_corners(box.size)) for X, box in zip(poses, target.boxes, strict=True)]
     every = np.concatenate(corners, axis=1)
-
-    def inside(camera: Camera) -> Array:
-        """The world in the camera, shape (m or 1, 4, 4)."""
-        X_WC = states.camera_poses(camera)
-        return inverse(X_WC if len(X_WC) == 1 else X_WC[lost])
+    cameras = [one.camera for one in projections if limits.get(one.camera.name) in _CHANGED]
+    X_WC = {camera.name: states.camera_poses(camera) for camera in cameras}
+    X_CW = {name: inverse(X if len(X) == 1 else X[lost]) for name, X in X_WC.items()}  # shape (m or 1, 4, 4) each
 
     def beyond(seen: Array, upper: Array, lower: Array) -> Array:
         """By how much angles are beyond those that each camera shows, shape (c, 1, 1) [rad]."""
@@ -389,7 +377,7 @@ def _changes(
     turned = [one for one in projections if limits.get(one.camera.name) in (Cause.BEHIND, Cause.OUT_OF_IMAGE)]
     if turned:
         # All cameras at once, as a cell may have dozens.
-        x, y, z = np.moveaxis(np.array([transform(inside(one.camera), every) for one in turned]), -1, 0)
+        x, y, z = np.moveaxis(np.array([transform(X_CW[one.camera.name], every) for one in turned]), -1, 0)
         right, left, top, bottom = np.array([one.view_angles for one in turned]).T[..., None, None]
         sideways = np.arctan2(x, z)
         pan = beyond(sideways, right, left)
@@ -399,13 +387,12 @@ def _changes(
             if 0.0 < least.angle <= _MOST_TURN:
                 whole = np.ceil(least.angle) / least.angle  # nobody turns a camera by less than a degree
                 yield one.camera, CameraChange(float(whole * least.up), float(whole * least.right))
-    for camera in (one.camera for one in projections if one not in turned):
-        if limits.get(camera.name) in _CHANGED:
-            X_CW = inside(camera)
-            z = transform(X_CW, every)[..., 2]
+    for camera in cameras:
+        if limits[camera.name] not in (Cause.BEHIND, Cause.OUT_OF_IMAGE):
+            z = transform(X_CW[camera.name], every)[..., 2]
             back, closer = camera.near - z.min(), z.max() - camera.far
             for X, box in zip(poses, target.boxes, strict=True):
-                x, y, depth = np.moveaxis(transform(X_CW, X[:, None, :3, 3])[:, 0], -1, 0)
+                x, y, depth = np.moveaxis(transform(X_CW[camera.name], X[:, None, :3, 3])[:, 0], -1, 0)
                 near, far = (np.sqrt(np.maximum(edge**2 - x**2 - y**2, 0.0)) - depth for edge in box.limits.distance)
                 back, closer = max(back, near.max()), max(closer, -far.min())
             move = np.ceil(100 * back - 1e-6) if back > 0 else -np.ceil(100 * closer - 1e-6)

@@ -45,7 +45,7 @@ def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
 def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found):
     for target in coverage_of(cell, found).targets.values():
         for camera, spans in target.blind.items():
-            blind = [span.stretch for span in spans]
+            blind = [stretch for stretch, _ in spans]
             assert all(a.end <= b.start + 1e-9 for a, b in pairwise(blind))
             assert not intersection(target.seen_by(camera), blind)
 

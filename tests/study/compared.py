@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,6 @@ from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import move_searches
-from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.task import Candidate, read_task
 from sqrp_cli.trajectory import Trajectory
 
@@ -79,14 +78,9 @@ class Compared:
     def off(self, calibration: Calibration, draw: int) -> Compared:
         """The same motions, seen by cameras that are off."""
         cell = replace(self.cell, observer=perturbed(self.cell.observer, calibration, draw))
-        moved = Compared(cell, self.candidate, observed(cell, _scene(self.seen), Adaptive(), full=False))
-        moved.__dict__["direct"] = observed(cell, _scene(self.direct), Adaptive(), full=False)
+        moved = Compared(cell, self.candidate, observed(cell, self.seen, Adaptive(), full=False))
+        moved.__dict__["direct"] = observed(cell, self.direct, Adaptive(), full=False)
         return moved
-
-
-def _scene(found: Analysis) -> PlannedMotion:
-    """A study without what was seen."""
-    return PlannedMotion(**{part.name: getattr(found, part.name) for part in fields(PlannedMotion)})
 
 
 def with_trajectories(cell: Cell, found: Analysis, others: Mapping[int, Trajectory]) -> Motion:

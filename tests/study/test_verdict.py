@@ -12,13 +12,13 @@ import pytest
 
 from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.geometry import displacement
+from sqrp_cli.geometry import axis_rotation, displacement
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Analysis, observed_again, study
+from sqrp_cli.study.assessment import Analysis, observed, study
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
@@ -167,7 +167,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
     for name, (camera, near, far) in product(names, ((c, *r) for c in CAMERAS for r in RANGES)):
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
-        found = observed_again(before, studies[name], Adaptive(), full=False)
+        found = observed(before, studies[name], Adaptive(), full=False)
         blind = found.timeline.observation.blind
         rows = list(
             stretches(blind & found.timeline.interesting if (blind & found.timeline.interesting).any() else blind)
@@ -185,14 +185,15 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         words = re.fullmatch(r"(turn|move) (\w+) (\d+) (deg|cm) (.+)", stretch.advice)
         assert words is not None
         assert words[2] == camera
-        X_CD = change.X_CD
+        X_CD = np.eye(4)
         if words[1] == "move":
-            X_CD = np.eye(4)
             X_CD[2, 3] = 0.01 * int(words[3]) * {"back": -1, "closer": 1}[words[5]]
+        else:
+            X_CD[:3, :3] = axis_rotation(1, np.radians(change.right)) @ axis_rotation(0, np.radians(change.up))
         said.add(words[1] if words[1] == "turn" else words[5])
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
         after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
-        again = observed_again(after, studies[name], Adaptive(), full=False).timeline
+        again = observed(after, studies[name], Adaptive(), full=False).timeline
         column = [target.atom for target in again.request.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
         lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside

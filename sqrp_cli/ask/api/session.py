@@ -176,7 +176,7 @@ def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     if not chosen.candidate.steps:
         return [(session.task.text, chosen, assignment.world)]
     done = assignment.steps_done(chosen.candidate)
-    return [(one.assessment.candidate.task, one.assessment, one.before) for one in done]
+    return [(one.candidate.task, one, before) for one, before in done]
 
 
 def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanation | ExplainedAll:
@@ -197,14 +197,14 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
         # A step as a task of its own, in the world that the steps before it leave: by default the one seen worst.
         whole, option = chosen[0], ask.called("step")
         done = session.assignment.steps_done(whole.candidate)
-        number = 1 + worst_seen([one.assessment for one in done]) if ask.step is None else ask.step
+        number = 1 + worst_seen([one for one, _ in done]) if ask.step is None else ask.step
         if not 1 <= number <= len(done):
             raise bad_option(f"{option} is {number}, expected a step of {whole.candidate.name}: 1 to {len(done)}")
-        step = done[number - 1]
-        candidate = step.assessment.candidate
+        step, before = done[number - 1]
+        candidate = step.candidate
         task = Task(candidate.task, candidate.skill, (candidate,))
-        session = Session(task, replace(session.assignment, world=step.before))
-        one = replace(step.assessment, rank=1 if step.assessment.feasible else None, pareto=True)
+        session = Session(task, replace(session.assignment, world=before))
+        one = replace(step, rank=1 if step.feasible else None, pareto=True)
         ranking, place = (one,), {"step": number, "of_steps": len(steps), "whole": whole.candidate.name}
         place |= {"rank": whole.rank, "pareto": whole.pareto}
         chosen = ranking

@@ -14,7 +14,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import HidingPart, Reason
-from sqrp_cli.study.result import CandidateResult, HiddenTarget, ObjectToMove, SamplingDone, UnseenTime
+from sqrp_cli.study.result import CandidateResult, HiddenTarget, SamplingDone, UnseenTime
 
 if TYPE_CHECKING:
     from sqrp_cli.camera.camera import Camera
@@ -244,8 +244,9 @@ class CandidateStudy(CandidateResult):
     """Why each camera does not see each literal, the longest time first within each literal."""
     hidden: Sequence[HiddenTarget] = ()
     """Who is in the way: of each literal, from each camera that it is hidden from."""
-    to_move: Sequence[ObjectToMove] = ()
-    """Objects in the way, the largest `alone` first: the one to move first. Empty if only the robot is in the way."""
+    to_move: Sequence[HidingPart] = ()
+    """Objects in the way that the task does not handle, the largest `alone` first: the one to move first. Shares are of
+    all that is hidden, from any camera, while too few see the target. Empty if only the robot is in the way."""
     assumed: str = ""
     """What delays assume of the cameras, in words; empty where all state their latency."""
 
