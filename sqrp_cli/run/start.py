@@ -131,7 +131,8 @@ def connected(program: Program, workspace: Workspace, file: RobotFile, speed: fl
     Raises InputError without a connection.
     """
     transport = DdsTransport(file.domain, file.network)
-    with RosCell(file, file.joint_names(program), workspace, transport) as cell:
+    joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages
+    with RosCell(file, joints, workspace, transport) as cell:
         yield ConnectedRobot(slowed(program, speed), workspace, cell, speed)
 
 

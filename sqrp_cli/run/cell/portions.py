@@ -48,8 +48,7 @@ class Portions:
         """loose: joints that may be wanted elsewhere at once, such as fingers."""
         self._send, self._loose = send, loose
         self._revision: int | None = None
-        self._next = -float("inf")
-        self._brakes_at = float("inf")
+        self._next = self._brakes_at = float("inf")
         self._told: ArmMotion | None = None
         self.over = False
         """Whether nothing is sent any more."""
@@ -57,6 +56,9 @@ class Portions:
     def follow(self, reference: ArmMotion, now: float) -> None:
         """Send what is due at a time [s], if anything is; where that would be a jump, it is `over`."""
         if self.over or (reference.revision == self._revision and now < self._next):
+            return
+        if self._told is None and reference.rests_at < now:  # until that changes, the robot stands where it begins
+            self._revision, self._told = reference.revision, reference.stopped(now)
             return
         jumps = now > self._brakes_at  # it brakes already, because nothing was sent
         if self._told is not None:
@@ -76,12 +78,8 @@ class Portions:
 
     def begins(self, reference: ArmMotion, now: float) -> bool:
         """Whether a motion is due at a time [s], from where the robot has stood for so long that it has settled."""
-        return reference.revision != self._revision and (self._told is None or now >= self._told.rests_at + SETTLES)
-
-    def begin(self, reference: ArmMotion, now: float) -> None:
-        """Nothing is to be sent until the reference changes: the robot stands where it begins."""
-        self._revision, self._told = reference.revision, reference.stopped(now)
-        self._next = self._brakes_at = float("inf")
+        stands = reference.rests_at >= now if self._told is None else now >= self._told.rests_at + SETTLES
+        return reference.revision != self._revision and stands
 
     def stop(self, now: float) -> float:
         """Have the robot stop from where it is, which is by the last portion; returns when it stands [s].
@@ -121,8 +119,8 @@ class JointLog:
         self._log: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=_REMEMBERED)
         self.changed = 0.0
         """Stamp of the first message that said what the last one says [s]."""
-        self.came = 0.0
-        """When the last one came [s]."""
+        self.came = self.newest = 0.0
+        """When the last one came, and its time [s]; 0 before any."""
 
     def add(self, t: float, message: Message, now: float) -> None:
         """Joint states of a time [s] have come. Raises MessageError for positions that are none."""
@@ -133,17 +131,13 @@ class JointLog:
         named = zip(message.name, message.position.tolist(), strict=True)
         found = {self.names.get(name, name): q for name, q in named}
         self.came = now
-        if self._log and t <= self._log[-1][0]:
+        if self._log and t <= self.newest:
             return
         if not self._log or any(self._log[-1][1].get(name) != q for name, q in found.items()):
             self.changed = t
+        self.newest = t
         # A gripper may report apart from the arm.
         self._log.append((t, {**self._log[-1][1], **found} if self._log else found))
-
-    @property
-    def newest(self) -> float:
-        """Time of the last one [s]; 0 before any."""
-        return self._log[-1][0] if self._log else 0.0
 
     def at(self, t: float | None = None) -> Mapping[str, float]:
         """Positions at a time [s], in between two messages on the line between them; the newest by default."""

@@ -26,15 +26,18 @@ def check_simulator() -> None:
     """
     check_packages()
     chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if not chosen and sys.platform.startswith("linux"):
-        usable = [name for name in _LIBRARIES if not _missing_libraries(name)]
-        if not usable:
-            raise no_opengl("no library of OpenGL is installed")
-        os.environ["MUJOCO_GL"] = usable[0]
-    elif chosen in ("off", "0", "no", "false", "disable", "disabled"):
+    if chosen in ("off", "0", "no", "false", "disable", "disabled"):
         raise no_opengl(f"MUJOCO_GL is `{chosen}`, so MuJoCo may not draw")
-    elif chosen in _LIBRARIES and (absent := _missing_libraries(chosen)):
-        raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed", chosen)
+    if not chosen and not sys.platform.startswith("linux"):
+        return
+    for backend in [chosen] if chosen else _LIBRARIES:
+        absent = [f"lib{name}" for name in _LIBRARIES.get(backend, ()) if ctypes.util.find_library(name) is None]
+        if not absent:
+            os.environ["MUJOCO_GL"] = backend
+            return
+    if not chosen:
+        raise no_opengl("no library of OpenGL is installed")
+    raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed", chosen)
 
 
 def check_packages() -> None:
@@ -52,7 +55,3 @@ def no_opengl(reason: str, backend: str = "egl") -> InputError:
         f"(on Debian: {_DEBIAN['egl']} with MUJOCO_GL=egl, or {_DEBIAN['osmesa']} with MUJOCO_GL=osmesa)"
     )
     return bad_input("no-opengl", message, mend=f"apt install {_DEBIAN[backend]} && export MUJOCO_GL={backend}")
-
-
-def _missing_libraries(backend: str) -> list[str]:
-    return [f"lib{name}" for name in _LIBRARIES[backend] if ctypes.util.find_library(name) is None]

@@ -137,10 +137,6 @@ class RobotFile(Entry):
         """What helps where messages come late by the clock of a simulated cell; empty for others."""
         return _SLOWER if self.use_sim_time else ""
 
-    def joint_names(self, program: Program) -> dict[str, str]:
-        """The joints that are moved, in order: by name in the program, their names in messages."""
-        return self.joints or {name: name for name in program.joints}
-
 
 def read_robot_file(path: Path, workspace: Workspace, program: Program) -> RobotFile:
     """The file, which must fit a program and its workspace. Raises InputError with every problem."""
@@ -151,43 +147,39 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
     if other is not None:
         message = f"this is {other}, expected a file that says how to reach a robot"
         raise bad_input("wrong-type", message, Place(path), mend="see what it holds: sqrp schema robot")
-    file, problems = validate(document, RobotFile), list[Problem]()
-
-    def wrong(code: str, message: str, keys: tuple[str, ...], mend: str | None = None) -> None:
-        problems.append(Problem(code, message, document.key_place(keys), mend=mend))
-
+    file = validate(document, RobotFile)
+    wrong: list[tuple[str, tuple[str, ...], str, str | None]] = []  # code, keys, message and mend of each problem
     # `joints` names every joint that trajectories move, but fingers may be left to the tool.
     cameras, joints, fingers = workspace.cameras, file.joints, workspace.robot.fingers
     for name in file.cameras:
         if name not in cameras:
             message = f"there is no camera `{name}`; {expected_names(name, cameras)}"
-            wrong("unknown-camera", message, ("cameras", name))
+            wrong.append(("unknown-camera", ("cameras", name), message, None))
     if missing := [name for name in cameras if name not in file.cameras]:
         names = ", ".join(f"`{name}`" for name in missing)
-        wrong("missing-key", f"`cameras` lacks {names} of the workspace", ("cameras",))
+        wrong.append(("missing-key", ("cameras",), f"`cameras` lacks {names} of the workspace", None))
     for name in joints or ():
         if name not in program.joints:
             message = f"the program has no joint `{name}`; {expected_names(name, program.joints)}"
-            wrong("unknown-joint", message, ("joints", name))
+            wrong.append(("unknown-joint", ("joints", name), message, None))
     named = program.joints if joints is None else joints
     if left_out := [n for n in program.joints if n not in named and (fingers is None or n not in fingers.open)]:
         names = ", ".join(f"`{name}`" for name in left_out)
-        message = f"`joints` lacks {names}, which the program moves"
-        wrong("missing-key", message, ("joints",))
+        wrong.append(("missing-key", ("joints",), f"`joints` lacks {names}, which the program moves", None))
     for wire, count in Counter((joints or {}).values()).items():
         if count > 1:
-            problems.append(
-                document.problem("duplicate-name", ("joints",), f"{count} joints are called `{wire}` in messages")
-            )
+            wrong.append(("duplicate-name", ("joints",), f"`joints`: {count} joints are called `{wire}` in messages", None))
     primitives = [primitive for step in program.steps for primitive in step.primitives]
     if file.tool is None and any(one.action in ("Grasp", "Release") for one in primitives):
         message = "the program grasps, but the file has no `tool` that can be told to"
-        wrong("missing-key", message, (), "tool: {topic: /suction}")
+        wrong.append(("missing-key", (), message, "tool: {topic: /suction}"))
     if file.force is None and any(one.guard is not None for one in primitives):
         message = "the program has moves that end at contact, but the file has no topic of a `force` sensor"
-        wrong("missing-key", message, (), "force: /wrench")
-    if problems:
-        raise InputError(*problems)
+        wrong.append(("missing-key", (), message, "force: /wrench"))
+    if wrong:
+        raise InputError(
+            *(Problem(code, text, document.key_place(keys), mend=mend) for code, keys, text, mend in wrong)
+        )
     return file
 
 

@@ -56,39 +56,31 @@ class RosClock:
         self._heard = self._looked = self._settles = time.monotonic()
         self.origin = 0
         """What counts as time 0 [ns]."""
+        self.is_settled, self.stands_still = True, False
+        """Whether what was read last is the time now, also after a pause of our own; and whether `/clock` has nothing
+        new to say any more."""
 
     def read(self) -> None:
         """Take note of what has come. Raises MessageError for what is no time."""
         looked, self._looked = self._looked, time.monotonic()
         if self._looked - looked > PAUSE:
             self._heard, self._settles = self._looked, self._looked + SETTLE
-        for message, t in self.inbox.take() if self.inbox is not None else ():
-            if (newest := nanoseconds(message.clock)) > self._newest:
-                self._newest, self._heard = newest, max(self._heard, t)
+        self.is_settled = self.inbox is None or self._looked >= self._settles
+        try:
+            for message, t in self.inbox.take() if self.inbox is not None else ():
+                if (newest := nanoseconds(message.clock)) > self._newest:
+                    self._newest, self._heard = newest, max(self._heard, t)
+        finally:
+            self.stands_still = self.inbox is not None and self._looked - self._heard > CLOCK_STOPS
 
     @property
     def ns(self) -> int:
         """The time since the epoch of the clock [ns]; 0 before any is known. That of this computer never steps."""
         return _steady_ns() + self._ahead if self.inbox is None else self._newest
 
-    @property
-    def now(self) -> float:
-        """The time since the origin [s]."""
-        return (self.ns - self.origin) * 1e-9
-
     def since(self, stamp: Message) -> float:
         """A stamp as a time since the origin [s]."""
         return (nanoseconds(stamp) - self.origin) * 1e-9
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether what was read last is the time now, also after a pause of our own."""
-        return self.inbox is None or self._looked >= self._settles
-
-    @property
-    def stands_still(self) -> bool:
-        """Whether `/clock` has nothing new to say any more."""
-        return self.inbox is not None and self._looked - self._heard > CLOCK_STOPS
 
 
 def _steady_ns() -> int:
@@ -135,7 +127,7 @@ class RosCell(AbstractContextManager["RosCell"]):
         self._floods += [(inbox, rates[name]) for name, inbox in self.images.items()]
         self._counts, self._counted = [0] * len(self._floods), time.monotonic()
         self.ages: dict[str, deque[tuple[float, float]]] = {name: deque(maxlen=100) for name in self.images}
-        """When images were taken, and when they came, since `watch` [s]."""
+        """When images were taken, and when they came, lately [s]."""
         self._waiting: dict[str, deque[CameraImage]] = {name: deque(maxlen=4) for name in self.images}
         self._portions = Portions(self._send, () if fingers is None else tuple(fingers.open))
         self._reference: ArmMotion | None = None
@@ -147,7 +139,7 @@ class RosCell(AbstractContextManager["RosCell"]):
     @property
     def t(self) -> float:
         """The time on the cell's clock [s]."""
-        return self.clock.now
+        return (self.clock.ns - self.clock.origin) * 1e-9
 
     def begin(self) -> None:
         """Count time from now on."""
@@ -157,50 +149,41 @@ class RosCell(AbstractContextManager["RosCell"]):
         for waiting in self._waiting.values():
             waiting.clear()
 
-    def watch(self) -> None:
-        """Forget when images came."""
-        for ages in self.ages.values():
-            ages.clear()
-
     def advance(self, t: float, reference: ArmMotion) -> float:
         """Let time pass until t [s] while the arm follows the reference; returns the time then.
 
         That may be later; and sooner where no time passes any more.
         """
-        if self._reference is None and reference.rests_at < t:
-            self._portions.begin(reference, t)
         self._reference = reference
         while True:
             self.read()
-            stands_still = self.clock.stands_still
-            if stands_still:
+            if self.clock.stands_still:
                 self._end(_NO_TIME)
-            elif self.clock.is_settled:
-                self._follow(reference, self.t)
-            now = self.t
-            if stands_still or (now >= t and self.clock.is_settled):
+                return self.t
+            if self.clock.is_settled:
+                now = self.t
+                silent, paused = now - self._followed, (_steady_ns() - self._followed_ns) * 1e-9
+                self._followed, self._followed_ns = now, _steady_ns()
+                if self._portions.begins(reference, now):
+                    wanted, limit = reference.states(np.array([now])).positions[0], self.file.tolerances.start
+                    if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
+                        self._end(off)
+                # Send what is due; where that would be a jump, nothing more is sent, and that is trouble.
+                self._portions.follow(reference, now)
+                far = silent - paused > LONGEST_JUMP
+                if self._portions.over or far:
+                    if self.malformed is None:  # time that nobody has seen is none of the run
+                        self.clock.origin += round(silent * 1e9)
+                        self._followed = self.t
+                    why = (
+                        f"this computer was too busy to send the next part of the motion for {silent:.1f} s{self._mend}"
+                    )
+                    if far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE):
+                        why = f"`/clock` jumped ahead by {silent:.1f} s"
+                    self._end(why)
+            if (now := self.t) >= t and self.clock.is_settled:
                 return now
             self.transport.wait(TICK)
-
-    def _follow(self, reference: ArmMotion, now: float) -> None:
-        """Send what is due; where that would be a jump, nothing more is sent, and that is trouble."""
-        silent, paused = now - self._followed, (_steady_ns() - self._followed_ns) * 1e-9
-        self._followed, self._followed_ns = now, _steady_ns()
-        if self._portions.begins(reference, now):
-            wanted, limit = reference.states(np.array([now])).positions[0], self.file.tolerances.start
-            if (off := self._off(reference.joints, wanted, limit, "where the motion begins")) is not None:
-                self._end(off)
-        self._portions.follow(reference, now)
-        far = silent - paused > LONGEST_JUMP
-        if self._portions.over or far:
-            if self.malformed is None:  # time that nobody has seen is none of the run
-                self.clock.origin += round(silent * 1e9)
-                self._followed = self.t
-            if far or (self.file.use_sim_time and silent > AHEAD and paused < PAUSE):
-                self._end(f"`/clock` jumped ahead by {silent:.1f} s")
-            else:
-                why = "this computer was too busy to send the next part of the motion for"
-                self._end(f"{why} {silent:.1f} s{self._mend}")
 
     def _end(self, why: str) -> None:
         """Send no motion any more."""
@@ -307,21 +290,19 @@ class RosCell(AbstractContextManager["RosCell"]):
         ]
         self._send_trajectory(types.make(_TRAJECTORY, joint_names=list(self._wire_names), points=points))
 
-    def _read_clock(self) -> None:
-        """Know the time now, also after a pause of our own."""
-        with suppress(MessageError):
-            self.clock.read()
-            while not self.clock.is_settled:
-                self.transport.wait(TICK)
-                self.clock.read()
-
     def __exit__(self, *_: object) -> None:
         """Have the robot stand, and wait until it does; then end the connection."""
+        stands, patience = None, time.monotonic() + 2.0
         try:
-            self._read_clock()
-            stands, patience = self._portions.stop(self.t), time.monotonic() + 2.0
-            while self.t < stands and time.monotonic() < patience:
-                self._read_clock()
-                self.transport.wait(TICK)
+            while stands is None or (self.t < stands and time.monotonic() < patience):
+                with suppress(MessageError):  # know the time now, also after a pause of our own
+                    self.clock.read()
+                    while not self.clock.is_settled:
+                        self.transport.wait(TICK)
+                        self.clock.read()
+                if stands is None:
+                    stands = self._portions.stop(self.t)
+                else:
+                    self.transport.wait(TICK)
         finally:
             self.transport.close()

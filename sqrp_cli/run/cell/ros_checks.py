@@ -79,8 +79,7 @@ def check_cell(cell: RosCell, start: Mapping[str, float]) -> list[CellCheck]:
     for name, about in cameras.items():
         camera = cell.cameras[name]
         said = [message for message, _ in infos[name].take()] if name in infos else []
-        checks += _images(cell, camera)
-        checks += _info(cell, camera, said[-1] if said else None, about)
+        checks += _camera(cell, camera, said[-1] if said else None, about)
         frame = about.frame or (said[-1].header.frame_id if said else None)
         checks.append(_camera_pose(cell, camera, transforms, frame))
     return checks
@@ -94,15 +93,16 @@ def _watch(cell: RosCell, infos: Mapping[str, Inbox], tf: Sequence[Inbox]) -> li
     """
     enough = max(WATCHED, PERIODS * max(1.0 / camera.rate for camera in cell.cameras.values()))
     until = time.monotonic() + PATIENCE
-    cell.watch()
-    start = None
-    seen = []
+    start, seen = None, []
+    for ages in cell.ages.values():
+        ages.clear()
     while time.monotonic() < until:
         cell.read()
         cell.frames(list(cell.cameras))
         if start is None and cell.measured_joints() and all(cell.ages.values()):
             start = cell.t
-            cell.watch()
+            for ages in cell.ages.values():
+                ages.clear()
         if start is not None:
             seen.append(cell.measured_joints())
             watched = cell.t - start > enough and min(map(len, cell.ages.values())) >= FEWEST
@@ -176,24 +176,17 @@ def _age(cell: RosCell, about: str, ages: list[float], latency: float) -> CellCh
     return CellCheck(about, "age", f"{1e3 * age:.0f} ms", f"{1e3 * latency:.0f} ms", problem)
 
 
-def _images(cell: RosCell, camera: Camera) -> Iterator[CellCheck]:
-    """Whether the images of a camera come as often, and as late, as the workspace says."""
-    arrived = cell.ages[camera.name]
-    if len(arrived) < FEWEST:
-        if cell.images[camera.name].count:  # where none ever came, another check says so
-            problem = f"`{camera.name}` hardly sends images"
-            yield CellCheck(camera.name, "rate", "none", f"{camera.rate:.3g} Hz", problem)
-        return
-    rate = 1.0 / float(np.median([later - t for (t, _), (later, _) in pairwise(arrived)]) or 1e9)
-    problem = f"`{camera.name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
-    slow = rate < (1.0 - cell.file.tolerances.rate) * camera.rate
-    yield CellCheck(camera.name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", problem if slow else None)
-    yield _age(cell, f"images of `{camera.name}`", [came - t for t, came in arrived], camera.lag)
-
-
-def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopicEntry) -> Iterator[CellCheck]:
-    """Whether a `CameraInfo` says what the workspace does."""
-    name = camera.name
+def _camera(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopicEntry) -> Iterator[CellCheck]:
+    """Whether the images of a camera come as often and as late, and its `CameraInfo` says, what the workspace does."""
+    name, arrived, limits = camera.name, cell.ages[camera.name], cell.file.tolerances
+    if len(arrived) >= FEWEST:
+        rate = 1.0 / float(np.median([later - t for (t, _), (later, _) in pairwise(arrived)]) or 1e9)
+        slow = f"`{name}` takes {rate:.3g} images a second, the workspace says {camera.rate:.3g}"
+        wrong = slow if rate < (1.0 - limits.rate) * camera.rate else None
+        yield CellCheck(name, "rate", f"{rate:.3g} Hz", f"{camera.rate:.3g} Hz", wrong)
+        yield _age(cell, f"images of `{name}`", [came - t for t, came in arrived], camera.lag)
+    elif cell.images[name].count:  # where none ever came, another check says so
+        yield CellCheck(name, "rate", "none", f"{camera.rate:.3g} Hz", f"`{name}` hardly sends images")
     if info is None:
         problem = None if about.info is None else f"nothing comes on `{about.info}`"
         yield CellCheck(name, "CameraInfo", "none", "", problem)
@@ -204,7 +197,7 @@ def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopic
     K = np.array(info.K if hasattr(info, "K") else info.k).reshape(3, 3)
     off = np.abs(K - camera.matrix)
     row, column = np.unravel_index(int(off.argmax()), off.shape)
-    limit, problem = cell.file.tolerances.focal * float(camera.matrix[0, 0]), None
+    limit, problem = limits.focal * float(camera.matrix[0, 0]), None
     if off.max() > limit:
         entry = {(0, 0): "fx", (1, 1): "fy", (0, 2): "cx", (1, 2): "cy"}.get((int(row), int(column)), "K")
         found, said = K[row, column], camera.matrix[row, column]
@@ -214,7 +207,7 @@ def _info(cell: RosCell, camera: Camera, info: Message | None, about: ImageTopic
     both = np.zeros((2, max(len(D), len(camera.distortion), 1)))
     both[0, : len(D)], both[1, : len(camera.distortion)] = D, camera.distortion
     bent = float(np.abs(both[0] - both[1]).max())
-    if bent > cell.file.tolerances.focal:
+    if bent > limits.focal:
         yield CellCheck(name, "D", f"{bent:.3f} off", "", f"`{name}`: its distortion is {bent:.3f} off the workspace's")
 
 
@@ -222,18 +215,15 @@ def _camera_pose(
     cell: RosCell, camera: Camera, transforms: Mapping[str, StaticTransform], frame: str | None
 ) -> CellCheck:
     """Whether TF has a camera where the workspace does, by way of the root that its frame and its carrier share."""
-
-    def to_root(frame: str) -> tuple[str, Array]:
-        """The root above a frame, and the frame's pose in it, shape (4, 4)."""
-        X = pose()
-        for _ in range(len(transforms) + 1):
-            if frame not in transforms:
-                break
-            X, frame = transforms[frame].X_PC @ X, transforms[frame].parent
-        return frame, X
-
     carrier, child = cell.file.world if camera.frame == WORLD else camera.frame, (frame or "").lstrip("/")
-    (root, X_RF), (other, X_RC) = to_root(carrier), to_root(child)
+    up: list[tuple[str, Array]] = []  # the root above carrier and camera, and the pose of each in it, (4, 4)
+    for root in (carrier, child):
+        X_RF = pose()
+        for _ in range(len(transforms) + 1):
+            if root in transforms:
+                X_RF, root = transforms[root].X_PC @ X_RF, transforms[root].parent
+        up.append((root, X_RF))
+    (root, X_RF), (other, X_RC) = up
     if frame is None or root != other or carrier == child:
         return CellCheck(camera.name, "pose", "not in TF", "")
     off = inverse(camera.X_FC) @ (inverse(X_RF) @ X_RC)

@@ -118,7 +118,7 @@ def test_a_motion_that_went_on_while_nothing_was_sent_is_no_portion(following, s
     motion, sent, portions = following
     before = motion.stopped(0.5)
     if stand:
-        portions.begin(before, 0.5)
+        portions.follow(before, 0.6)
         portions.follow(motion, 1.8)  # it began at 1.0
     else:
         portions.follow(motion, 1.8)
