@@ -180,7 +180,8 @@ class ArmMotion:
 
     def standing_time(self, tau: float) -> float:
         """The time of the step's own clock [s] at which the arm would stand if it began to stop at time tau [s]."""
-        return self._planned_stop(self._start + tau, protective=False).rests_at
+        stop = self._planned_stop(self._start + tau, protective=False)
+        return min(stop.tau + stop.duration * float(stop.law.positions(1.0)), stop.last)
 
     def place(self, joints: Mapping[str, float]) -> None:
         """Want some joints elsewhere at once and until the next step, such as fingers, which their motors hold back."""
@@ -221,7 +222,11 @@ class ArmMotion:
         tau, rate, change = t - self._start, np.ones_like(t), np.zeros_like(t)
         for stop in self._stops:
             rows = t > stop.t
-            tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
+            if not stop.duration:
+                tau[rows], rate[rows], change[rows] = stop.tau, 1.0, 0.0
+                continue
+            clock, rate[rows], slower, _ = stop.law.derivatives((t[rows] - stop.t) / stop.duration)
+            tau[rows], change[rows] = np.minimum(stop.tau + stop.duration * clock, stop.last), slower / stop.duration
         return tau, rate, change
 
     def _on_path(self, tau: Array) -> list[Array]:
@@ -229,7 +234,7 @@ class ArmMotion:
 
         A primitive ends at rest, so later times stand still there. What guarded moves left over fades in a joint move.
         """
-        index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
+        index = self._index(float(tau[0]))
         primitive, offset = self._primitives[index], self._offsets[index]
         local = np.clip(tau - primitive.start, 0.0, self._moving[index].duration)
         motion = self._guarded_motion(index, local, 2)
@@ -254,29 +259,25 @@ class ArmMotion:
         most_acceleration, most_jerk = self._protective if protective else self._limits
         # Without a stop the clock goes on as it would, to the end of the primitive.
         usual = self._stops[-1] if self._stops else PathStop(t, tau, max(last - tau, 0.0), last, _ON, protective)
-        too_short, duration, longest = 0.0, LEAST_STOP, usual.stands - t
-
-        def keeps_limits(duration: float) -> bool:
+        longest = usual.stands - t
+        # The shortest duration that keeps the limits: doubled until it does, then halved in between.
+        too_short, enough, duration = 0.0, np.inf, LEAST_STOP
+        while enough == np.inf or (too_short > 0.0 and enough > FINENESS * too_short):
             law = slowing(rate, duration * change)
             clock, *rates = law.derivatives(np.linspace(0.0, 1.0, 65))
             _, v, a = self._on_path(tau + duration * clock)
             first, second, third = (one[:, None] / duration**k for k, one in enumerate(rates))
-            acceleration, jerk = a * first**2 + v * second, 3 * a * first * second + v * third
-            return bool(
-                (np.abs(acceleration) <= LIMIT_SLACK * most_acceleration).all()
-                and (np.abs(jerk) <= LIMIT_SLACK * most_jerk).all()
-            )
-
-        while not keeps_limits(duration):
-            too_short, duration = duration, 2.0 * duration
-            if too_short >= longest:
-                return usual
-        while duration > FINENESS * too_short and too_short > 0.0:
-            between = 0.5 * (too_short + duration)
-            too_short, duration = (too_short, between) if keeps_limits(between) else (between, duration)
-        if duration >= longest:
+            acceleration, jerk = np.abs(a * first**2 + v * second), np.abs(3 * a * first * second + v * third)
+            if (acceleration <= LIMIT_SLACK * most_acceleration).all() and (jerk <= LIMIT_SLACK * most_jerk).all():
+                enough = duration
+            else:
+                too_short = duration
+                if enough == np.inf and too_short >= longest:
+                    return usual
+            duration = 2.0 * too_short if enough == np.inf else 0.5 * (too_short + enough)
+        if enough >= longest:
             return usual
-        return PathStop(t, tau, duration, last, slowing(rate, duration * change), protective)
+        return PathStop(t, tau, enough, last, slowing(rate, enough * change), protective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,18 +298,6 @@ class PathStop:
     def stands(self) -> float:
         """When the arm stands [s]."""
         return self.t + self.duration
-
-    @property
-    def rests_at(self) -> float:
-        """What the step's own clock shows then [s]."""
-        return min(self.tau + self.duration * float(self.law.positions(1.0)), self.last)
-
-    def clock(self, t: Array) -> tuple[Array, Array, Array]:
-        """The step's own clock at times t [s] of the stop, (m,), as `ArmMotion._clock`."""
-        if not self.duration:
-            return np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t)
-        clock, rate, change, _ = self.law.derivatives((t - self.t) / self.duration)
-        return np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:

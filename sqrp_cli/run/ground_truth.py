@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 RATE = 25.0
 """States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
 DIGITS = 5
-"""Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
+"""Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m.
+
+0.0 is added to what is rounded, so that there is no -0.0, which is not 0.0 to whoever reads the log.
+"""
 
 
 class GroundTruth:
@@ -86,7 +89,7 @@ class GroundTruth:
                 X_WO, held = attempt.beliefs(tau), begun[-1].held if begun and not attempt.failed else None
         if t is None and now <= self._told + 1e-9:
             return
-        q = [_rounded(q) for q in joints.values()]
+        q = [round(q, DIGITS) + 0.0 for q in joints.values()]
         state = {"joints": list(joints), "q": q, "held": held, "objects": _logged_poses(X_WO)}
         self._told = now if t is None else t
         self._publisher.publish("state", self._told, **_changes(state, self._last))
@@ -115,7 +118,7 @@ def step_began(step: Step, number: int) -> Mapping[str, Any]:
         if name in before and not box.frame.at_start and name in carried:
             continue
         frame, X_FB = (WORLD, before[name] @ box.X_FB) if name in before else (str(box.frame), box.X_FB)
-        pose = [[_rounded(x) for x in row] for row in X_FB.tolist()]
+        pose = [[round(x, DIGITS) + 0.0 for x in row] for row in X_FB.tolist()]
         boxes[atom].append(AskedBox(frame=frame, size=list(box.size), pose=pose))
     parameters, time = dict(step.parameters), round(step.time, 6)
     return {"number": number, "skill": step.skill, "parameters": parameters, "time": time, "boxes": boxes}
@@ -161,9 +164,6 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
 def _logged_poses(X_WO: Mapping[str, Array]) -> dict[str, list[float]]:
     """Poses (4, 4) as the log has them: x, y, z [m] and a quaternion x, y, z, w."""
     return {
-        name: [_rounded(float(x)) for x in (*X[:3, 3], *matrix_to_quaternion(X[:3, :3]))] for name, X in X_WO.items()
+        name: [round(float(x), DIGITS) + 0.0 for x in (*X[:3, 3], *matrix_to_quaternion(X[:3, :3]))]
+        for name, X in X_WO.items()
     }
-
-
-def _rounded(value: float) -> float:
-    return round(value, DIGITS) + 0.0  # no -0.0, which is not 0.0 to whoever reads the log

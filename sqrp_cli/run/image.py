@@ -37,26 +37,22 @@ class CameraImage:
     image: ImageArray
 
 
-def check_simulated(workspace: Workspace) -> None:
-    """Raises InputError for cameras whose images are too large to be simulated."""
-    cameras = workspace.cameras
-    _check(workspace, cameras, MOST_SIMULATED, "simulated")
-    together = sum(camera.width * camera.height for camera in cameras.values())
-    if together > MOST_SIMULATED_TOGETHER:
-        message = f"the images of all cameras have {together:,} pixels; "
-        message += f"simulated are at most {MOST_SIMULATED_TOGETHER:,}"
-        raise bad_input("image-too-large", message, workspace.places.get("cameras"))
+def check_image_sizes(workspace: Workspace, recorded: Iterable[str] | None = None) -> None:
+    """Raises InputError for cameras whose images are too large to be simulated, or looked at.
 
-
-def check_recorded(workspace: Workspace, names: Iterable[str]) -> None:
-    """Raises InputError for cameras, of those named, whose images are too large to be looked at."""
-    _check(workspace, names, MOST_RECORDED, "looked at")
-
-
-def _check(workspace: Workspace, names: Iterable[str], most: int, done: str) -> None:
-    for camera in (workspace.cameras[name] for name in names):
+    recorded: names of cameras whose images are there and are looked at; by default, images of all are simulated.
+    """
+    cameras, most, done = workspace.cameras, MOST_RECORDED, "looked at"
+    if recorded is None:
+        recorded, most, done = cameras, MOST_SIMULATED, "simulated"
+    for camera in (cameras[name] for name in recorded):
         if camera.width * camera.height > most:
             message = f"the images of `{camera.name}` have {camera.width:,} x {camera.height:,} pixels"
             message += f"; images of at most {most:,} pixels are {done}"
             mend = "give the camera a smaller image, with the same field of view"
             raise bad_input("image-too-large", message, workspace.places.get(f"cameras.{camera.name}"), mend=mend)
+    together = sum(camera.width * camera.height for camera in cameras.values())
+    if recorded is cameras and together > MOST_SIMULATED_TOGETHER:
+        message = f"the images of all cameras have {together:,} pixels; "
+        message += f"simulated are at most {MOST_SIMULATED_TOGETHER:,}"
+        raise bad_input("image-too-large", message, workspace.places.get("cameras"))

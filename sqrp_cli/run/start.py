@@ -19,7 +19,6 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.cell.ros_cell import RosCell
-from sqrp_cli.run.cell.ros_checks import CellCheck, check_cell
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
 from sqrp_cli.run.record.report import FaultRecord, RunReport, SweptRun
@@ -67,17 +66,13 @@ def sweep(
     step: its number, from 1. step_done: called after each run.
     """
     with simulation.cell() as cell:
-        for x in instants(primitive.start, primitive.end, count):
+        for index in range(count):
+            x = primitive.start + (index + 0.5) / count * (primitive.end - primitive.start)
             report = simulation.run([slip_at(x, step)], cell=cell)
             step_done()
             # A run may see a fault that was not injected, or stop, before the step begins.
             slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
             yield SweptRun(**vars(slip), x=x, outcome=report.outcome, reason=report.reason, time=report.time)
-
-
-def instants(start: float, end: float, count: int) -> list[float]:
-    """The middles of `count` equal parts of a time [s]."""
-    return [start + (index + 0.5) / count * (end - start) for index in range(count)]
 
 
 def slip_at(x: float, step: int = 1) -> InjectedFault:
@@ -111,16 +106,16 @@ class ConnectedRobot:
     cell: RosCell
     speed: float
 
-    def check(self) -> list[CellCheck]:
-        """Compare the cell with the workspace and the program; nothing is commanded."""
-        return check_cell(self.cell, self.program.steps[0].before.joints)
-
     def run(self, replanner: Replanner, recording: Recording, *, moves: bool) -> RunReport:
         """Run the program; without moving, only look at its start. Raises InputError where images cannot be read.
 
         replanner: plans retries at full speed.
         """
-        slower = slowed_replanner(replanner, self.speed)
+
+        def slower(step: Step, world: World) -> Step | None:
+            planned = replanner(step, world)
+            return None if planned is None else slowed(planned, self.speed)
+
         return Run(self.program, self.workspace, self.cell, slower, recording=recording).run(moves=moves)
 
 
@@ -133,7 +128,8 @@ def connected(program: Program, workspace: Workspace, file: RobotFile, speed: fl
     transport = DdsTransport(file.domain, file.network)
     joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages
     with RosCell(file, joints, workspace, transport) as cell:
-        yield ConnectedRobot(slowed(program, speed), workspace, cell, speed)
+        slower = program.model_copy(update={"steps": tuple(slowed(step, speed) for step in program.steps)})
+        yield ConnectedRobot(slower, workspace, cell, speed)
 
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
@@ -143,26 +139,14 @@ _TIMES = ("time", "start", "end", "x", "shown", "seen", "usual", "refuted")
 literal may lag stay as they are."""
 
 
-def slowed(program: Program, speed: float) -> Program:
-    """The program at a share of its speed, in 0..1, with its predictions: the same paths, and all times longer."""
+def slowed(step: Step, speed: float) -> Step:
+    """A step at a share of its speed, in 0..1, with its predictions: the same paths, and all times longer.
+
+    How late faults are noticed is known by its sights alone.
+    """
     if speed == 1.0:
-        return program
-    return program.model_copy(update={"steps": tuple(_slowed_step(step, 1.0 / speed) for step in program.steps)})
-
-
-def slowed_replanner(replanner: Replanner, speed: float) -> Replanner:
-    """A replanner whose steps are slowed, too."""
-
-    def replan(step: Step, world: World) -> Step | None:
-        planned = replanner(step, world)
-        return None if planned is None else _slowed_step(planned, 1.0 / speed)
-
-    return replanner if speed == 1.0 else replan
-
-
-def _slowed_step(step: Step, factor: float) -> Step:
-    """A step `factor` times as slow. How late faults are noticed is known by its sights alone."""
-    found: Step = _longer(step, "", factor)
+        return step
+    found: Step = _longer(step, "", 1.0 / speed)
     return found.model_copy(update={"faults": {}})
 
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -23,11 +24,12 @@ from tests.trials.wire import small_cell
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 
-def test_what_helps_against_lateness_is_said_once(tmp_path):
+def test_what_helps_against_lateness_is_said_once(tmp_path, monkeypatch):
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
     checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))
     file = SimpleNamespace(mend_of_lateness="slower")
-    connected: Any = SimpleNamespace(check=lambda: checks, cell=SimpleNamespace(file=file))
+    connected: Any = MagicMock(cell=SimpleNamespace(file=file))
+    monkeypatch.setattr("sqrp_cli.run.cell.ros_checks.check_cell", lambda *_: checks)
     with pytest.raises(InputError) as caught:
         check_cell(connected, tmp_path / "robot.yaml", as_json=True)
     assert [problem.mend for problem in caught.value.problems] == [None, None, "slower", None]

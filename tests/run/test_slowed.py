@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
-from sqrp_cli.run.start import slowed, slowed_replanner
+from sqrp_cli.run import start
+from sqrp_cli.run.run import Recording
+from sqrp_cli.run.start import ConnectedRobot, slowed
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
@@ -28,7 +32,7 @@ def program() -> Program:
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 0.8])
 def test_paths_stay_and_times_grow(speed: float) -> None:
-    fast, slow = program().steps[0], slowed(program(), speed).steps[0]
+    fast, slow = program().steps[0], slowed(program().steps[0], speed)
     assert slow.time == pytest.approx(fast.time / speed)
     t = np.linspace(0.0, fast.time, 50)
     before, after = fast.primitives[0].trajectory, slow.primitives[0].trajectory
@@ -38,7 +42,7 @@ def test_paths_stay_and_times_grow(speed: float) -> None:
 
 
 def test_formulas_and_predictions_keep_to_the_motion() -> None:
-    slow = slowed(program(), 0.5).steps[0]
+    slow = slowed(program().steps[0], 0.5)
     assert slow.formulas[0].formula == "eventually[3.0, 4.5] (not held(g1) and on(g1, tray))"
     target = slow.targets["held(g1)"]
     assert target.seen == {"cam1": ((1.0, 8.0),)}
@@ -49,9 +53,12 @@ def test_formulas_and_predictions_keep_to_the_motion() -> None:
     assert sight.onsets[0].shown == (2.2, 6.2)
 
 
-def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too() -> None:
-    whole = program()
+def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, made = program().steps[0], MagicMock()
     assert slowed(whole, 1.0) is whole
-    slow = slowed_replanner(lambda _step, world: whole.steps[0] if world == "free" else None, 0.25)
-    assert slow(whole.steps[0], "free").time == pytest.approx(4 * whole.steps[0].time)
-    assert slow(whole.steps[0], "full") is None
+    monkeypatch.setattr(start, "Run", made)
+    robot = ConnectedRobot(program(), MagicMock(), MagicMock(), 0.25)
+    robot.run(lambda _step, world: whole if world == "free" else None, Recording(), moves=True)
+    slow = made.call_args.args[3]
+    assert slow(whole, "free").time == pytest.approx(4 * whole.time)
+    assert slow(whole, "full") is None

@@ -17,7 +17,7 @@ from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import Confusion, SweepDocument, SweptRun
 from sqrp_cli.run.run import Recording
-from sqrp_cli.run.start import Simulation, header, instants, slip_at
+from sqrp_cli.run.start import Simulation, header, slip_at
 from tests.conftest import TABLETOP
 
 PRECISION, AS_PREDICTED, STANDING = 0.97, 0.9, 0.5
@@ -106,7 +106,7 @@ def sweep(number: int, folder: Path) -> dict[str, Any]:
     programs = _programs(folder)
     program = programs[-1 if number >= SLIPS else 0]
     lift = next(one for one in load_program(program).steps[0].primitives if one.name == "a4")
-    t = round(instants(lift.start, lift.end, SLIPS)[number % SLIPS], 3)
+    t = round(lift.start + (number % SLIPS + 0.5) / SLIPS * (lift.end - lift.start), 3)
     return _ran(program, 0, [slip_at(t)], f"{program.stem} slips at {t} s") | {"x": t}
 
 
@@ -139,7 +139,7 @@ def repeat(_number: int, folder: Path) -> dict[str, Any]:
     lift = next(one for one in load_program(program).steps[0].primitives if one.name == "a4")
     logs = []
     for path in (folder / "one", folder / "two"):
-        simulation, faults = _simulation(program), [slip_at(round(instants(lift.start, lift.end, 1)[0], 3))]
+        simulation, faults = _simulation(program), [slip_at(round((lift.start + lift.end) / 2, 3))]
         writer = LogWriter(path, header(simulation.program, simulation.workspace, 0, faults))
         writer.close(simulation.run(faults, Recording([writer])))
         logs.append(path.read_bytes())

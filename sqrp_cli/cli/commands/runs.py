@@ -213,10 +213,11 @@ def _run_on_robot(
 
 def check_cell(connected: ConnectedRobot, robot: Path, *, as_json: bool) -> None:
     """Compare the cell with the program, and print what was compared. Raises InputError where it differs."""
+    from sqrp_cli.run.cell.ros_checks import check_cell as compared
     from sqrp_cli.show.terminal.console import Column, note, print_table, say
 
     note("watching the cell ...")
-    checks = connected.check()
+    checks = compared(connected.cell, connected.program.steps[0].before.joints)
     if not as_json:
         columns = [Column("cell"), Column("what"), Column("found"), Column("expected"), Column("")]
         words = ["" if one.problem is None else "differs" for one in checks]

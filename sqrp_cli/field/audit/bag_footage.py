@@ -17,7 +17,7 @@ from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import Bag, Packed, RecordedTopic
 from sqrp_cli.ros.messages import Message, nanoseconds
-from sqrp_cli.run.image import CameraImage, check_recorded
+from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.monitor.nominal_step import planned_joints
 from sqrp_cli.run.record.bag_recorder import AS_PLANNED
 from sqrp_cli.run.record.packed_image import DamagedImageError, image_of
@@ -59,7 +59,7 @@ class BagFootage:
             for name in _names(there)
             if name.removesuffix(PACKED) not in used and not {*workspace.cameras} & {*name.split("/")}
         ]
-        check_recorded(workspace, self.recorded)
+        check_image_sizes(workspace, self.recorded)
         arm = [name for name in program.joints if name in workspace.robot.home]
         self.starts: Sequence[float]
         self.starts, self.runs = found_steps(program, arm, self._tracks, path)

@@ -15,7 +15,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.image import CameraImage, check_recorded
+from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.monitor.nominal_step import planned_joints
 from sqrp_cli.run.record.images import read_frames
 from sqrp_cli.run.record.packed_image import read_png
@@ -68,7 +68,7 @@ class FolderFootage(ImageFiles):
         """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
         self.recorded: Collection[str] = {camera for camera, *_ in entries}
         """Cameras of the workspace that it has images of."""
-        check_recorded(workspace, self.recorded)
+        check_image_sizes(workspace, self.recorded)
         longest = max((step.time for step in program.steps), default=0.0)
         self.starts: Sequence[float] = [index * (longest + _APART) for index in range(len(program.steps))]
         self.frames: Sequence[Frame] = [

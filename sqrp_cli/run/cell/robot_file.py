@@ -168,7 +168,9 @@ def read_robot_file(path: Path, workspace: Workspace, program: Program) -> Robot
         wrong.append(("missing-key", ("joints",), f"`joints` lacks {names}, which the program moves", None))
     for wire, count in Counter((joints or {}).values()).items():
         if count > 1:
-            wrong.append(("duplicate-name", ("joints",), f"`joints`: {count} joints are called `{wire}` in messages", None))
+            wrong.append(
+                ("duplicate-name", ("joints",), f"`joints`: {count} joints are called `{wire}` in messages", None)
+            )
     primitives = [primitive for step in program.steps for primitive in step.primitives]
     if file.tool is None and any(one.action in ("Grasp", "Release") for one in primitives):
         message = "the program grasps, but the file has no `tool` that can be told to"

@@ -20,7 +20,7 @@ from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.run.arm_motion import ArmReference
 from sqrp_cli.run.cell.mujoco_model import FRICTION, TIME_STEP, TIP, TIP_RADIUS, build_model, mujoco, quaternion
 from sqrp_cli.run.cell.render_pool import RenderPool
-from sqrp_cli.run.image import CameraImage, check_simulated
+from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.record.report import Stopped
 
 SUCTION_REACH = 3e-3
@@ -70,7 +70,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
         that installs it), and for a mesh that cannot be used or images that are too large.
         """
         if seed is not None:
-            check_simulated(workspace)
+            check_image_sizes(workspace)
         self._workspace, self._built = workspace, build_model(workspace, placed_objects(world))
         self.reset(world)
         self._renderers = None

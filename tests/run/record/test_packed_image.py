@@ -20,7 +20,7 @@ from sqrp_cli.camera.camera import Camera, PixelSize
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.ros.messages import message_types
-from sqrp_cli.run.image import check_recorded, check_simulated
+from sqrp_cli.run.image import check_image_sizes
 from sqrp_cli.run.record.packed_image import DamagedImageError, bare_png, decoded, image_of, jpeg_of, png_of, read_png
 from tests.damage.record_bombs import chunk
 
@@ -143,14 +143,14 @@ def test_images_that_are_too_large_to_simulate_or_look_at_are_refused_before_the
         eye = replace(workspace.cameras["eye"], width=width, height=height)
         return replace(workspace, cameras={"eye": eye, **{str(number): eye for number in range(1, count)}})
 
-    check_simulated(of_size(4000, 4000))
+    check_image_sizes(of_size(4000, 4000))
     with pytest.raises(InputError, match="`eye` have 4,001 x 4,000 pixels; images of at most 16,000,000 pixels"):
-        check_simulated(of_size(4001, 4000))
-    check_recorded(of_size(8000, 8000), ["eye"])
+        check_image_sizes(of_size(4001, 4000))
+    check_image_sizes(of_size(8000, 8000), ["eye"])
     with pytest.raises(InputError, match="at most 64,000,000 pixels are looked at"):
-        check_recorded(of_size(8001, 8000), ["eye"])
+        check_image_sizes(of_size(8001, 8000), ["eye"])
     with pytest.raises(InputError, match="all cameras have 80,000,000 pixels"):
-        check_simulated(of_size(4000, 4000, 5))
+        check_image_sizes(of_size(4000, 4000, 5))
 
 
 def packed(data: bytes, kind: str = "jpeg") -> Any:
