@@ -24,12 +24,14 @@ def _own() -> tuple[int, str]: ...
 """
 
 
-PACKAGE = SourceTree(ROOT)
+@pytest.fixture(scope="module")
+def package() -> SourceTree:
+    return SourceTree(ROOT)
 
 
 @pytest.fixture(scope="module")
-def figures() -> dict[str, Figure]:
-    return PACKAGE.figures()
+def figures(package: SourceTree) -> dict[str, Figure]:
+    return package.figures()
 
 
 def test_what_is_counted(tmp_path: Path) -> None:
@@ -50,8 +52,8 @@ def test_what_is_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("field", [RECORD_FIELDS[subject] for subject in ("target's box", "fault's figures", "camera")])
-def test_a_new_field_touches_at_most_three_files(field: str) -> None:
-    assert 1 <= len(PACKAGE.modules_that_write(field)) <= 3
+def test_a_new_field_touches_at_most_three_files(field: str, package: SourceTree) -> None:
+    assert 1 <= len(package.modules_that_write(field)) <= 3
 
 
 @pytest.mark.parametrize(("title", "most"), [
@@ -62,8 +64,8 @@ def test_a_result_is_said_once(title: str, most: int, figures: dict[str, Figure]
     assert figures[title][0] <= most, figures[title][1]
 
 
-def test_every_room_keeps_its_budget(figures: dict[str, Figure]) -> None:
-    rooms = PACKAGE.rooms()
+def test_every_room_keeps_its_budget(package: SourceTree, figures: dict[str, Figure]) -> None:
+    rooms = package.rooms()
     assert {room: lines - ROOMS[room][1] for room, lines in rooms.items() if lines > ROOMS[room][1]} == {}
     assert sum(rooms.values()) == figures["lines"][0]  # no module has no room
 
