@@ -82,10 +82,10 @@ class Document(Record):
         return f"{type(self).__name__}({self.brief})"
 
     def __str__(self) -> str:
-        return str(import_module("sqrp_cli.show.terminal.console").as_plain_text(self.show))
+        return str(import_module("sqrp_cli.show.terminal.console").captured(self.show))
 
     def _repr_html_(self) -> str:
-        return str(import_module("sqrp_cli.show.terminal.console").as_html(self.show))
+        return str(import_module("sqrp_cli.show.terminal.console").captured(self.show, html=True))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -295,7 +295,7 @@ class _Worker:
         if session is None or base is None or (asked.move.kind != "camera" and len(base[0]) > 1):
             self.say("held", number=asked.number)
             return
-        workspace, (sketches, shown) = moved(session.workspace, asked.move), base
+        workspace, (sketches, shown) = moved(session.cell.workspace, asked.move), base
         was = {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}  # as the cell is, at the same instants
         if asked.move.kind == "camera":
             cell = session.cell.seen_by(workspace)

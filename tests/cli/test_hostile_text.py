@@ -28,7 +28,7 @@ from sqrp_cli.run.record.events import VERSION, ShownAtom, event
 from sqrp_cli.run.record.log import LogWriter, read_log
 from sqrp_cli.score.ci_files import _text as in_markdown
 from sqrp_cli.show.terminal import console
-from sqrp_cli.show.terminal.run_view import LiveView
+from sqrp_cli.show.terminal.run_view import live_view
 from sqrp_cli.shown import one_line
 from tests.cli.hostile import EVIL, IN_PATH, TASK, hostile_cell, is_harmless
 from tests.cli.test_run_replay import log_of
@@ -95,7 +95,7 @@ def test_what_changes_in_place_controls_no_terminal_either(monkeypatch):
     monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out, force_terminal=True, width=200))
     with console.progress(EVIL, 3) as advance:
         advance()
-    with LiveView([EVIL]) as view:
+    with live_view([EVIL]) as view:
         view(event("primitive", 0.0, name=EVIL))
         atom = ShownAtom(value=Truth.TRUE, asked=True, predicted=True, cameras={EVIL: Truth.TRUE})
         view(event("evidence", 0.1, exposed=0.0, literals={EVIL: atom}))

@@ -15,7 +15,6 @@ from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import FaultRecord, RunReport
 from sqrp_cli.run.start import Simulation
-from sqrp_cli.show.terminal.run_view import LiveView
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.cli.ctrl_c import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell
@@ -209,11 +208,11 @@ def test_a_fault_happens_in_the_step_that_is_told(sqrp, two_steps):
 
 @pytest.mark.parametrize(("number", "more"), [(1, ["--json"]), (2, [])])
 def test_ctrl_c_in_a_step_keeps_those_before(sqrp, two_steps, monkeypatch, number, more):
-    def interrupted(_: LiveView, event: Event) -> None:
+    def interrupted(event: Event) -> None:
         if event.event == "step" and event.number == number:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(LiveView, "__call__", interrupted)
+    monkeypatch.setattr("sqrp_cli.show.terminal.run_view.event_in_words", interrupted)
     found = sqrp("run", two_steps.program, "--sim", *more)
     assert found.code == 130
     assert "Traceback" not in found.err

@@ -15,7 +15,7 @@ from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, Run
 from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal import console
 from sqrp_cli.show.terminal.console import Column, print_table
-from sqrp_cli.show.terminal.run_view import LiveView, print_disagreements, print_prediction, print_run
+from sqrp_cli.show.terminal.run_view import live_view, print_disagreements, print_prediction, print_run
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
@@ -147,7 +147,7 @@ def test_a_log_that_does_not_tell_what_was_predicted_is_shown_live(tmp_path, mon
         {"t": 0.2, "event": "retry", "attempt": 1, "of": 2},
     ]
     log.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    with LiveView(["cam1"]) as view:
+    with live_view(["cam1"]) as view:
         for event in read_log(log):
             view(event)
     shown = out.getvalue()

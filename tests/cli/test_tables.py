@@ -18,7 +18,7 @@ from rich.console import Console
 
 from sqrp_cli.run.record.events import event
 from sqrp_cli.show.terminal import console, progress_lines
-from sqrp_cli.show.terminal.run_view import LiveView
+from sqrp_cli.show.terminal.run_view import live_view
 from sqrp_cli.study import pipeline
 
 OUTPUTS = [
@@ -218,7 +218,7 @@ def test_only_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_
 
 def test_a_run_says_how_far_it_is_where_stderr_is_no_terminal(monkeypatch, diagnostics):
     monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
-    with LiveView(["cam1"], planned=13.87) as view:
+    with live_view(["cam1"], planned=13.87) as view:
         for t in (0.4, 1.2, 2.9, 5.1):
             view(event("stopping", t))
         time.sleep(0.2)

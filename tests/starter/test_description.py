@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.cli.commands.workspaces import folder_and_arguments
+from sqrp_cli.cli.commands import workspaces
+from sqrp_cli.cli.main import run
 from sqrp_cli.errors import InputError
 from sqrp_cli.starter.description import OwnRobot, describe_robot
 from sqrp_cli.starter.make import OWN_ARM, SHIPPED, make_starter
@@ -72,10 +73,11 @@ def test_a_changed_xacro_changes_what_was_understood_and_a_comment_does_not(src:
     assert load_workspace(made.folder).digest != before
 
 
-def test_folder_and_arguments_come_in_any_order() -> None:
-    assert folder_and_arguments(["kind:=short", "cell", "a:=b:=c"]) == (Path("cell"), {"kind": "short", "a": "b:=c"})
-    with pytest.raises(InputError, match="found the folders `one`, `two`"):
-        folder_and_arguments(["one", "two"])
+def test_folder_and_arguments_come_in_any_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(workspaces, "made", lambda ask: asked.append((ask.folder, ask.arguments)) or 1 / 0)
+    assert run(["init", "kind:=short", "cell", "a:=b:=c", "--urdf", "arm.xacro"]) == 70
+    assert asked == [(Path("cell"), {"kind": "short", "a": "b:=c"})]
 
 
 URDF = '<robot name="ur5"><link name="base"/><link name="tip"/><joint name="j" type="fixed"><parent link="base"/>'

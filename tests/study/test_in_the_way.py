@@ -106,9 +106,8 @@ def test_explain_tells_it_in_text_document_and_pictures(
     assert first.name == "wall"
     assert f"{100 * first.alone:.1f} % would be seen without it." in text.replace("\n", " ")
     lines: list[str] = []
-    monkeypatch.setattr(
-        drawing, "captioned", lambda picture: [lines.extend(text for text, _ in picture[1]), picture[0]][1]
-    )
+    framed = drawing.framed
+    monkeypatch.setattr(drawing, "framed", lambda *given: lines.extend(text for text, _ in given[1]) or framed(*given))
     pictures.write_pictures(cell, behind, tmp_path / "pictures")
     assert any(line.startswith("hidden 100.0 %: bar ") for line in lines)
 

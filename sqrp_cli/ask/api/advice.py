@@ -53,7 +53,7 @@ class AdvisedCell:
     @cached_property
     def file(self) -> SourceDocument:
         """The workspace file. Raises InputError where it has changed since it was read."""
-        workspace = self.session.workspace
+        workspace = self.session.cell.workspace
         return read_again(workspace.whole_file.file, workspace.files["workspace"].digest, self.content)
 
     def write(self, content: bytes) -> None:
@@ -73,7 +73,7 @@ class AdvisedCell:
 
     def changed(self, change: ProposedChange) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""
-        workspace = self.session.workspace
+        workspace = self.session.cell.workspace
         if change.unwritten:
             raise bad_option(change.unwritten)
         if change.parameters is not None:
@@ -103,7 +103,7 @@ class AdvisedCell:
             if self.candidate.steps:
                 start = f"{number}."
                 own = {name.removeprefix(start): one for name, one in parameters.items() if name.startswith(start)}
-            text, workspace = step.task, self.session.workspace
+            text, workspace = step.task, self.session.cell.workspace
             if any(one.binding != step.binding for one in read_task(text, workspace).candidates):
                 text = " ".join([step.skill.name, *(f"{name}={one}" for name, one in step.binding.items())])
             unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
@@ -122,7 +122,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     session = Session.begin(cell, ask)
     plans = Plans((session.cell, session.assignment.sampling))
     session = replace(session, assignment=replace(session.assignment, plans=plans))
-    workspace, came, interrupted = session.workspace, list[KindOutcome](), None
+    workspace, came, interrupted = session.cell.workspace, list[KindOutcome](), None
     with closing(Results(ask.out)) as results:
         question = _question(session, ask)
         goal, best = question.goal, question.best
@@ -163,7 +163,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
 
 def _question(session: Session, ask: AdviseRequest) -> Question:
     """What is to be met by which candidate, once all candidates are assessed."""
-    workspace, assignment = session.workspace, session.assignment
+    workspace, assignment = session.cell.workspace, session.assignment
     check_choice(session.task, ask.choose)
     expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
     goal = goal_of(expected) if ask.want is None else read_goal(ask.want)
@@ -193,7 +193,7 @@ def _all_it_depends_on(session: Session, question: Question) -> tuple[object, ..
     """All that the answer of a kind depends on in addition to the kind and the program: the key of kept searches."""
     world, sampling = question.world, question.sampling
     return (
-        session.workspace.digest,
+        session.cell.workspace.digest,
         question.task,
         question.best.candidate.name,
         vars(question.goal),
@@ -216,7 +216,7 @@ def _listed(
     Tasks that need others first are done with these, as `score` does. assessments: of the task that was asked for.
     chosen: the one that advice is about, which alone counts of a task that the workspace does not list.
     """
-    workspace, assignment = session.workspace, session.assignment
+    workspace, assignment = session.cell.workspace, session.assignment
     facts = assignment.world.facts
     known = {_key(one.candidate): one.way for one in assessments}
     found: list[TaskWays] = []

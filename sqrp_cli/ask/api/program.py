@@ -382,7 +382,9 @@ class LoggedRun:
         header = next(events)
         logged = cls(log, header, events, opened)
         if opened is not None and header.steps:
-            opened.check_ran(header.steps, "this log is", Place(log, 1), _shown_again(log))
+            opened.check_ran(
+                header.steps, "this log is", Place(log, 1), shlex.join(["sqrp", "run", "--replay", str(log)])
+            )
         return logged
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun | None:
@@ -418,12 +420,8 @@ class LoggedRun:
     def no_report(self) -> InputError:
         """The error where a run that was interrupted is not enough."""
         message = "this log ends without a report, as the run was interrupted; expected one of a run that ended"
-        return bad_input("no-log", message, Place(self.log), mend=_shown_again(self.log))
-
-
-def _shown_again(log: Path) -> str:
-    """The command that shows a run without its program."""
-    return shlex.join(["sqrp", "run", "--replay", str(log)])
+        mend = shlex.join(["sqrp", "run", "--replay", str(self.log)])
+        return bad_input("no-log", message, Place(self.log), mend=mend)
 
 
 def late_replanner(workspace: Workspace) -> Callable[[Step, World], Step | None]:

@@ -1,49 +1,22 @@
-"""A program on a real robot, and the simulated cell served to others: both by messages of ROS."""
+"""The simulated cell served to others by messages of ROS."""
 
 from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from sqrp_cli.ask.api.cell import OpenCell
-from sqrp_cli.ask.api.program import OpenProgram, late_replanner
+from sqrp_cli.ask.api.program import OpenProgram
 from sqrp_cli.errors import bad_input, bad_option
 
 if TYPE_CHECKING:
-    from sqrp_cli.ask.api.run_results import SimulatedRun
-    from sqrp_cli.ask.requests import RunRequest
     from sqrp_cli.run.cell.robot_file import RobotFile
-    from sqrp_cli.run.start import ConnectedRobot
 
 LOOPBACK = "127.0.0.1"  # the network on which a cell is served if nobody says otherwise: this computer alone
 LISTENED = 0.7  # for how long it is listened whether another cell is served [s]: to be heard takes 0.3 s
-
-
-@contextmanager
-def connected_robot(opened: OpenProgram, path: Path, speed: float) -> Iterator[ConnectedRobot]:
-    """A robot as a file says how to reach it; when left, it stands. speed: of the program, as a share of what it says.
-
-    Raises InputError for a file that does not fit, and without a connection.
-    """
-    from sqrp_cli.run.cell.requirements import check_packages
-    from sqrp_cli.run.cell.robot_file import read_robot_file
-    from sqrp_cli.run.start import connected
-
-    check_packages()
-    file = read_robot_file(path, opened.workspace, opened.program)
-    with connected(opened.program, opened.workspace, file, speed) as robot:
-        yield robot
-
-
-def run_on_robot(opened: OpenProgram, robot: ConnectedRobot, ask: RunRequest) -> SimulatedRun:
-    """Run the robot's program: it moves where poses are witnessed, else images are looked at where it starts."""
-    perform = partial(robot.run, late_replanner(opened.workspace), moves=ask.witnessed)
-    return opened.run_into(ask, elsewhere=perform)
 
 
 def served_as(joints: Sequence[str], cell: OpenCell, network: str | None, domain: int | None) -> RobotFile:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.ask import values
 from sqrp_cli.camera.camera import assumed_latency
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_names
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
@@ -41,11 +41,6 @@ class Session:
     assignment: RankJob
 
     @property
-    def workspace(self) -> Workspace:
-        """The cell's workspace."""
-        return self.cell.workspace
-
-    @property
     def cell(self) -> Cell:
         """The cell."""
         return self.assignment.cell
@@ -75,7 +70,7 @@ class Session:
         if assignment.calibration is not None:
             drawn = recalibrated(found, ask.by, assignment.calibration)
         return Ranking(
-            workspace=self.workspace.name,
+            workspace=self.cell.workspace.name,
             task=self.task.text,
             by=ask.by,
             ways=ask.ways,
@@ -91,7 +86,12 @@ class Session:
     def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
         """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
         study = study_shown(self.cell, explained.study, explained.result, self.assignment.sampling)
-        about = {"workspace": self.workspace.name, "task": self.task.text, "explained": explained, "ranking": ranking}
+        about = {
+            "workspace": self.cell.workspace.name,
+            "task": self.task.text,
+            "explained": explained,
+            "ranking": ranking,
+        }
         return Explanation(**{**vars(study), **step, **about})
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:

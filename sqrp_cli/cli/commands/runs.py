@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ import typer
 
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.api.calibration import learned
-from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch
+from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_patch, late_replanner
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command, line
 from sqrp_cli.cli.options import (
@@ -126,12 +127,12 @@ def _shown_live(opened: OpenProgram, *, as_json: bool, stopped: str = "") -> Ite
     stopped: what is said then of the robot.
     """
     from sqrp_cli.show.terminal.console import note
-    from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
+    from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
 
     finished = FinishedSteps([step.short_task for step in opened.program.steps])
     try:
         planned = sum(step.time for step in opened.program.steps)
-        with LiveView(list(opened.workspace.cameras), planned=planned) as view:
+        with live_view(list(opened.workspace.cameras), planned=planned) as view:
             yield finished, view
     except KeyboardInterrupt:
         if not as_json:
@@ -147,14 +148,14 @@ def _replay(log: Path, program: Path | None, report: Path | None, *, as_json: bo
     """
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.show.terminal.console import note
-    from sqrp_cli.show.terminal.run_view import FinishedSteps, LiveView
+    from sqrp_cli.show.terminal.run_view import FinishedSteps, live_view
 
     LoggedRun.read(log)  # a file that is no log is told before what is wrong with the program
     opened = None if program is None else read_program(program, check=False)
     logged = LoggedRun.read(log, opened)
     check_not_read([report], [log, *([] if opened is None else opened.files)])
     finished = FinishedSteps([step.skill for step in logged.header.steps])
-    with LiveView(logged.header.cameras, pace=not as_json) as view:
+    with live_view(logged.header.cameras, pace=not as_json) as view:
         run = logged.replay(finished, view)
     if run is not None:
         return _show(run, report, as_json=as_json)
@@ -184,18 +185,25 @@ def _show(run: SimulatedRun, report: Path | None, *, as_json: bool) -> ExitCode:
 def _run_on_robot(
     opened: OpenProgram, robot: Path, speed: float, ask: RunRequest, *, agreed: bool, moves: bool, as_json: bool
 ) -> SimulatedRun:
-    """Run a program on the robot that a file leads to; at Ctrl-C it stops. agreed: whether nobody need be asked.
+    """Run a program on the robot that a file leads to; at Ctrl-C it stops, and it stands when all is done.
+
+    speed: share of the program's. moves: else only images are looked at. agreed: whether nobody need be asked.
 
     Raises InputError where the cell is not as the program says, or nobody agrees.
     """
-    from sqrp_cli.ask.api.robot import connected_robot, run_on_robot
+    from sqrp_cli.run.cell.requirements import check_packages
+    from sqrp_cli.run.cell.robot_file import read_robot_file
     from sqrp_cli.show.terminal.console import ask as ask_user
     from sqrp_cli.show.terminal.console import say
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
-    with connected_robot(opened, robot, speed) as connected:
-        check_cell(connected, robot, as_json=as_json)
-        opened = replace(opened, program=connected.program)
+    check_packages()
+    from sqrp_cli.run.start import connected
+
+    file = read_robot_file(robot, opened.workspace, opened.program)
+    with connected(opened.program, opened.workspace, file, speed) as there:
+        check_cell(there, robot, as_json=as_json)
+        opened = replace(opened, program=there.program)
         if not agreed:
             seconds = sum(step.time for step in opened.program.steps)
             told = f"The robot will move for {seconds:.0f} s."
@@ -208,7 +216,8 @@ def _run_on_robot(
             if said.lower() not in ("y", "yes"):
                 raise bad_input("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
         with _shown_live(opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
-            return run_on_robot(opened, connected, ask.but(listeners=listeners, witnessed=moves))
+            perform = partial(there.run, late_replanner(opened.workspace), moves=moves)
+            return opened.run_into(ask.but(listeners=listeners, witnessed=moves), elsewhere=perform)
 
 
 def check_cell(connected: ConnectedRobot, robot: Path, *, as_json: bool) -> None:

@@ -160,11 +160,11 @@ def _scored(
         note("interrupted before all files were written")
         findings = replace(findings, interrupted=True, unfinished=findings.unfinished or 0)
     except InputError:  # a file that cannot be written takes nothing from what was scored
-        if findings is not None and not _nothing_scored(findings):
+        if findings is not None and not _why_nothing(findings):
             answer(findings, as_json=as_json)
         raise
-    if _nothing_scored(findings):
-        raise InputError(*_why_not_scored(findings))
+    if why := _why_nothing(findings):
+        raise InputError(*why)
     answer(findings, as_json=as_json)
     return _exit_code(findings)
 
@@ -196,15 +196,11 @@ def _exit_code(findings: Scorecard) -> ExitCode:
     return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
-def _nothing_scored(*found: Scorecard) -> bool:
-    """Whether every task or workspace is an error, so that there is nothing to print."""
-    statuses = {result.status for findings in found for result in findings.results}
-    return statuses == {"error"} and not any(findings.interrupted for findings in found)
-
-
-def _why_not_scored(*found: Scorecard) -> list[Problem]:
-    """The reasons for tasks that could not be scored, each once."""
-    scores = (one for findings in found for one in findings.results if one.status == "error")
+def _why_nothing(*found: Scorecard) -> list[Problem]:
+    """The reasons, each once, where every task or workspace is an error, so that there is nothing to print."""
+    scores = [one for findings in found for one in findings.results]
+    if any(one.status != "error" for one in scores) or any(findings.interrupted for findings in found):
+        return []
     return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
 
 
@@ -240,9 +236,8 @@ def _vary(
         what = f"all {len(read)} variants were scored, so none is named the best and no patch is written"
         note(f"interrupted before {what}")
         return ExitCode.INTERRUPTED
-    each = [variant.findings for variant in found.variants]
-    if _nothing_scored(*each):
-        raise InputError(*_why_not_scored(*each))
+    if why := _why_nothing(*(variant.findings for variant in found.variants)):
+        raise InputError(*why)
     if content := found.best_patch:
         PATCHES.write(patch, content)
         found = replace(found, patch=str(patch))
@@ -283,7 +278,8 @@ def _diff(
         else:
             with open_computer(means) as computer:
                 findings = compare_versions(old, new, computer, allow, progress)
-        if findings.count("error"):
-            raise InputError(*_why_not_scored(findings))
+        errors = tuple(one for one in findings.results if one.status == "error")
+        if why := _why_nothing(replace(findings, results=errors)):
+            raise InputError(*why)
         answer(findings, as_json=json)
         return _exit_code(findings)

@@ -291,7 +291,7 @@ def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path |
 
 def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
-    from sqrp_cli.show.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, folder_of, write_pictures
+    from sqrp_cli.show.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, file_name, write_pictures
     from sqrp_cli.show.terminal.console import note, progress
 
     cameras = cell.observer.cameras
@@ -299,7 +299,7 @@ def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, seve
         note(f"pictures have at most {MOST_PIXELS:,} pixels; those of {first_names(large)} are smaller than its images")
     with progress("Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in studies)) as advance:
         for study in studies:
-            folder = folder_of(study, images) if several else images
+            folder = images / file_name(study.candidate.name) if several else images
             blind = write_pictures(cell, study, folder, advance)
             counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
             note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")

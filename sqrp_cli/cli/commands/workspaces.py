@@ -196,7 +196,14 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
     from sqrp_cli.cell.workspace_file import WORKSPACE_FILE
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
-    folder, given = folder_and_arguments([str(ask.folder), *(ask.arguments or ())])
+    # The folder and the arguments of a xacro come in any order.
+    words = [str(ask.folder), *(ask.arguments or ())]
+    given = dict(word.split(":=", 1) for word in words if ":=" in word)
+    folders = [word for word in words if ":=" not in word]
+    if len(folders) != 1:
+        named = ", ".join(f"`{word}`" for word in folders) or "none"
+        raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {named}")
+    folder = Path(folders[0])
     of_arm = {"--tip": ask.tip, "--package-root": ask.package_roots, "an argument": given}
     check_needed("the arm of --urdf", ask.moveit if ask.urdf is None else ask.urdf, of_arm)
     for root in ask.package_roots:
@@ -211,13 +218,3 @@ def _init(ask: requests.InitRequest, *, json: bool = requests.JSON) -> ExitCode:
     print_problems(found.problems)
     answer(found, as_json=json)
     return ExitCode.OK if found.works else ExitCode.NONE_FEASIBLE
-
-
-def folder_and_arguments(words: Sequence[str]) -> tuple[Path, dict[str, str]]:
-    """The folder and the arguments of a xacro, in whatever order they come. Raises InputError without one folder."""
-    given = dict(word.split(":=", 1) for word in words if ":=" in word)
-    folders = [word for word in words if ":=" not in word]
-    if len(folders) != 1:
-        found = ", ".join(f"`{word}`" for word in folders) or "none"
-        raise bad_option(f"expected one folder, and arguments such as `ur_type:=ur5e`; found the folders {found}")
-    return Path(folders[0]), given

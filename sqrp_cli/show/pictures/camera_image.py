@@ -126,18 +126,9 @@ _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 """Where a pixel on an edge is sampled instead of at its centre."""
 
 
-@dataclass(frozen=True, eq=False)
-class PixelView:
-    """What a camera sees at n pixels.
-
-    eye: its centre in the world, (3,). rays: unit vectors in the world, (n, 3). shown: whether the lens shows anything
-    there, (n,). hits: what the rays hit first.
-    """
-
-    eye: Array
-    rays: Array
-    shown: NDArray[np.bool_]
-    hits: Hits
+PixelView = tuple[Array, NDArray[np.bool_], Hits]
+"""What a camera sees at n pixels: the rays through them as unit vectors in the world, (n, 3), whether the lens shows
+anything there, (n,), and what the rays hit first."""
 
 
 class Photographer:
@@ -154,11 +145,19 @@ class Photographer:
         width, height = camera.width, camera.height
         paint = np.array(colors, dtype=float)
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
-        view = self.view(camera, pixels)
-        shades = self._shades(view, paint)
-        edges = np.flatnonzero(_edges(view.hits, (height, width)))
+        eye, view = self._states.camera_poses(camera)[0][:3, 3], self.view(camera, pixels)
+        shades = self._shades(eye, view, paint)
+        # Pixels next to one that shows another part, or a surface with another normal.
+        mesh, normal = view[2].mesh.reshape(height, width), view[2].normal.reshape(height, width, 3)
+        on_edge = np.zeros((height, width), dtype=bool)
+        for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
+            turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
+            change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
+            on_edge[before] |= change
+            on_edge[after] |= change
+        edges = np.flatnonzero(on_edge)
         finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
-        shades[edges] = self._shades(finer, paint).reshape(-1, 4, 3).mean(axis=1)
+        shades[edges] = self._shades(eye, finer, paint).reshape(-1, 4, 3).mean(axis=1)
         return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
 
     def view(self, camera: Camera, pixels: Array) -> PixelView:
@@ -166,31 +165,19 @@ class Photographer:
         X_WC = self._states.camera_poses(camera)[0]
         rays_C, shown = directions(Projection(camera), pixels)
         rays = rays_C @ X_WC[:3, :3].T
-        return PixelView(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
+        return rays, shown, self._scene.first_hits(X_WC[:3, 3], rays)
 
-    def _shades(self, view: PixelView, paint: Array) -> Array:
-        """Colours of the hits, shape (n, 3), with a light and its shadows."""
-        rays, hits = view.rays, view.hits
+    def _shades(self, eye: Array, view: PixelView, paint: Array) -> Array:
+        """Colours of the hits, shape (n, 3), with a light and its shadows. eye: centre of the camera in the world."""
+        rays, shown, hits = view
         shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
         rows = np.flatnonzero(hits.mesh >= 0)
-        points, normals = view.eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
+        points, normals = eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
         lit = np.maximum(normals @ SUN, 0.0)
         turned = np.flatnonzero(lit > 0)
         lit[turned[self._scene.blocked(points[turned], normals[turned], SUN)]] *= _SHADE
         towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
         light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
         shades[rows] = paint[hits.mesh[rows]] * light[:, None]
-        shades[~view.shown] = _OUTSIDE
+        shades[~shown] = _OUTSIDE
         return shades
-
-
-def _edges(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels next to one that shows another part, or a surface with another normal."""
-    mesh, normal = hits.mesh.reshape(shape), hits.normal.reshape(*shape, 3)
-    edges = np.zeros(shape, dtype=bool)
-    for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
-        turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
-        change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
-        edges[before] |= change
-        edges[after] |= change
-    return edges.reshape(-1)

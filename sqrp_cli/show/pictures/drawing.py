@@ -42,8 +42,8 @@ def outlined(
     image: Image, projection: Projection, outlines: Sequence[BoxOutline], captions: Sequence[Caption]
 ) -> Picture:
     """An image with boxes outlined."""
-    photo = _pillow("Image").fromarray(image)
-    draw = _pillow("ImageDraw").Draw(photo)
+    photo = pillow("Image").fromarray(image)
+    draw = pillow("ImageDraw").Draw(photo)
     for corners, outer in outlines:
         edge = _silhouette(corners, projection)
         for color, width in ((_PAPER, 6), (outer, 3)):
@@ -52,27 +52,22 @@ def outlined(
     return photo, captions
 
 
-def captioned(picture: Picture) -> Any:  # noqa: ANN401
-    """A picture with its captions under it, as Pillow's image."""
-    return _framed(*picture, 14)
-
-
 def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> Any:  # noqa: ANN401
     """Rows of small pictures, each row with a heading, as Pillow's image."""
-    resampling = _pillow("Image").Resampling.LANCZOS
+    resampling = pillow("Image").Resampling.LANCZOS
 
     def small(picture: Picture) -> Any:  # noqa: ANN401
         photo, captions = picture
         height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
-        return _framed(photo.resize((_THUMB, height), resampling), captions, 13)
+        return framed(photo.resize((_THUMB, height), resampling), captions, 13)
 
     thumbs = [(heading, [small(picture) for picture in pictures]) for heading, pictures in rows]
     columns = max(len(pictures) for _, pictures in thumbs)
     heights = [max(entry.height for entry in pictures) + LINE + _MARGIN for _, pictures in thumbs]
     top = LINE + 3 * _MARGIN
     size = (columns * (_THUMB + _MARGIN) + _MARGIN, top + sum(heights))
-    sheet = _pillow("Image").new("RGB", size, _PAPER)
-    draw, font = _pillow("ImageDraw").Draw(sheet), _pillow("ImageFont").load_default
+    sheet = pillow("Image").new("RGB", size, _PAPER)
+    draw, font = pillow("ImageDraw").Draw(sheet), pillow("ImageFont").load_default
     draw.text((_MARGIN, _MARGIN), visible(title), fill=_INK, font=font(20))
     for (heading, pictures), height in zip(thumbs, heights, strict=True):
         draw.text((_MARGIN, top), visible(heading), fill=_FAINT, font=font(15))
@@ -87,11 +82,6 @@ def png(image: Any) -> bytes:  # noqa: ANN401
     buffer = io.BytesIO()
     image.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()
-
-
-def check_drawing() -> None:
-    """Raises InputError, with the command that installs it, where Pillow is missing."""
-    _pillow("Image")
 
 
 def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, float]]:
@@ -119,11 +109,11 @@ def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, flo
     return hull
 
 
-def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa: ANN401
-    """A photo with lines of text under it; long lines are cut."""
-    frame = _pillow("Image").new("RGB", (photo.width, photo.height + len(captions) * LINE + 2 * _MARGIN), _PAPER)
+def framed(photo: Any, captions: Sequence[Caption], size: int = 14) -> Any:  # noqa: ANN401
+    """A photo with lines of text under it; long lines are cut. Both are Pillow's images."""
+    frame = pillow("Image").new("RGB", (photo.width, photo.height + len(captions) * LINE + 2 * _MARGIN), _PAPER)
     frame.paste(photo, (0, 0))
-    draw, font = _pillow("ImageDraw").Draw(frame), _pillow("ImageFont").load_default(size)
+    draw, font = pillow("ImageDraw").Draw(frame), pillow("ImageFont").load_default(size)
     for index, (said, color) in enumerate(captions):
         x, y = _MARGIN, photo.height + _MARGIN + index * LINE
         if color is not None:
@@ -136,7 +126,8 @@ def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa:
     return frame
 
 
-def _pillow(module: str) -> ModuleType:
+def pillow(module: str) -> ModuleType:
+    """A module of Pillow. Raises InputError, with the command that installs it, where it is missing."""
     from importlib import import_module
 
     with needed("pictures need the Python package `pillow`, which is not installed", "pip install pillow"):

@@ -40,7 +40,7 @@ BlindInterval = tuple[float, float, int]
 def check_pictures(folder: Path) -> None:
     """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
     check_rays()
-    drawing.check_drawing()
+    drawing.pillow("Image")
     check_no_workspace(folder)
     if folder.exists() and not folder.is_dir():
         raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
@@ -73,8 +73,8 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
         pictures = []
         for index, camera in enumerate(cell.observer.cameras):
             made = _picture(cell, study, row, states, photographer, index, views)
-            name = _file_name(f"{number:02d}_{start:.1f}s-{end:.1f}s_{camera.name}")
-            write(f"{name}.png", drawing.captioned(made))
+            name = file_name(f"{number:02d}_{start:.1f}s-{end:.1f}s_{camera.name}")
+            write(f"{name}.png", drawing.framed(*made))
             pictures.append(made)
             advance()
         if pictures:
@@ -82,11 +82,6 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
     if sheet:
         write(SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
-
-
-def folder_of(study: Analysis, folder: Path) -> Path:
-    """Where the pictures of a candidate go if there are several."""
-    return folder / _file_name(study.candidate.name)
 
 
 def _picture(
@@ -137,6 +132,6 @@ def _picture(
     return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """A name that every file system accepts."""
     return re.sub(r"[^\w.=+-]+", "_", name).strip("_.") or "unnamed"

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Literal
+from typing import Any, Literal
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -90,36 +90,28 @@ _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
 NOTEBOOK_WIDTH = 100  # columns of results in a notebook
 
 
-def as_plain_text(show: Callable[[], None]) -> str:
-    """The results that a function prints, without styles, in the width of the terminal."""
-    width = output().width
-    captured = _captured_by(show, Console(file=io.StringIO(), width=width, highlight=False, emoji=False, no_color=True))
-    return str(captured.file.getvalue()).rstrip("\n")  # type: ignore[attr-defined] # it is kept in memory
-
-
-def as_html(show: Callable[[], None]) -> str:
-    """The results that a function prints, with their colours, for a notebook."""
-    console = Console(
-        file=io.StringIO(),
-        width=NOTEBOOK_WIDTH,
-        highlight=False,
-        emoji=False,
-        record=True,
-        force_terminal=True,
-        color_system="truecolor",
-        no_color=False,
-    )
-    code = '<pre style="line-height: 1.25">{code}</pre>'
-    return _captured_by(show, console).export_html(inline_styles=True, code_format=code)
-
-
-def _captured_by(show: Callable[[], None], console: Console) -> Console:
+def captured(show: Callable[[], None], *, html: bool = False) -> str:
+    """The results that a function prints: as text as wide as the terminal, or with their colours for a notebook."""
+    plainly: dict[str, Any] = {"file": io.StringIO(), "highlight": False, "emoji": False}
+    if html:
+        colors: dict[str, Any] = {
+            "record": True,
+            "force_terminal": True,
+            "color_system": "truecolor",
+            "no_color": False,
+        }
+        console = Console(**plainly, **colors, width=NOTEBOOK_WIDTH)
+    else:
+        console = Console(**plainly, width=output().width, no_color=True)
     token = _captured.set(console)
     try:
         show()
     finally:
         _captured.reset(token)
-    return console
+    if html:
+        code = '<pre style="line-height: 1.25">{code}</pre>'
+        return console.export_html(inline_styles=True, code_format=code)
+    return str(plainly["file"].getvalue()).rstrip("\n")
 
 
 def output() -> Console:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import field
 from itertools import pairwise
 from math import ceil, degrees, hypot
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import first_names
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.events import Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal.console import (
     Cell,
     Column,
-    Show,
     fits,
     joined,
     live,
@@ -28,7 +29,6 @@ from sqrp_cli.show.terminal.console import (
     say,
     seconds,
 )
-from sqrp_cli.show.terminal.progress_lines import Advance
 
 if TYPE_CHECKING:
     from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera
@@ -43,90 +43,83 @@ _STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
 _REPLAY_SPEED = 4.0  # speed of a replay, as a multiple of real time
 
 
-class LiveView:
-    """Shows live what happens on stderr: a listener of a run and a context manager.
+@contextmanager
+def live_view(
+    cameras: Sequence[str], *, pace: bool = False, planned: float | None = None
+) -> Iterator[Callable[[Event], None]]:
+    """Shows live what happens on stderr: gives a listener of a run.
 
-    Where stderr is no terminal, a line now and then says how far the run has come.
+    Where stderr is no terminal, a line now and then says how far the run has come. pace: show events at a steady pace,
+    not as they come. planned: how long the run takes without a retry [s].
     """
+    doing, last, now = "looks", "", 0.0
+    literals: Mapping[str, ShownAtom] = {}
 
-    def __init__(self, cameras: Sequence[str], *, pace: bool = False, planned: float | None = None) -> None:
-        """pace: show events at a steady pace, not as they come. planned: how long the run takes without a retry [s]."""
-        self._cameras, self._pace, self._planned = list(cameras), pace, planned
-        self._stack = ExitStack()
-        self._show: Show | None = None
-        self._advance: Advance | None = None
-        self._doing, self._last, self._t = "looks", "", 0.0
-        self._literals: Mapping[str, ShownAtom] = {}
-
-    def __enter__(self) -> LiveView:
-        self._show = self._stack.enter_context(live())
-        if self._show is None and self._planned is not None:
-            self._advance = self._stack.enter_context(progress("Running, seconds of the motion", ceil(self._planned)))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def __call__(self, event: Event) -> None:
-        """Show an event."""
-        if self._advance is not None:
-            self._advance(int(event.t) - int(self._t))
-            self._t = event.t
-        if self._show is None or event.event == "state":
+    def tell(event: Event) -> None:
+        nonlocal doing, last, now, literals
+        if advance is not None:
+            advance(int(event.t) - int(now))
+            now = event.t
+        if show is None or event.event == "state":
             return
-        if self._pace and event.t > self._t:
-            time.sleep((event.t - self._t) / _REPLAY_SPEED)
-        self._t = event.t
+        if pace and event.t > now:
+            time.sleep((event.t - now) / _REPLAY_SPEED)
+        now = event.t
         match event.event:
             case "primitive":
-                self._doing = event.name
+                doing = event.name
             case "evidence":
-                self._literals = event.literals
+                literals = event.literals
             case "stopping":
-                self._doing = "stops"
+                doing = "stops"
             case "moving on":
-                self._doing = "moves on to look"
+                doing = "moves on to look"
         if (happens := event_in_words(event)) is not None:
-            self._last = f"{event.t:.2f} s: {happens}"
-        width = max((len(atom) for atom in self._literals), default=0)
-        parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}", "bold"), "\n"]
-        for atom, found in self._literals.items():
+            last = f"{event.t:.2f} s: {happens}"
+        width = max((len(atom) for atom in literals), default=0)
+        parts: list[Any] = [(f"{now:7.2f} s  {doing}", "bold"), "\n"]
+        for atom, found in literals.items():
             value = found.value.word if found.asked else f"({found.value.word})"
             parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found.value])]
-            for camera in self._cameras:
+            for camera in cameras:
                 vote = found.cameras.get(camera)
                 parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
             blind = found.value is Truth.UNKNOWN and not found.predicted
             parts.append("  blind as predicted\n" if blind else "\n")
-        self._show(joined([*parts, (self._last, "yellow")]))
+        show(joined([*parts, (last, "yellow")]))
+
+    with ExitStack() as stack:
+        show, advance = stack.enter_context(live()), None
+        if show is None and planned is not None:
+            advance = stack.enter_context(progress("Running, seconds of the motion", ceil(planned)))
+        yield tell
 
 
+@dataclass
 class FinishedSteps:
     """How far a run has come: a listener of it."""
 
-    def __init__(self, tasks: Sequence[str]) -> None:
-        """tasks: what each of its steps does, in short."""
-        self._tasks = tasks
-        self._ends: list[float] = []
-        self._told: list[str] = []
-        self._t = 0.0
+    tasks: Sequence[str]  # what each of its steps does, in short
+    ends: list[float] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+    t: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self._t:.2f} s of the run, when {len(self._ends)} of {len(self._tasks)} steps were finished"
+        return f"{self.t:.2f} s of the run, when {len(self.ends)} of {len(self.tasks)} steps were finished"
 
     def __call__(self, event: Event) -> None:
         """Take note of an event."""
-        self._t = event.t
-        if event.event == "step" and event.number > len(self._ends) + 1:  # the one before is done
-            self._ends.append(event.t)
+        self.t = event.t
+        if event.event == "step" and event.number > len(self.ends) + 1:  # the one before is done
+            self.ends.append(event.t)
         if (happens := event_in_words(event)) is not None:
-            self._told.append(f"{event.t:.2f} s: {happens}")
+            self.told.append(f"{event.t:.2f} s: {happens}")
 
     def show(self, workspace: str) -> None:
         """Print the steps that are finished, and what happened."""
-        for number, (task, end) in enumerate(zip(self._tasks, self._ends, strict=False), 1):
+        for number, (task, end) in enumerate(zip(self.tasks, self.ends, strict=False), 1):
             say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
-        for line in self._told:
+        for line in self.told:
             say(line)
 
 
