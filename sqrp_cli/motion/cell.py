@@ -11,7 +11,7 @@ from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.motion.collision import CollisionScene, NamePairs, SelfContacts, find_self_contacts
 from sqrp_cli.motion.fingers import closed_on
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.kinematics import RobotModel, positions_of
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import load_solid
 
@@ -67,7 +67,7 @@ class Cell:
         world, model = self.workspace.stated_world, self.model
         if world.held is None or world.X_TO is None:
             return world
-        fingers = closed_on(self.collision, world.held, world.X_TO, model.finger_positions(world.joints))
+        fingers = closed_on(self.collision, world.held, world.X_TO, positions_of(model.fingers.joints, world.joints))
         if isinstance(fingers, str):
             place = self.workspace.places.get(f"objects.{world.held}.pose")
             raise bad_input("not-held", f"`{world.held}` is stated to be held, but {fingers}", place)
@@ -112,7 +112,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
     ]
     places = {link.name: link.place for urdf in robot.urdfs for link in urdf.links.values()}
     for part in model.parts:
-        if tree.mounts[part.parent].joint >= 0:
+        if tree.mounts[part.parent][0] >= 0:
             away = float(np.linalg.norm(load_solid(part).vertices, axis=1).max())
             what = f"link `{part.parent}` moves, and part `{part.name}` of it reaches {{}} m from its origin"
             far.append((away, what, places.get(part.parent)))

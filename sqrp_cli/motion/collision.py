@@ -19,7 +19,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, Indices, Mask, inverse, pose, transform
 from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import Mount, RobotModel
+from sqrp_cli.robot.kinematics import Mount, RobotModel, positions_of
 from sqrp_cli.sight.solids import Solid, distance, load_solid, load_solids, scale_doubt
 from sqrp_cli.trajectory import JointPath
 
@@ -161,12 +161,12 @@ class PlacedScene:
         rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
         whole = {
             "parents": tree.parents, "turns": tree.turns, "spine": self.bound.spine, "depth": self.depth,
-            "frame": [mount.joint for mount in self.mounts], "rods_from": np.cumsum([0, *map(len, rods)]),
+            "frame": [joint for joint, _ in self.mounts], "rods_from": np.cumsum([0, *map(len, rods)]),
             "rods": [joint for joints in rods for joint in joints], "inner": self.inner, "outer": self.outer,
         }  # fmt: skip
         real = {
             "axes": tree.axes, "terms": tree.terms, "ratios": tree.ratios, "offsets": tree.offsets,
-            "radii": self.bound.radii, "X_FP": [mount.X_JL for mount in self.mounts], "clearance": self.clearance,
+            "radii": self.bound.radii, "X_FP": [X_JL for _, X_JL in self.mounts], "clearance": self.clearance,
         }  # fmt: skip
         return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)
 
@@ -246,7 +246,7 @@ class CollisionScene:
                 if name != world.held:
                     of_object = self.object_solids[name]
                     solids += of_object
-                    mounts += [Mount(-1, X_WO)] * len(of_object)
+                    mounts += [(-1, X_WO)] * len(of_object)
                     clearance += [self._clearance[name]] * len(of_object)
             depth += [0] * (len(solids) - len(depth))
             # Every object against every solid that moves: hundreds times dozens.
@@ -259,7 +259,8 @@ class CollisionScene:
                 inner = np.concatenate([inner, np.tile(partners, len(held)).astype(np.int64)])
                 outer = np.concatenate([outer, np.repeat(np.arange(len(held)) + len(solids), len(partners))])
                 solids += held
-                mounts += [tree.mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
+                carrier, X_JT = tree.mounts[self.model.tool_frame]
+                mounts += [(carrier, X_JT @ world.X_TO)] * len(held)
                 depth += [bound.depth[self.model.tool_frame]] * len(held)
             self._placed[world] = PlacedScene(
                 model=self.model,
@@ -270,7 +271,7 @@ class CollisionScene:
                 inner=inner,
                 outer=outer,
                 clearance=np.array(clearance)[inner],
-                fingers=self.model.finger_positions(world.joints),
+                fingers=positions_of(self.model.fingers.joints, world.joints),
                 doubts=self._doubts,
             )
         scene = self._placed[world]
@@ -290,7 +291,7 @@ class CollisionScene:
         would be searched in vain, or around a few of its faces.
         """
         if world not in self._contacts:
-            q = self.model.arm_positions(world.joints)
+            q = positions_of(self.model.arm, world.joints)
             contact, joints = self.placed(world).check(q), self.model.joint_origins(q)
             said = "" if contact is None else str(contact)
             for name, doubt in self._doubts.items():

@@ -16,6 +16,7 @@ from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
 from sqrp_cli.motion.tool_path import ToolCurve, arc_through, helix_about, tool_line
 from sqrp_cli.motion.waypoints import UnknownPlaceError, WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
+from sqrp_cli.robot.kinematics import positions_of
 from sqrp_cli.sight.solids import distance
 from sqrp_cli.skill.settings import ANY, FASTEST, Reference
 from sqrp_cli.skill.skill import (
@@ -82,7 +83,7 @@ def ground_primitives(
     Tool and objects are followed through the skill; infeasible if the pose of an object is unknown.
     """
     model = scene.model
-    X_home, X_WT = model.tool_pose(model.home), model.tool_pose(model.arm_positions(world.joints))
+    X_home, X_WT = model.tool_pose(model.home), model.tool_pose(positions_of(model.arm, world.joints))
     X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
     for primitive in choice.skill.primitives:
@@ -115,7 +116,7 @@ def ground_primitives(
         after = _after(primitive, waypoints, world, ground.X_end, scene)
         if isinstance(after, Infeasible):
             return after
-        start, end = model.finger_positions(world.joints), model.finger_positions(after.joints)
+        start, end = positions_of(model.fingers.joints, world.joints), positions_of(model.fingers.joints, after.joints)
         if not np.array_equal(start, end):  # as long as its standstill, or longer
             fingers = move_fingers(model.fingers, start, end, ground.hold)
             ground = replace(ground, fingers=fingers, hold=fingers.duration)
@@ -187,7 +188,7 @@ def _after(
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
             X_TO = inverse(X_WT) @ world.X_WO[grasped]
-            fingers = closed_on(scene, grasped, X_TO, model.finger_positions(world.joints))
+            fingers = closed_on(scene, grasped, X_TO, positions_of(model.fingers.joints, world.joints))
             world = replace(world, held=grasped, X_TO=X_TO)
         case Release(width=width):
             if world.held is None or world.X_TO is None:
@@ -245,7 +246,7 @@ def _contact_share(scene: CollisionScene, world: World, line: ToolCurve, other: 
     Steps are as long as the distance allows (conservative advancement), so that no contact is stepped over.
     """
     model = scene.model
-    X_WF = model.link_poses(model.with_fingers(model.home, model.finger_positions(world.joints))[None])
+    X_WF = model.link_poses(model.with_fingers(model.home, positions_of(model.fingers.joints, world.joints))[None])
     X_TW = inverse(X_WF[model.tool_frame][0])
     names = [(solid, solid.part.parent) for solid in scene.solids]
     moving = [(solid, X_TW @ X_WF[name][0]) for solid, name in names if name in model.hand_links]

@@ -21,6 +21,7 @@ from sqrp_cli.motion.position_limits import worst_past_limit
 from sqrp_cli.motion.sections import SHORTEST_LINE, MotionProblem, Names, Ways, cut_into_sections
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
+from sqrp_cli.robot.kinematics import positions_of
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.skill.skill import SkillChoice
@@ -159,7 +160,7 @@ def _planned(
         model=model,
         primitives=primitives,
         scenes=[placed(primitive.world, primitive.allowed) for primitive in primitives],
-        q_start=model.arm_positions(world.joints),
+        q_start=positions_of(model.arm, world.joints),
         seed=seed,
         redundancy_samples=inverse_kinematics.REDUNDANCY_SAMPLES,
     )
@@ -260,7 +261,7 @@ class _Planner:
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
         for index, (primitive, move) in enumerate(zip(self._problem.primitives, moves, strict=True)):
             world, end = primitive.world, start + move.trajectory.duration
-            fingers, unmet = model.finger_positions(world.joints), None
+            fingers, unmet = positions_of(model.fingers.joints, world.joints), None
             if primitive.force is not None:
                 whole = self._guarded(index, primitive, move.trajectory)
                 if isinstance(whole, Infeasible):

@@ -19,17 +19,8 @@ from sqrp_cli.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
 from sqrp_cli.trajectory import JointSpan
 
-
-@dataclass(frozen=True, eq=False)
-class Mount:
-    """What a link is rigidly fixed to."""
-
-    joint: int  # its index, -1 for the world
-    X_JL: Array  # pose of the link in it, shape (4, 4)
-
-    def with_offset(self, X_LC: Array) -> Mount:
-        """The mount of something fixed to the link at a pose X_LC, (4, 4)."""
-        return Mount(self.joint, self.X_JL @ X_LC)
+Mount = tuple[int, Array]
+"""What a link is rigidly fixed to: the index of a joint, -1 for the world, and the pose of the link in it, (4, 4)."""
 
 
 def driving_joints(chain: Sequence[UrdfJoint], joints: Iterable[UrdfJoint]) -> list[UrdfJoint]:
@@ -72,25 +63,26 @@ class JointTree:
         mounts: dict[str, Mount] = {}
 
         for urdf in robot.urdfs:
-            mounts[urdf.root] = Mount(-1, robot.X_WB)
+            mounts[urdf.root] = -1, robot.X_WB
             if robot.tool is not None and urdf is robot.tool.urdf:
-                mounts[urdf.root] = mounts[robot.tool.link].with_offset(robot.tool.X_LT)
+                carrier, X_JL = mounts[robot.tool.link]
+                mounts[urdf.root] = carrier, X_JL @ robot.tool.X_LT
             for joint in urdf.joints.values():
-                seat = mounts[joint.parent].with_offset(joint.X_PJ)
+                carrier, X_JL = mounts[joint.parent]
+                mounts[joint.child] = carrier, X_JL @ joint.X_PJ
                 if joint.movable:
                     joints.append(joint)
-                    seats.append(seat)
-                    seat = Mount(len(joints) - 1, np.eye(4))
-                mounts[joint.child] = seat
+                    seats.append(mounts[joint.child])
+                    mounts[joint.child] = len(joints) - 1, np.eye(4)
         axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
-        still = np.array([seat.X_JL for seat in seats]).reshape(-1, 4, 4)
+        still = np.array([X_JL for _, X_JL in seats]).reshape(-1, 4, 4)
         turns = np.array([joint.type != "prismatic" for joint in joints], dtype=bool)
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
         return JointTree(
             joints=tuple(joints),
-            parents=tuple(seat.joint for seat in seats),
+            parents=tuple(carrier for carrier, _ in seats),
             turns=turns,
             axes=axes,
             terms=np.stack([still, still @ motion, still @ motion @ motion], axis=1),
@@ -123,7 +115,7 @@ class JointTree:
 
     def chain(self, link: str) -> list[int]:
         """Indices of the joints that carry a link, from the world outwards."""
-        chain, joint = [], self.mounts[link].joint
+        chain, joint = [], self.mounts[link][0]
         while joint >= 0:
             chain.append(joint)
             joint = self.parents[joint]
@@ -143,19 +135,19 @@ class JointTree:
         rest, still = np.zeros((len(positions), len(parents) - len(self.joints))), (len(positions), 4, 4)
         X_WL = joint_poses(parents, turns, terms, np.concatenate([positions, rest], axis=1))
         return {
-            link: np.broadcast_to(on.X_JL, still) if on.joint < 0 else X_WL[rows[link]]
-            for link, on in self.mounts.items()
+            link: np.broadcast_to(X_JL, still) if joint < 0 else X_WL[rows[link]]
+            for link, (joint, X_JL) in self.mounts.items()
         }
 
     @cached_property
     def _with_links(self) -> tuple[NDArray[np.int64], Mask, Array, Mapping[str, int]]:
         """Parents, turns and terms with a joint at rest for each link beside the one that carries it; rows of links."""
-        beside = {k: on for k, on in self.mounts.items() if on.joint >= 0 and not np.array_equal(on.X_JL, np.eye(4))}
+        beside = {k: on for k, on in self.mounts.items() if on[0] >= 0 and not np.array_equal(on[1], np.eye(4))}
         terms = np.zeros((len(beside), 3, 4, 4))
-        terms[:, 0] = [on.X_JL for on in beside.values()] or terms[:, 0]
-        rows = {link: on.joint for link, on in self.mounts.items()}
+        terms[:, 0] = [X_JL for _, X_JL in beside.values()] or terms[:, 0]
+        rows = {link: joint for link, (joint, _) in self.mounts.items()}
         return (
-            np.array([*self.parents, *(on.joint for on in beside.values())]),
+            np.array([*self.parents, *(joint for joint, _ in beside.values())]),
             np.concatenate([self.turns, np.zeros(len(beside), dtype=bool)]),
             np.concatenate([self.terms, terms]),
             rows | {link: len(self.parents) + k for k, link in enumerate(beside)},
@@ -222,7 +214,7 @@ class RobotModel(JointLimits[Array]):
             links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
             width=None if moved is None else moved.width,
         )
-        carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in robot.parts})
+        carried = sorted({(part.parent, tree.mounts[part.parent][0]) for part in robot.parts})
         adjacent = frozenset(
             (one, other)
             for (one, a), (other, b) in combinations(carried, 2)
@@ -309,7 +301,7 @@ class RobotModel(JointLimits[Array]):
 
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
-        return self._chain.poses(self._chain.positions(q))[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+        return self._chain.poses(self._chain.positions(q))[:, -1] @ self.tree.mounts[self.tool_frame][1]
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose`, (m, 4, 4), and its Jacobians, at m positions of shape (m, n).
@@ -317,7 +309,7 @@ class RobotModel(JointLimits[Array]):
         These have shape (m, 6, n): velocity over angular velocity, in world axes.
         """
         X_WJ = self._chain.poses(self._chain.positions(q))
-        X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+        X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame][1]
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
@@ -342,18 +334,15 @@ class RobotModel(JointLimits[Array]):
         origins: Array = self.joint_lines(q[None])[1, 0]
         return origins
 
-    def arm_positions(self, values: Mapping[str, float]) -> Array:
-        """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
-        return np.array([values[name] for name in self.arm])
-
-    def finger_positions(self, values: Mapping[str, float]) -> Array:
-        """Positions of the joints that drive the fingers, shape (f,), from those of joints by name [rad or m]."""
-        return np.array([values[name] for name in self.fingers.joints])
-
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
         positions = self.tree.positions(self.with_fingers(q)).tolist()
         return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
+
+
+def positions_of(joints: Sequence[str], values: Mapping[str, float]) -> Array:
+    """Positions of some joints in order, such as of the arm's or the fingers', from those of joints by name."""
+    return np.array([values[name] for name in joints])
 
 
 def _limit_arrays(joints: Sequence[UrdfJoint], robot: Robot) -> dict[str, Array]:

@@ -64,7 +64,7 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
             return None
         return name
 
-    groups = _group_joints({element.text("name"): element for element in robot.all("group")}, urdf, known)
+    groups, tips = _groups({element.text("name"): element for element in robot.all("group")}, urdf, known)
     states: dict[str, dict[str, float]] = {}
     for element in robot.all("group_state"):
         positions = states.setdefault(element.text("name"), {})
@@ -90,7 +90,7 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
         warnings.append(replace(unknown[0], message=message, severity="warning", mend=mend))
     return SrdfModel(
         groups=groups,
-        tips=_tips(robot, urdf),
+        tips=tips,
         states=states,
         grippers=frozenset(grippers),
         tool_links=tool_links,
@@ -101,10 +101,13 @@ def read_srdf(path: Path, urdf: UrdfModel, source: RobotSource | None = None) ->
     )
 
 
-def _group_joints(
+def _groups(
     groups: Mapping[str, Element], urdf: UrdfModel, known: Callable[[Element, str, str], str | None]
-) -> dict[str, tuple[str, ...]]:
-    """The movable joints of each group, those of groups in it too; known: the link or joint that an attribute names."""
+) -> tuple[dict[str, tuple[str, ...]], dict[str, str]]:
+    """Movable joints of each group, those of groups in it too, and the last link of each whose links are in one line.
+
+    known: the link or joint that an attribute names.
+    """
     members: dict[str, set[str]] = {}
 
     def collect(name: str, inside: tuple[str, ...]) -> set[str]:
@@ -136,24 +139,18 @@ def _group_joints(
         members[name] = joints
         return joints
 
-    return {
-        name: tuple(joint.name for joint in urdf.movable_joints if joint.name in collect(name, ())) for name in groups
-    }
-
-
-def _tips(robot: Element, urdf: UrdfModel) -> dict[str, str]:
-    """The last link of each group whose links are in one line."""
-    tips = {}
-    for group in robot.all("group"):
+    joints, tips = dict[str, tuple[str, ...]](), dict[str, str]()
+    for name, group in groups.items():
+        joints[name] = tuple(joint.name for joint in urdf.movable_joints if joint.name in collect(name, ()))
         ends = [child.attributes.get("tip_link", "") for child in group.all("chain")]
         ends += [child.attributes.get("name", "") for child in group.all("link")]
         named = [child.attributes.get("name", "") for child in group.all("joint")]
-        ends += [urdf.joints[name].child for name in named if name in urdf.joints]
+        ends += [urdf.joints[one].child for one in named if one in urdf.joints]
         chains = {end: {joint.child for joint in urdf.chain(end)} for end in ends if end in urdf.links}
         tip = max(chains, key=lambda end: len(chains[end]), default=None)
         if tip is not None and all(end in chains[tip] or end == urdf.root for end in chains):
-            tips[group.text("name")] = tip
-    return tips
+            tips[name] = tip
+    return joints, tips
 
 
 TOP = "joint_limits"  # the key of the joints; what is around it, such as a namespace of parameters, does not matter

@@ -9,7 +9,7 @@ search that places are too far.
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -44,16 +44,8 @@ LEAST_DISTANCE = 1e-9  # added to distances from axes, so that their shares are 
 HELD_ORIENTATION = 1e-3  # largest error of an orientation that counts as held [rad]
 
 
-class Approach(NamedTuple):
-    """The result of a search from each of m starts."""
-
-    q: Array  # joint positions, shape (m, n)
-    errors: Array  # remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)
-
-    def best(self, count: int) -> Approach:
-        """The closest ones of `descend`, in order."""
-        rows = np.argsort((self.errors**2).sum(axis=1), kind="stable")[:count]
-        return Approach(self.q[rows], self.errors[rows])
+Approach = tuple[Array, Array]
+"""Joint positions at the end of a search from each of m starts, (m, n), and the pose errors that remain."""
 
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
@@ -113,12 +105,13 @@ def descend(
     turn_weight: float = 1.0,
     moving: Mask | None = None,
     limited: bool = True,
+    kept: int | None = None,
 ) -> Approach:
     """Minimize the pose error from each of m starts, shape (m, n).
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4). turn_weight: what an
     error of 1 rad counts against one of 1 m. moving: which joints may move, (n,); by default all. limited: whether
-    joints stay within their limits.
+    joints stay within their limits. kept: of how many starts, the closest in order, the result is; by default of all.
 
     Returns the final joint positions, (m, n), and their weighted pose errors, (m, 6). A start ends once the square of
     its error is at most `FOLLOWED`, or when a step reduces that by no more than one part in `STALLED`.
@@ -159,7 +152,8 @@ def descend(
         cost = np.where(better, cost_next, cost)
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
-    return Approach(q_all, e_all)
+    closest = slice(None) if kept is None else np.argsort((e_all**2).sum(axis=1), kind="stable")[:kept]
+    return q_all[closest], e_all[closest]
 
 
 def newton(model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
@@ -167,6 +161,7 @@ def newton(model: RobotModel, X_target: Array, q: Array, tolerance: float, movin
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
     error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
+    The errors that remain are the largest of each row, (m,).
     """
     targets = np.broadcast_to(X_target, (len(q), 4, 4))
     q, largest = q.copy(), np.zeros(len(q))
@@ -179,7 +174,7 @@ def newton(model: RobotModel, X_target: Array, q: Array, tolerance: float, movin
         if step == NEWTON_STEPS or not len(rows):
             break
         q[rows] += least_steps(J[off], errors[off])
-    return Approach(q, largest)
+    return q, largest
 
 
 def least_steps(J: Array, errors: Array) -> Array:
@@ -261,7 +256,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     # The closest pose within the joint limits.
     q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
     for weight, steps, kept in STAGES:
-        q, errors = descend(model, X_WT, q, steps, turn_weight=weight).best(kept)
+        q, errors = descend(model, X_WT, q, steps, turn_weight=weight, kept=kept)
     distances = np.linalg.norm(errors[:, :3], axis=1)
     angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
     held = angles < max(HELD_ORIENTATION, model.angle_tolerance)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +42,6 @@ _JOINT_TYPES: tuple[urdf.JointType, ...] = ("fixed", "revolute", "continuous", "
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius",)}
 """Attributes of shapes that are nothing if one is 0; a capsule without a straight part is a sphere."""
 
-_Named = TypeVar("_Named", urdf.UrdfLink, urdf.UrdfJoint)
-
 
 def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     """Read and validate a URDF, expanded first if it has xacro elements; source: what else it is made of.
@@ -69,10 +67,16 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
         message += " and <visual> of a robot together"
         mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
         raise pieces[MAX_SHAPES][1].error("too-many-shapes", message, mend)
-    links = _unique(map(_link, robot.all("link")))
+    links, joints = dict[str, urdf.UrdfLink](), dict[str, urdf.UrdfJoint]()
+    for element in (*robot.all("link"), *robot.all("joint")):
+        known: dict[str, Any] = links if element.tag == "link" else joints
+        item = _link(element) if element.tag == "link" else _joint(element)
+        if item.name in known:
+            message = f"{element.tag} `{item.name}` is defined twice, first at line {known[item.name].place.line}"
+            raise bad_input("duplicate-name", message, item.place)
+        known[item.name] = item
     if not links:
         raise robot.error("no-links", "the robot has no <link>")
-    joints = _unique(map(_joint, robot.all("joint")))
     root = _root(links, joints, robot.place)
     # Every joint after the one that carries it, otherwise in file order.
     ordered: dict[str, urdf.UrdfJoint] = {}
@@ -99,22 +103,32 @@ def read_urdf(path: Path, source: RobotSource | None = None) -> urdf.UrdfModel:
     return replace(model, content=xml.content, expanded=xml.expanded, packages=xml.packages, warnings=warnings)
 
 
-def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
-    named: dict[str, _Named] = {}
-    for item in items:
-        if item.name in named:
-            kind = "link" if isinstance(item, urdf.UrdfLink) else "joint"
-            message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
-            raise bad_input("duplicate-name", message, item.place)
-        named[item.name] = item
-    return named
-
-
 def _link(element: Element) -> urdf.UrdfLink:
-    collision, visual = (
-        tuple(_geometry(child) for child in element.all(tag) if not _is_empty(child)) for tag in ("collision", "visual")
-    )
-    name, inertial, found = element.text("name"), element.first("inertial"), None
+    pieces: dict[str, list[urdf.LinkGeometry]] = {"collision": [], "visual": []}
+    for piece in (child for child in element.children if child.tag in pieces and not _is_empty(child)):
+        holder = piece.need("geometry")
+        if len(holder.children) != 1:
+            raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
+        shape = holder.children[0]
+        if shape.tag == "mesh":
+            x, y, z = shape.numbers("scale", 3, (1.0, 1.0, 1.0))
+            if 0.0 in (x, y, z):
+                raise shape.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
+            form: urdf.LinkShape = (shape.text("filename"), (x, y, z))
+        elif shape.tag in FIGURES:
+            figures: list[float] = []
+            for key, count in FIGURES[shape.tag].items():
+                figures += shape.numbers(key, count, most=LARGEST_LENGTH)
+                if min(figures) < SMALLEST_SIZE:
+                    found = f"{shape}: `{key}` is `{shape.text(key)}`"
+                    raise shape.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
+            form = shape_of(shape.tag, figures)
+        else:
+            expected = expected_names(shape.tag, (*FIGURES, "mesh"))
+            raise shape.error("unknown-shape", f"unknown shape {shape}; {expected}")
+        name = piece.attributes.get("name")
+        pieces[piece.tag].append(urdf.LinkGeometry(name, form, _origin(piece), shape.place))
+    name, inertial, body = element.text("name"), element.first("inertial"), None
     if inertial is not None and inertial.first("mass") is not None:
         moments, keys = inertial.first("inertia"), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         xx, xy, xz, yy, yz, zz = (0.0 if moments is None else moments.number(key, 0.0) for key in keys)
@@ -125,8 +139,8 @@ def _link(element: Element) -> urdf.UrdfLink:
             message = f"link `{name}` has a moment of inertia of {least:g} kg m^2, expected none below 0"
             raise moments.error("wrong-value", message)
         inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        found = urdf.Inertial(mass, _origin(inertial), inertia)
-    return urdf.UrdfLink(name, collision, visual, found, element.place)
+        body = urdf.Inertial(mass, _origin(inertial), inertia)
+    return urdf.UrdfLink(name, tuple(pieces["collision"]), tuple(pieces["visual"]), body, element.place)
 
 
 def _is_empty(piece: Element) -> bool:
@@ -134,28 +148,6 @@ def _is_empty(piece: Element) -> bool:
     shapes = [shape for holder in piece.all("geometry") for shape in holder.children if shape.tag in _SIZES]
     sizes = [size for shape in shapes for key in _SIZES[shape.tag] for size in shape.attributes.get(key, "").split()]
     return any(re.fullmatch(r"[+-]?(0+\.?0*|\.0+)(e[+-]?\d+)?", size, re.IGNORECASE) for size in sizes)
-
-
-def _geometry(element: Element) -> urdf.LinkGeometry:
-    holder, name = element.need("geometry"), element.attributes.get("name")
-    if len(holder.children) != 1:
-        raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
-    shape = holder.children[0]
-    if shape.tag == "mesh":
-        x, y, z = shape.numbers("scale", 3, (1.0, 1.0, 1.0))
-        if 0.0 in (x, y, z):
-            raise shape.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
-        return urdf.LinkGeometry(name, (shape.text("filename"), (x, y, z)), _origin(element), shape.place)
-    if shape.tag not in FIGURES:
-        expected = expected_names(shape.tag, (*FIGURES, "mesh"))
-        raise shape.error("unknown-shape", f"unknown shape {shape}; {expected}")
-    figures: list[float] = []
-    for key, count in FIGURES[shape.tag].items():
-        figures += shape.numbers(key, count, most=LARGEST_LENGTH)
-        if min(figures) < SMALLEST_SIZE:
-            found = f"{shape}: `{key}` is `{shape.text(key)}`"
-            raise shape.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
-    return urdf.LinkGeometry(name, shape_of(shape.tag, figures), _origin(element), shape.place)
 
 
 def _joint(element: Element) -> urdf.UrdfJoint:
@@ -278,7 +270,9 @@ def _doubts(model: urdf.UrdfModel, pieces: Sequence[tuple[Element, Element]]) ->
     inertia sometimes break it, so it is not an error. Links fixed to each other make one body.
     """
 
-    def doubt(code: str, kind: str, found: Sequence[_Named], doubt: str, mend: str) -> Iterator[Problem]:
+    def doubt(
+        code: str, kind: str, found: Sequence[urdf.UrdfLink | urdf.UrdfJoint], doubt: str, mend: str
+    ) -> Iterator[Problem]:
         """One warning that names all links or joints found, at the place of the first; none without any."""
         if found:
             names = ", ".join(f"`{item.name}`" for item in found[:NAMED])

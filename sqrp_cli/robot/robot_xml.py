@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -109,32 +109,28 @@ def _expanded(path: Path, source: RobotSource) -> RobotXml:
         if name not in known:
             message = f"the file takes no argument `{name}`; {expected_names(name, known)}"
             raise bad_input("xacro-argument", message, Place(path))
-    root = _element(found["root"], 0)
+    lines = list[str]()
+    root = _element(found["root"], 0, lines)
     if root.tag != ROOT:
         raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{ROOT}>")
     old = next((child for child in root.children if child.tag in _OLD_TAGS), None)
     if old is not None:
         message = f"{old} is of xacro before 2014 and has no meaning in a URDF, expected <xacro:{old.tag}>"
         raise bad_input("xacro", message, old.place, mend=f"write `xacro:{old.tag}`")
-    text = "\n".join(_lines(root, 0)) + "\n"
+    text = "\n".join(lines) + "\n"
     return RobotXml(root, text, text.encode(), (*found["packages"],), (*warnings,))
 
 
-def _element(told: list[Any], depth: int) -> Element:
-    tag, attributes, file, line, column, children = told
-    place = Place(Path(file), line, column)
-    if depth > MAX_DEPTH:
-        raise bad_input("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place)
-    return Element(tag, attributes, place, [_element(child, depth + 1) for child in children])
-
-
-def _lines(element: Element, depth: int) -> Iterator[str]:
-    """An element as XML, each within it on a line of its own, with attributes in alphabetical order."""
+def _element(told: list[Any], depth: int, lines: list[str]) -> Element:
+    """An element as the other process tells it; lines: gets it as XML, with attributes in alphabetical order."""
     from xml.sax.saxutils import quoteattr  # loads much of the network's library, and few descriptions are expanded
 
-    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(element.attributes.items()))
-    yield f"{'  ' * depth}<{element.tag}{attributes}{'' if element.children else '/'}>"
-    for child in element.children:
-        yield from _lines(child, depth + 1)
-    if element.children:
-        yield f"{'  ' * depth}</{element.tag}>"
+    tag, attributes, file, line, column, children = told
+    place, indent = Place(Path(file), line, column), "  " * depth
+    if depth > MAX_DEPTH:
+        raise bad_input("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels", place)
+    shown = "".join(f" {name}={quoteattr(value)}" for name, value in sorted(attributes.items()))
+    lines.append(f"{indent}<{tag}{shown}{'' if children else '/'}>")
+    element = Element(tag, attributes, place, [_element(child, depth + 1, lines) for child in children])
+    lines += [f"{indent}</{tag}>"] if children else []
+    return element

@@ -25,6 +25,7 @@ Resolve = Callable[[str, Path], Path]
 
 MeshReference = tuple[str, tuple[float, float, float]]
 """A mesh as the URDF names it, `package://...`, `file://...` or a path relative to it, and its scale along x, y, z."""
+LinkShape = Box | Sphere | Cylinder | Capsule | MeshReference
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class LinkGeometry:
     """One solid piece of a link."""
 
     name: str | None  # none where the URDF gives none
-    shape: Box | Sphere | Cylinder | Capsule | MeshReference
+    shape: LinkShape
     X_LG: Array  # its pose in the link, shape (4, 4)
     place: Place
 

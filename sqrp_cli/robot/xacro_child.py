@@ -14,7 +14,7 @@ import re
 import resource
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from sqrp_cli.errors import InputError, Place, Problem, bad_input
 from sqrp_cli.files import packages
 from sqrp_cli.files.input_file import decoded, missing_file, read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, parse_xml
+from sqrp_cli.records import dataclass
 from sqrp_cli.robot.xacro_expression import UNOFFERED, RefusedExpressionError, evaluate
 
 MAX_EXPANDED = 50_000  # most elements that are looked at while a file is expanded
@@ -58,30 +59,33 @@ class _PlacedBuilder(expatbuilder.ExpatBuilderNS):
         self.curNode.setUserData(_PLACE, place, self)
 
 
+@dataclass(eq=False)
 class _Expansion:
     """One file's expansion: the parts of the library that reach outside are replaced by methods of this."""
 
-    def __init__(self, path: Path, arguments: dict[str, str], roots: list[Path], search: list[Path]) -> None:
-        self._path, self._arguments, self._search = path, arguments, search
-        package = packages.package_around(path)
-        self._roots = [path.parent, *([package] if package else ()), *roots]
-        self.packages: dict[str, Path] = {}
-        self.asked: dict[str, str | None] = {}
-        self.warnings: list[Problem] = []
-        self._at, self._elements = Place(path), 0
-        self._written: dict[str, Place] = {}
-        """Where the value of a property is written; it is evaluated where it is first used."""
+    path: Path
+    arguments: dict[str, str]
+    roots: list[Path]
+    search: list[Path]
+    at: Place
+    """Of what is being expanded."""
+    packages: dict[str, Path] = field(default_factory=dict)
+    asked: dict[str, str | None] = field(default_factory=dict)
+    warnings: list[Problem] = field(default_factory=list)
+    written: dict[str, Place] = field(default_factory=dict)
+    """Where the value of a property is written; it is evaluated where it is first used."""
+    elements: int = 0
 
     def run(self) -> minidom.Element | None:
         """The document. Raises InputError, or what the library raises."""
 
         def noted(function: Callable[..., Any], node: Any, *rest: Any) -> Any:  # noqa: ANN401
             """A function of the library that first notes the place of its node."""
-            self._at = node.getUserData(_PLACE) or self._at
-            self._elements += function.__name__ == "eval_all"
-            if self._elements > MAX_EXPANDED:
+            self.at = node.getUserData(_PLACE) or self.at
+            self.elements += function.__name__ == "eval_all"
+            if self.elements > MAX_EXPANDED:
                 message = f"the file expands to more than {MAX_EXPANDED:,} elements"
-                raise bad_input("too-many-elements", message, self._at)
+                raise bad_input("too-many-elements", message, self.at)
             return function(node, *rest)
 
         for name in ("eval_all", "handle_macro_call", "check_attrs", "reqd_attrs"):
@@ -89,7 +93,7 @@ class _Expansion:
 
         def warning(*what: object, **_how: object) -> str:
             text = "the file warns: " + " ".join(map(str, what))[:300]
-            self.warnings.append(Problem("xacro-warning", text, self._at, severity="warning"))
+            self.warnings.append(Problem("xacro-warning", text, self.at, severity="warning"))
             return ""
 
         xacro.warning = xacro.message = xacro.print_location = lambda *_, **__: ""  # of the library itself
@@ -116,43 +120,43 @@ class _Expansion:
             return str(evaluate(text, names))
 
         substitution_args._eval = evaluated
-        xacro.init_stacks(str(self._path))
-        document = self._parsed(None, str(self._path))
-        xacro.process_doc(document, mappings=dict(self._arguments), verbosity=0)
+        xacro.init_stacks(str(self.path))
+        document = self._parsed(None, str(self.path))
+        xacro.process_doc(document, mappings=dict(self.arguments), verbosity=0)
         return document.documentElement
 
     def _argument(self, name: str, args: object = None) -> str:  # noqa: ARG002 - the library hands it on
         self.asked.setdefault(name, None)
         values: dict[str, str] = xacro.substitution_args_context["arg"]
         if name not in values and name == "name":  # of the robot, which launch files state
-            return self._path.name.split(".")[0]
+            return self.path.name.split(".")[0]
         if name not in values:
             message = f"the argument `{name}` has no value"
             stated = re.compile(rf"""<xacro:arg\s[^>]*\bname\s*=\s*["']{re.escape(name)}["']""")
-            found = stated.search(decoded(self._at.file, read_input(self._at.file, MAX_BYTES)))
+            found = stated.search(decoded(self.at.file, read_input(self.at.file, MAX_BYTES)))
             if found is not None:
                 line = found.string.count("\n", 0, found.start()) + 1
                 message += f" here: <xacro:arg> states it below, in line {line}, which xacro reads later"
-            raise bad_input("xacro-argument", message, self._at, mend=_HOW_TO_GIVE.format(name))
+            raise bad_input("xacro-argument", message, self.at, mend=_HOW_TO_GIVE.format(name))
         return values[name]
 
     def _environment(self, name: str, default: str | None = None) -> str:
         """A variable of the environment: only if it is given as an argument, or its default."""
         self.asked.setdefault(name, default)
-        if name not in self._arguments and default is None:
+        if name not in self.arguments and default is None:
             message = f"the file asks for the environment variable `{name}`, which is never read"
-            raise bad_input("xacro-argument", message, self._at, mend=_HOW_TO_GIVE.format(name))
-        return self._arguments.get(name, default or "")
+            raise bad_input("xacro-argument", message, self.at, mend=_HOW_TO_GIVE.format(name))
+        return self.arguments.get(name, default or "")
 
     def _find(self, package: str) -> str:
-        folder = packages.package_folder(package, [*self._roots, *self._search], self._at)
+        folder = packages.package_folder(package, [*self.roots, *self.search], self.at)
         self.packages[package] = folder
         return str(folder)
 
     def _absolute(self, name: str) -> str:
         """The path of a file that is named in the one being read, if it may be read."""
         if not name:
-            raise bad_input("xacro", "found no name of a file: an argument is empty", self._at)
+            raise bad_input("xacro", "found no name of a file: an argument is empty", self.at)
         if name.startswith("package://"):
             package, rest = packages.package_and_path(name)
             path = str(Path(self._find(package)) / rest)
@@ -163,13 +167,13 @@ class _Expansion:
             message = f"`{path}` is outside the folders that this file may read: its own, its package and those of"
             message += " packages" + (f"; it is a link to `{real}`" if real != path else "")
             mend = f"add {Path(real).parent} to `robot.package_roots` or to ROS_PACKAGE_PATH (`init --package-root`)"
-            raise bad_input("outside-roots", message, self._at, mend=mend)
+            raise bad_input("outside-roots", message, self.at, mend=mend)
         return path
 
     def may_read(self, path: str) -> bool:
         """Whether a file lies, its links followed, in a folder that may be read."""
         real = os.path.realpath(path)
-        folders = map(os.path.realpath, (*self._roots, *self.packages.values()))
+        folders = map(os.path.realpath, (*self.roots, *self.packages.values()))
         return any(real == folder or real.startswith(folder.rstrip(os.sep) + os.sep) for folder in folders)
 
     def _parsed(self, _text: None, name: str) -> minidom.Document:
@@ -189,7 +193,7 @@ class _Expansion:
             if node.parentNode is document.documentElement:  # as xacro before 2014 wrote it
                 document.renameNode(node, "", "xacro:property")
         for node in document.getElementsByTagName("xacro:property"):
-            self._written.setdefault(node.getAttribute("value"), node.getUserData(_PLACE) or Place(path))
+            self.written.setdefault(node.getAttribute("value"), node.getUserData(_PLACE) or Place(path))
         for node in document.getElementsByTagName("xacro:arg"):
             self.asked.setdefault(node.getAttribute("name"), node.getAttribute("default"))
         return document
@@ -208,14 +212,14 @@ class _Expansion:
             return nested.problems[0]
         if isinstance(nested, FileNotFoundError):
             missing = missing_file(Path(nested.filename))
-            return replace(missing, message=f"{nested.filename}: {missing.message}", place=self._at)
+            return replace(missing, message=f"{nested.filename}: {missing.message}", place=self.at)
         if isinstance(nested, yaml.YAMLError):
             mark = getattr(nested, "problem_mark", None)
-            place = Place(Path(mark.name), mark.line + 1, mark.column + 1) if mark else self._at
+            place = Place(Path(mark.name), mark.line + 1, mark.column + 1) if mark else self.at
             return Problem("yaml-syntax", f"not YAML: {getattr(nested, 'problem', nested)}"[:300], place)
-        message, expression, at = str(nested) or type(nested).__name__, expressions[-1], self._at
+        message, expression, at = str(nested) or type(nested).__name__, expressions[-1], self.at
         if len(expressions) > 2:  # of a property, asked for by the expression that stands here
-            at = next((place for value, place in self._written.items() if expression in value), at)
+            at = next((place for value, place in self.written.items() if expression in value), at)
         if isinstance(nested, RecursionError):
             message = "a macro or an expression leads back to itself"
         elif isinstance(nested, MemoryError):
@@ -244,7 +248,9 @@ def main() -> None:
     for limit, most in (("CPU", asked["seconds"]), ("AS", asked["memory"]), ("NOFILE", 64), ("FSIZE", 0), ("CORE", 0)):
         resource.setrlimit(getattr(resource, f"RLIMIT_{limit}"), (most, most))
     path, search = Path(asked["path"]), [Path(folder) for folder in asked["search"]]
-    expansion = _Expansion(path, asked["arguments"], [Path(root) for root in asked["roots"]], search)
+    package = packages.package_around(path)
+    roots = [path.parent, *([package] if package else ()), *map(Path, asked["roots"])]
+    expansion = _Expansion(path, asked["arguments"], roots, search, Place(path))
     library, manifests = os.path.dirname(os.__file__), tuple(str(folder) for folder in search)  # noqa: PTH120
 
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:

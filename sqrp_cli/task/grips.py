@@ -18,7 +18,7 @@ from sqrp_cli.files.entries import Entry
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.waypoints import setting_value
-from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.kinematics import RobotModel, positions_of
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 from sqrp_cli.skill.settings import (
     ANY,
@@ -69,7 +69,7 @@ def _choices(
 ) -> Sequence[MotionValue]:
     """The choices of a side, yaw or stop for all waypoints or joint moves that it is for, the first one first."""
     if setting == "via":
-        begin, home = cell.model.arm_positions(world.joints), cell.model.home
+        begin, home = positions_of(cell.model.arm, world.joints), cell.model.home
         begins_there = parts == [candidate.skill.primitives[0]] and np.allclose(begin, home, rtol=0.0, atol=1e-9)
         return [DIRECT] if begins_there else [DIRECT, HOME]
     placed = [part for part in parts if isinstance(part, GraspWaypoint | PutWaypoint)]

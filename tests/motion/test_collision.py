@@ -25,7 +25,7 @@ from sqrp_cli.motion.collision import (
 )
 from sqrp_cli.motion.ground_primitives import _contact_share
 from sqrp_cli.motion.tool_path import tool_line
-from sqrp_cli.robot.kinematics import Mount, RobotModel
+from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Mesh, Part, Sphere
 from sqrp_cli.sight.solids import load_solid, load_solids
 from sqrp_cli.trajectory import JointPath
@@ -289,7 +289,7 @@ class Balls:
 
     def __init__(self, model: RobotModel, links: list[str]) -> None:
         self.model, self.links, bound = model, [*links, WORLD], MotionBound(model)
-        mounts, self.depth = {**model.tree.mounts, WORLD: Mount(-1, pose())}, {**bound.depth, WORLD: 0}
+        mounts, self.depth = {**model.tree.mounts, WORLD: (-1, pose())}, {**bound.depth, WORLD: 0}
         shape = Sphere(RADIUS)
         self.pairs = [(i, j) for i, j in permutations(range(len(self.links)), 2) if self._is_inner(i, j)]
         inner, outer = np.array(self.pairs).T

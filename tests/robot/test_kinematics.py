@@ -92,10 +92,10 @@ def assert_equal_at(robot: Robot, seed: int) -> None:
     positions = np.random.default_rng(seed).uniform(-7, 7, (2, len(tree.joints)))
     X_WJ = tree.poses(positions)
     axes = (X_WJ[:, :, :3, :3] @ tree.axes[:, :, None])[..., 0]
-    for link, mount in tree.mounts.items():
+    for link, (carrier, X_JL) in tree.mounts.items():
         chain = tree.chain(link)
         for row, q in enumerate(positions):
-            X_WL = mount.X_JL if mount.joint < 0 else X_WJ[row, mount.joint] @ mount.X_JL
+            X_WL = X_JL if carrier < 0 else X_WJ[row, carrier] @ X_JL
             J = pin.computeFrameJacobian(model, data, q, frames[link], pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
             pin.framesForwardKinematics(model, data, q)
             np.testing.assert_allclose(data.oMf[frames[link]].homogeneous, X_WL, atol=1e-11)
@@ -129,8 +129,8 @@ def test_every_installed_robot_stands_where_pinocchio_reads_it() -> None:
             q[read.idx_q : read.idx_q + read.nq] = [value] if read.nq == 1 else [np.cos(value), np.sin(value)]
         pin.framesForwardKinematics(theirs, data, q)
         X_WJ = tree.poses(positions)[0]
-        for link, mount in tree.mounts.items():
-            X_WL = mount.X_JL if mount.joint < 0 else X_WJ[mount.joint] @ mount.X_JL
+        for link, (carrier, X_JL) in tree.mounts.items():
+            X_WL = X_JL if carrier < 0 else X_WJ[carrier] @ X_JL
             frame = theirs.getFrameId(link.removeprefix("robot/"), pin.FrameType.BODY)
             np.testing.assert_allclose(X_WL, data.oMf[frame].homogeneous, atol=1e-9, err_msg=f"{path.name} {link}")
         count += 1

@@ -59,7 +59,7 @@ class BagRecorder:
         self._writer, self._types = writer, writer.types
         self._workspace, self._body, robot = workspace, body, workspace.robot
         links = {joint.child: joint.parent for urdf in robot.urdfs for joint in urdf.joints.values()}
-        moving = {link for link, mount in body.tree.mounts.items() if mount.joint >= 0}
+        moving = {link for link, (joint, _) in body.tree.mounts.items() if joint >= 0}
         self._moving = {child: parent for child, parent in links.items() if child in moving}
         if robot.tool is not None:
             links[robot.tool.urdf.root] = robot.tool.link

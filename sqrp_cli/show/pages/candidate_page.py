@@ -181,7 +181,7 @@ def scene_model(cell: Cell) -> Mapping[str, object]:
             tree.joints, tree.parents, tree.turns.tolist(), tree.terms[:, 0], strict=True
         )
     ]
-    links = {name: {"joint": mount.joint, "pose": mount.X_JL.tolist()} for name, mount in tree.mounts.items()}
+    links = {name: {"joint": joint, "pose": X_JL.tolist()} for name, (joint, X_JL) in tree.mounts.items()}
     solids = []
     for index, (solid, color) in enumerate(zip(cell.observer.solids, solid_colors(cell), strict=True)):
         surface = simplified(Triangles(solid.vertices, solid.triangles))
