@@ -27,7 +27,7 @@ from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.files.validation import validate
-from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, literal_count
+from sqrp_cli.logic.conditions import MAX_LITERALS, fitting_objects, literal_count
 from sqrp_cli.logic.domain import Compound, merge_domains, nested
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.read_skill import missing_skills, read_skill, skill_folder, skill_name
@@ -105,9 +105,9 @@ def check_skill(
     count = literal_count(condition, types, domain)
     quantifiers = [part.variables for part in nested(condition) if isinstance(part, Compound) and part.variables]
     if count > MAX_LITERALS and quantifiers:
-        largest = max(quantifiers, key=lambda variables: prod(domain_sizes(variables, types, domain)))
-        sizes = domain_sizes(largest, types, domain)
-        variables = " x ".join(f"{size} (?{one.name})" for one, size in zip(largest, sizes, strict=True))
+        sizes = [{one.name: len(fitting_objects(one, types, domain)) for one in of_one} for of_one in quantifiers]
+        largest = max(sizes, key=lambda of_one: prod(of_one.values()))
+        variables = " x ".join(f"{size} (?{name})" for name, size in largest.items())
         message = (
             f"the precondition of `{skill.action.name}` stands for {counted(count)} literals about the objects of this"
             f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import product
 from math import prod
 from typing import TypeAlias
@@ -79,31 +79,35 @@ def fitting_objects(parameter: pddl.Parameter, objects: Objects, domain: pddl.Do
 
 
 def ground_condition(
-    condition: pddl.Condition, binding: Binding, objects: Objects, domain: pddl.Domain
+    condition: pddl.Condition, binding: Binding, objects: Objects, domain: pddl.Domain, *, positive: bool = True
 ) -> GroundCondition:
-    """The condition for the objects of the binding, with negations pushed down to the literals."""
+    """The condition for the objects of the binding, with negations pushed down to the literals.
 
-    def ground(part: pddl.Condition, bound: Binding, positive: bool) -> GroundCondition:
-        parts: tuple[GroundCondition, ...] = ()
-        if isinstance(part, pddl.Holds):
-            atom = ground_atom(part, bound)
-            if part.predicate != pddl.EQUAL:
-                return Literal(atom, positive)
-            every = (atom.arguments[0] == atom.arguments[1]) == positive
-        elif part.kind == "not":
-            return ground(part.parts[0], bound, not positive)
-        else:
-            every = (part.kind in ("and", "forall")) == positive
-            choices = product(*(fitting_objects(variable, objects, domain) for variable in part.variables))
-            names = [variable.name for variable in part.variables]
-            inner = ({**bound, **dict(zip(names, chosen, strict=True))} for chosen in choices)
-            parts = tuple(ground(one, own, positive) for own in inner for one in part.parts)
-        if every:
-            return Joined(every, parts)
-        text = re.sub(r"\?([\w-]+)", lambda found: bound.get(found[1], found[0]), str(part))
-        return Joined(every, parts, text if positive else f"not ({text})")
-
-    return ground(condition, binding, True)
+    positive: false for its negation.
+    """
+    parts: tuple[GroundCondition, ...] = ()
+    if isinstance(condition, pddl.Holds):
+        atom = ground_atom(condition, binding)
+        if condition.predicate != pddl.EQUAL:
+            return Literal(atom, positive)
+        every = (atom.arguments[0] == atom.arguments[1]) == positive
+    elif condition.kind == "not":
+        return ground_condition(condition.parts[0], binding, objects, domain, positive=not positive)
+    else:
+        every = (condition.kind in ("and", "forall")) == positive
+        choices = product(*(fitting_objects(variable, objects, domain) for variable in condition.variables))
+        names = [variable.name for variable in condition.variables]
+        parts = tuple(
+            ground_condition(
+                part, {**binding, **dict(zip(names, chosen, strict=True))}, objects, domain, positive=positive
+            )
+            for chosen in choices
+            for part in condition.parts
+        )
+    if every:
+        return Joined(every, parts)
+    text = re.sub(r"\?([\w-]+)", lambda found: binding.get(found[1], found[0]), str(condition))
+    return Joined(every, parts, text if positive else f"not ({text})")
 
 
 def rules_out(condition: pddl.Condition, binding: Binding) -> bool:
@@ -126,10 +130,5 @@ def literal_count(condition: pddl.Condition, objects: Objects, domain: pddl.Doma
     """
     if isinstance(condition, pddl.Holds):
         return 1
-    choices = prod(domain_sizes(condition.variables, objects, domain))
+    choices = prod(len(fitting_objects(variable, objects, domain)) for variable in condition.variables)
     return choices * sum(literal_count(part, objects, domain) for part in condition.parts)
-
-
-def domain_sizes(variables: Sequence[pddl.Parameter], objects: Objects, domain: pddl.Domain) -> list[int]:
-    """Number of objects that fit each variable."""
-    return [len(fitting_objects(variable, objects, domain)) for variable in variables]

@@ -7,7 +7,7 @@ the phase, so that suprema lie at the ends of pieces and, of one rate, means ove
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Annotated
 
@@ -48,12 +48,6 @@ class Window:
     """From an image until what it shows is known [s]."""
 
 
-def within(windows: Iterable[Window], start: float, end: float) -> list[Window]:
-    """What of windows lies between two times [s]."""
-    clipped = (replace(one, start=max(one.start, start), end=min(one.end, end)) for one in windows)
-    return [one for one in clipped if one.end > one.start]
-
-
 @dataclass(frozen=True, eq=False)
 class Onset:
     """From when on images show what happens at a time x, at points in order; linear in between."""
@@ -74,12 +68,6 @@ class Onset:
     def at_once(cls, start: float, end: float) -> Onset:
         """What images show from the moment at which it happens, between two times [s]."""
         return cls(np.array([start, end]), np.array([start, end]))
-
-    @property
-    def share(self) -> Array:
-        """The share of all x up to each point, shape (n,), from 0 to 1."""
-        length = self.x[-1] - self.x[0]
-        return (self.x - self.x[0]) / length if length > 0 else np.linspace(0.0, 1.0, len(self.x))
 
 
 @dataclass(frozen=True)
@@ -118,12 +106,24 @@ def _delays(windows: Sequence[Window], onset: Onset, cost: Callable[[Array], Arr
     first, last = onset.shown[0], onset.shown[-1]
     sure = [(max(one.start, last) + one.period, one) for one in windows]
     horizon = min((t + one.lag + one.period for t, one in sure if t <= one.end), default=np.inf)
-    windows = within(windows, first, horizon)
+    clipped = (replace(one, start=max(one.start, first), end=min(one.end, horizon)) for one in windows)
+    windows = [one for one in clipped if one.end > one.start]
     if not windows:
         return Delays(mean=None, worst=None, noticed=0.0, unseen=1.0, cost=None)
+    # When each image is taken at p phases, shape (p, n) [s], and what share of all x it shows.
     phases, weight = _phases(windows, onset, bends)
-    known, done = _images(windows, onset, phases)
-    x0, length, share = onset.x[0], onset.x[-1] - onset.x[0], np.diff(done)
+    numbers = [np.arange(np.floor(w.start / w.period) - 1, np.floor(w.end / w.period) + 1) for w in windows]
+    window = np.repeat(np.arange(len(windows)), [len(of_one) for of_one in numbers])
+    start, end, period, lag = np.array([(w.start, w.end, w.period, w.lag) for w in windows])[window].T
+    t = (phases[:, window] + np.concatenate(numbers)) * period
+    x0, length = onset.x[0], onset.x[-1] - onset.x[0]
+    passed = (onset.x - x0) / length if length > 0 else np.linspace(0.0, 1.0, len(onset.x))
+    shown = np.where((t >= start) & (t <= end), np.interp(t, onset.shown, passed), 0.0)
+    # In the order in which they are known; nothing is shown before the first.
+    order = np.argsort(t + lag, axis=1)
+    known, shown = np.take_along_axis(t + lag, order, axis=1), np.take_along_axis(shown, order, axis=1)
+    done = np.maximum.accumulate(np.pad(shown, ((0, 0), (1, 0))), axis=1)
+    share = np.diff(done)
     seen, worst = float(weight @ done[:, -1]), _latest(windows, onset)
     late = (share * known).sum(axis=1) - x0 * done[:, -1] - 0.5 * length * done[:, -1] ** 2
     never = not np.isfinite(worst) or 1.0 - seen > _NARROW
@@ -154,21 +154,6 @@ def _phases(windows: Sequence[Window], onset: Onset, bends: Array) -> tuple[Arra
     begin, width = every[:-1][kept], widths[kept]
     phases = (begin[:, None] + width[:, None] * _GAUSS).ravel()
     return np.repeat(phases[:, None], len(which), axis=1), np.repeat(0.5 * width / width.sum(), 2)
-
-
-def _images(windows: Sequence[Window], onset: Onset, phases: Array) -> tuple[Array, Array]:
-    """When each image is known at p phases, in order, shape (p, n) [s], and what share of all x is shown by then.
-
-    phases: see `_phases`. The shares have the shape (p, n + 1): nothing is shown before the first image.
-    """
-    numbers = [np.arange(np.floor(w.start / w.period) - 1, np.floor(w.end / w.period) + 1) for w in windows]
-    window = np.repeat(np.arange(len(windows)), [len(of_one) for of_one in numbers])
-    start, end, period, lag = np.array([(w.start, w.end, w.period, w.lag) for w in windows])[window].T
-    t = (phases[:, window] + np.concatenate(numbers)) * period
-    shown = np.where((t >= start) & (t <= end), np.interp(t, onset.shown, onset.share), 0.0)
-    known, order = t + lag, np.argsort(t + lag, axis=1)
-    known, shown = np.take_along_axis(known, order, axis=1), np.take_along_axis(shown, order, axis=1)
-    return known, np.maximum.accumulate(np.pad(shown, ((0, 0), (1, 0))), axis=1)
 
 
 def _latest(windows: Sequence[Window], onset: Onset) -> float:

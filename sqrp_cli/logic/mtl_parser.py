@@ -15,11 +15,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import cast
 
 from sqrp_cli.errors import InputError, Place, bad_input, nearest
 from sqrp_cli.logic import formula as mtl
 from sqrp_cli.logic.source_text import SourceText, character_name
+from sqrp_cli.records import dataclass
 
 MAX_DEPTH = 50
 """Deepest nesting of a formula."""
@@ -74,18 +75,17 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> mtl.Formula:
     return formula
 
 
-class _Token(NamedTuple):
-    kind: str
-    text: str
-    start: int
+_Token = tuple[str, str, int]
+"""What is read at a time: its kind, its text, and where that starts."""
 
 
+@dataclass
 class _Reader:
     """Reads a text from left to right, its operators by how tightly they bind."""
 
-    def __init__(self, source: SourceText) -> None:
-        self._source, self._at = source, 0
-        self._before: _Token | None = None
+    source: SourceText
+    at: int = 0
+    before: _Token | None = None
 
     def formula(self) -> mtl.Formula:
         """The whole text. What waits for its right side lies on stacks, so that parentheses may be nested at will."""
@@ -93,25 +93,24 @@ class _Reader:
         waiting: list[mtl.Operation | None] = []  # operators without their parts; None is an open parenthesis
         opened, kinds = 0, _BEGINNINGS
         while True:
-            token = self._next(*kinds)
-            if token.kind == "(":
+            kind, text, start = self._next(*kinds)
+            if kind == "(":
                 waiting.append(None)
                 opened += 1
-            elif token.kind == "name":
-                names = [self._next("name").text] if self._found("(") is not None else []
-                while names and self._next(",", ")").kind == ",":
-                    names.append(self._next("name").text)
-                formulas.append(mtl.Predicate(token.text, tuple(names) or None, (self._source, token.start)))
+            elif kind == "name":
+                names = [self._next("name")[1]] if self._found("(") is not None else []
+                while names and self._next(",", ")")[0] == ",":
+                    names.append(self._next("name")[1])
+                formulas.append(mtl.Predicate(text, tuple(names) or None, (self.source, start)))
                 kinds = (*_JOINTS, ")" if opened else "end", *(("(",) if not names else ()))
-            elif token.kind in ("always", "eventually"):
+            elif kind in ("always", "eventually"):
                 self._next("[")
                 interval = mtl.Interval(self._instant(","), self._instant("]"))
-                origin = (self._source, token.start)
-                waiting.append(mtl.Operation(cast(mtl.Operator, token.kind), (), interval, origin))
-            elif token.kind == "not":
+                waiting.append(mtl.Operation(cast(mtl.Operator, kind), (), interval, (self.source, start)))
+            elif kind == "not":
                 waiting.append(mtl.Operation("not", ()))
             else:  # what binds more tightly is put together, up to the last open parenthesis
-                binding = mtl.BINDING.get(token.kind, -1)
+                binding = mtl.BINDING.get(kind, -1)
                 while waiting and (last := waiting[-1]) is not None and mtl.BINDING[last.operator] > binding:
                     count = 2 if last.operator in _JOINTS else 1
                     waiting.pop()
@@ -119,62 +118,64 @@ class _Reader:
                         waiting.pop()
                         count += 1
                     formulas[-count:] = [replace(last, parts=tuple(formulas[-count:]))]
-                if token.kind == "end":
+                if kind == "end":
                     return formulas[0]
-                if token.kind == ")":
+                if kind == ")":
                     waiting.pop()
                     opened -= 1
                     kinds = (*_JOINTS, ")" if opened else "end")
                 else:
-                    waiting.append(mtl.Operation(cast(mtl.Operator, token.kind), ()))
+                    waiting.append(mtl.Operation(cast(mtl.Operator, kind), ()))
                     kinds = _BEGINNINGS
 
     def _instant(self, until: str) -> mtl.Instant:
         """An instant and the sign after it."""
-        first = self._next("number", "name")
-        number, sign, primitive, edge = first, 1, None, None
-        if first.kind == "name":
+        kind, text, start = self._next("number", "name")
+        number, place, sign, primitive, edge = text, start, 1, None, None
+        if kind == "name":
             self._next(".")
-            primitive, edge = first.text, self._next("edge").text
-            found = self._next("sign", until)
-            if found.kind == until:
-                return mtl.Instant(primitive, edge, 0.0, (self._source, first.start))
-            number, sign = self._next("number"), 1 if found.text == "+" else -1
-        if not math.isfinite(seconds := sign * float(number.text)):
-            message = f"`{number.text}` is too large for a time in seconds"
-            raise InputError(self._source.problem("mtl-number", message, number.start))
+            primitive, edge = text, self._next("edge")[1]
+            kind, text, _ = self._next("sign", until)
+            if kind == until:
+                return mtl.Instant(primitive, edge, 0.0, (self.source, start))
+            sign = 1 if text == "+" else -1
+            _, number, place = self._next("number")
+        if not math.isfinite(seconds := sign * float(number)):
+            message = f"`{number}` is too large for a time in seconds"
+            raise InputError(self.source.problem("mtl-number", message, place))
         self._next(until)
-        return mtl.Instant(primitive, edge, seconds, (self._source, first.start))
+        return mtl.Instant(primitive, edge, seconds, (self.source, start))
 
     def _found(self, *kinds: str) -> _Token | None:
         """The next token, if it is of one of these kinds."""
-        text, start = self._source.text, _SPACE.match(self._source.text, self._at).end()  # type: ignore[union-attr]
+        text, start = self.source.text, _SPACE.match(self.source.text, self.at).end()  # type: ignore[union-attr]
         for kind in kinds:
             if (found := _TERMINALS[kind][1].match(text, start)) is not None:
-                self._at, self._before = found.end(), _Token(kind, found[0], start)
-                return self._before
+                self.at, self.before = found.end(), (kind, found[0], start)
+                return self.before
         return None
 
     def _next(self, *kinds: str) -> _Token:
         """As `_found`. Raises InputError, which says what is there instead."""
-        before, token = self._before, self._found(*kinds)
+        before, token = self.before, self._found(*kinds)
         if token is not None:
             return token
         expected = [words for kind, (words, _) in _TERMINALS.items() if kind in kinds]
         listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)
-        token, text = self._found(*_TERMINALS), self._source.text
-        if token is None:
-            offset = _SPACE.match(text, self._at).end()  # type: ignore[union-attr]
-            message = f"unexpected character {character_name(text[offset])}"
-        elif token.kind == "end":
-            offset = len(text.rstrip())
+        kind, text, offset = self._found(*_TERMINALS) or ("", "", 0)
+        if not kind:
+            offset = _SPACE.match(self.source.text, self.at).end()  # type: ignore[union-attr]
+            message = f"unexpected character {character_name(self.source.text[offset])}"
+        elif kind == "end":
+            offset = len(self.source.text.rstrip())
             message = f"{'the formula ends too early' if offset else 'the formula is empty'}; expected {listed}"
-        elif token.kind == "[" and before is not None and before.kind == "name":
-            hint, offset = nearest(before.text, ["always", "eventually", "G", "F"]), before.start
+        elif kind == "[" and before is not None and before[0] == "name":
+            _, name, offset = before
+            hint = nearest(name, ["always", "eventually", "G", "F"])
             advice = f"did you mean `{hint}`?" if hint else "expected `always` or `eventually`"
-            message = f"`{before.text}` is no temporal operator but has an interval; {advice}"
+            message = f"`{name}` is no temporal operator but has an interval; {advice}"
         else:
-            keywords = [kind for kind in kinds if kind in mtl.BINDING]
-            hint, offset = nearest(token.text, keywords) if token.kind == "name" else None, token.start
-            message = f"unexpected `{token.text}`; {f'did you mean `{hint}`?' if hint else f'expected {listed}'}"
-        raise InputError(self._source.problem("mtl-syntax", message, offset))
+            keywords = [one for one in kinds if one in mtl.BINDING]
+            hint = nearest(text, keywords) if kind == "name" else None
+            message = f"unexpected `{text}`; {f'did you mean `{hint}`?' if hint else f'expected {listed}'}"
+        raise InputError(self.source.problem("mtl-syntax", message, offset))

@@ -131,7 +131,7 @@ class _Reader:
             raise self.failure("this is a PDDL problem; expected `(define (domain NAME) ...)`", named)
         if len(named.items) != 2:
             raise self.failure("expected `(domain NAME)`", named)
-        name = self.name(named.items[1], "a domain name").text
+        name = self.word(named.items[1], "a domain name", name=True).text
         sections: dict[str, list[Node]] = {head: [] for head in _SECTIONS}
         for node in top.items[2:]:
             if not node.head:
@@ -205,7 +205,7 @@ class _Reader:
                 for node in section.items[1:]:
                     if not node.items:
                         raise self.failure("expected a predicate such as `(hold ?object - movable)`", node)
-                    word = self.name(node.items[0], "a predicate's name")
+                    word = self.word(node.items[0], "a predicate's name", name=True)
                     if word.text in _CONNECTIVES:
                         self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
                     if word.text in self.predicates:
@@ -215,7 +215,7 @@ class _Reader:
     def read_action(self, section: Node) -> None:
         if len(section.items) < 2:
             raise self.failure("expected `(:action NAME :parameters (...) :precondition (...) :effect (...))`", section)
-        name = self.name(section.items[1], "an action's name")
+        name = self.word(section.items[1], "an action's name", name=True)
         if name.text in self.actions:
             self.report("pddl-duplicate", f"action `{name.text}` is defined twice", name)
         # The lists of an action by their keys, those that it must have among them.
@@ -284,7 +284,7 @@ class _Reader:
         remaining = iter(nodes)
         for node in remaining:
             if node.text != "-":
-                untyped.append(self.name(node, what))
+                untyped.append(self.word(node, what, name=True))
                 continue
             type_node = next(remaining, node)
             if type_node.head == "either":
@@ -292,7 +292,7 @@ class _Reader:
             if not untyped or type_node is node:
                 raise self.failure(f"expected {what} before `-` and a type after it", node)
             self.need(node, "`- type`", ":typing")
-            found += [(word, self.name(type_node, "a type")) for word in untyped]
+            found += [(word, self.word(type_node, "a type", name=True)) for word in untyped]
             untyped = []
         return found + [(word, None) for word in untyped]
 
@@ -384,19 +384,15 @@ class _Reader:
             raise self.failure(f"`{node.head}` has {found}; expected {count}", node)
         return arguments
 
-    def word(self, node: Node, what: str) -> Node:
+    def word(self, node: Node, what: str, *, name: bool = False) -> Node:
+        """A word; name: whether it has to be a name, with a question mark before it if `what` is a variable."""
         if not node.text:
             raise self.failure(f"expected {what}, found a list", node)
-        return node
-
-    def name(self, node: Node, what: str) -> Node:
-        """A name; with a question mark before it if `what` is a variable."""
-        word = self.word(node, what)
         mark = "?" if what == VARIABLE else ""
-        if not (word.text.startswith(mark) and _NAME.fullmatch(word.text[len(mark) :])):
-            missing = f"; is a `)` missing before `({word.text}`?" if word.text in _SECTIONS else ""
-            raise self.failure(f"expected {what}, found `{word.text}`{missing}", word)
-        return word
+        if name and not (node.text.startswith(mark) and _NAME.fullmatch(node.text[len(mark) :])):
+            missing = f"; is a `)` missing before `({node.text}`?" if node.text in _SECTIONS else ""
+            raise self.failure(f"expected {what}, found `{node.text}`{missing}", node)
+        return node
 
 
 @lru_cache(maxsize=64)

@@ -238,11 +238,6 @@ def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]
             bits |= chosen(min(possible, key=lambda one: next(n for n, layer in enumerate(layers) if one.holds(layer))))
         return bits
 
-    def difficulty(action: GroundAction) -> int:
-        """Sum over the literals that it needs of the layers in which they first appear."""
-        bits = chosen(action.need)
-        return sum((bits & ~literals).bit_count() for literals in layers)
-
     def want(need: Need) -> None:
         bits = chosen(need)
         for level, literals in enumerate(layers):
@@ -256,7 +251,9 @@ def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]
             helpful = tuple(action for action in new_actions[0] if action.gains & wanted[1])
         while wanted[level]:
             bit = wanted[level] & -wanted[level]
-            action = min((one for one in new_actions[level - 1] if one.gains & bit), key=difficulty)
+            possible = [(chosen(one.need), one) for one in new_actions[level - 1] if one.gains & bit]
+            # The easiest: by the sum, over the literals that it needs, of the layers in which they first appear.
+            _, action = min(possible, key=lambda one: sum((one[0] & ~literals).bit_count() for literals in layers))
             steps += 1
             for done in range(level + 1):
                 wanted[done] &= ~action.gains

@@ -216,10 +216,6 @@ class _Grounder:
                 last = max(names.index(term[1:]) for term in part.terms if term.startswith("?"))
                 ready[last].append((part, positive))
 
-        def holds(part: Holds, bound: conditions.Binding) -> bool:
-            atom = conditions.ground_atom(part, bound)
-            return atom in self.facts if part.predicate != EQUAL else atom.arguments[0] == atom.arguments[1]
-
         def extend(bound: dict[str, str], index: int) -> Iterator[conditions.Binding]:
             if index == len(names):
                 yield dict(bound)
@@ -229,7 +225,9 @@ class _Grounder:
                 if self.tried > self.limit:
                     raise OutOfBudgetError(f"{self.limit:,} choices of objects", self.why(action))
                 bound[names[index]] = name
-                if all(holds(part, bound) == positive for part, positive in ready[index]):
+                # No fact is an equality, which holds of one object and itself.
+                pairs = ((conditions.ground_atom(part, bound), positive) for part, positive in ready[index])
+                if all((one in self.facts or one == Atom(EQUAL, (name, name))) == positive for one, positive in pairs):
                     yield from extend(bound, index + 1)
             bound.pop(names[index], None)
 
@@ -237,7 +235,7 @@ class _Grounder:
 
     def why(self, action: Action) -> str:
         """Why the task is large, and how to make it smaller."""
-        count = prod(conditions.domain_sizes(action.parameters, self.objects, self.domain))
+        count = prod(len(conditions.fitting_objects(one, self.objects, self.domain)) for one in action.parameters)
         return (
             f"the {len(action.parameters)} parameters of `{action.name}` ({action.place}) have {count:,} choices of"
             " objects; give them types that fewer objects have, or make several actions of it"

@@ -95,23 +95,19 @@ def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401
         holds = bool(task.initial >> 2 * number & 1)
         fluents.append(problem.add_fluent(f"f{number}", BoolType(), default_initial_value=holds))
     manager = environment.expression_manager
+    every = [one for fluent in fluents for one in (fluent(), manager.Not(fluent()))]  # the literals, by bit
 
     def expression(need: Need) -> Any:  # noqa: ANN401
-        literals = [
-            fluents[bit // 2]() if bit % 2 == 0 else manager.Not(fluents[bit // 2]()) for bit in _bits(need.bits)
-        ]
+        literals = [one for bit, one in enumerate(every) if need.bits >> bit & 1]
         choices = [manager.Or(map(expression, choice)) for choice in need.choices]
         return manager.And([*literals, *choices])
 
     for index, action in enumerate(task.actions):
         added = InstantaneousAction(f"a{index}", _env=environment)
         added.add_precondition(expression(action.need))
-        for bit in _bits(action.gains):
-            added.add_effect(fluents[bit // 2], bit % 2 == 0)
+        for bit in range(len(every)):
+            if action.gains >> bit & 1:
+                added.add_effect(fluents[bit // 2], bit % 2 == 0)
         problem.add_action(added)
     problem.add_goal(expression(task.goal))
     return problem
-
-
-def _bits(bits: int) -> list[int]:
-    return [bit for bit in range(bits.bit_length()) if bits >> bit & 1]
