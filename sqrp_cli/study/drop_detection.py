@@ -84,6 +84,9 @@ _LONGEST = 4.0
 _FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
 
+_MOST = 24
+"""So many of these times tell when most drops are seen; all of them are looked at for the others alone."""
+
 _SOON = 0.8
 """How long after a loss cameras count that judge the part [s]."""
 
@@ -227,50 +230,48 @@ def _shown(
     boxes = [(lit.positive, targets[lit.atom].cameras, box) for lit in literals for box in boxes_of(targets[lit.atom])]
     needed = {box: cameras for _, cameras, box in boxes}
     left = [box for positive, _, box in boxes if not positive and box.frame in stage.model.links]
-    reached = [box for positive, _, box in boxes if positive and box.frame in stage.resting]
+    reached = [
+        (box, stage.resting[box.frame][0] @ box.X_FB, 0.5 * np.array(box.size))
+        for positive, _, box in boxes
+        if positive and box.frame in stage.resting
+    ]
     if not left:
         return None
     by_color = left[0].limits.kind == "color"
     every = (box for target in targets.values() for box in boxes_of(target))
-    places = [box for box in dict.fromkeys([*reached, *every]) if box.frame in stage.resting and by_color]
+    places = [
+        box for box in dict.fromkeys([*(one[0] for one in reached), *every]) if box.frame in stage.resting and by_color
+    ]
     drops = _Drops.of(stage, observer, name, interval)
-    judges, seen = drops.judged(stage, observer, [*left, *reached], places)
+    judges, seen = drops.judged(stage, observer, [*left, *(one[0] for one in reached)], places)
     looks = _Looks.at(drops, observer.cameras, np.any(list(judges.values()), axis=0))
-    expected, size = drops.followed(drops.states.X_WF[name][:, :3, 3]), np.array(left[0].size)
-    held = looks.offset(expected, np.broadcast_to(drops.states.box_poses(left[0]), (len(drops.times), 4, 4)), size)
-    beside: list[tuple[Mask, SeenOffset]] = []  # whether the camera sees a place before and after each time
-    for box in places:
-        X_WB, both = stage.resting[box.frame] @ box.X_FB, seen[box] & np.roll(seen[box], -1, axis=0)
-        both[-1] = False
-        there = np.broadcast_to(X_WB[0, :3, 3, None, None], (3, len(drops.t), 1))
-        beside.append((looks.at_times(both), looks.offset(there, np.repeat(X_WB, len(drops.times), axis=0), size)))
-
-    def gone(rule: DropRule) -> tuple[Array, Array]:
-        """When each camera ceases to show the part held, and when it shows it not held, (c, s) each [s]."""
-        apart = held.apart(rule)
-        if not by_color:
-            return (looks.first(apart),) * 2
-        fills = [np.where(is_seen, offset.fills(rule), -np.inf) for is_seen, offset in beside]
-        in_a_place = np.max([np.full(apart.shape, -np.inf), *fills], axis=0)
-        return looks.first(apart), looks.first(np.maximum(held.clear(rule), np.minimum(apart, in_a_place)))
-
-    x, late, judge = drops.t, gone(SURE)[1], np.any([judges[box] for box in left], axis=0)
+    beside = {box: seen[box] & np.roll(seen[box], -1, axis=0) for box in places}  # before and after each time
+    # When each look first shows that it is surely gone, no longer held, usually gone, and in each place.
+    found, left_open = np.empty((3 + len(reached), len(looks.start))), np.arange(len(looks.start))
+    for count in (_MOST, len(_FALL)):
+        some = looks.some(left_open, count)
+        held = some.offset(drops.states.X_WF[name][:, :3, 3], drops.states.box_poses(left[0]), left[0].size)
+        gone = {rule: held.apart(rule) for rule in (SURE, USUAL)}
+        margins, in_a_place = [gone[USUAL]], {rule: np.full_like(held.across, -np.inf) for rule in gone}
+        for box, both in beside.items():
+            X_WB, both[-1] = stage.resting[box.frame] @ box.X_FB, False
+            offset, is_seen = some.offset(X_WB[:, :3, 3], X_WB, box.size), some.at_times(both)
+            for rule, most in in_a_place.items():
+                np.maximum(most, offset.fills(rule), out=most, where=is_seen)
+        for rule, most in in_a_place.items() if by_color else ():
+            gone[rule] = np.maximum(held.clear(rule), np.minimum(gone[rule], most))
+        margins = [gone[SURE], *margins, gone[USUAL], *(some.within(X_WB, half) for _, X_WB, half in reached)]
+        found[:, left_open] = [_first(margin, looks.period) for margin in margins]
+        left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
+    late, until, since, *there = map(looks.of_all, found)
+    x, judge = drops.t, np.any([judges[box] for box in left], axis=0)
     surely = np.where(judge, late, -np.inf)
-    until, since = gone(USUAL)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
-    for box in reached:
-        X_WB, half = stage.resting[box.frame][0] @ box.X_FB, 0.5 * np.array(box.size)
-        free, eyes = (np.moveaxis(one, 0, -1) for one in (drops.free, looks.eyes))
-        part = (free - X_WB[:3, 3]) @ X_WB[:3, :3]
-        x = np.maximum(x, drops.t + _first((half - np.abs(part)).min(axis=2)))
-        # By how much the line of sight through the part meets the middle plane of the box inside it.
-        part = part[looks.start]
-        ray = part - (eyes - X_WB[:3, 3]) @ X_WB[:3, :3]
-        met = part[..., :2] - ray[..., :2] * (part[..., 2:] / np.where(np.abs(ray[..., 2:]) > 1e-6, ray[..., 2:], 1e-6))
-        inside = half[:2] - np.abs(met)
-        there, judge = looks.first(np.minimum(inside[..., 0], inside[..., 1])), judges[box]
-        late, surely = np.maximum(late, there), np.maximum(surely, np.where(judge, there, -np.inf))
-        until, since = (np.where(judge, there, other) for other in (-np.inf, np.inf))
+    for (box, X_WB, half), shown in zip(reached, there, strict=True):
+        x = np.maximum(x, drops.t + _first((half[:, None, None] - np.abs(_in_box(X_WB, drops.free))).min(axis=0)))
+        judge = judges[box]
+        late, surely = np.maximum(late, shown), np.maximum(surely, np.where(judge, shown, -np.inf))
+        until, since = (np.where(judge, shown, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
     latest = stage.motion.time + _NEVER
     return _Shown(*(np.minimum(one, latest) for one in (x, surely, late.max(axis=0, initial=-np.inf), usual)))
@@ -335,6 +336,8 @@ class _Looks(NamedTuple):
     """Its focal length, shape (n,) [pixels]."""
     period: float
     """The longest of all frame periods: how long a part must lie apart to be seen so [s]."""
+    count: int = len(_FALL)
+    """f: of how many times after the loss it is said."""
 
     @classmethod
     def at(cls, drops: _Drops, cameras: Sequence[Camera], judges: Mask) -> _Looks:
@@ -348,21 +351,36 @@ class _Looks(NamedTuple):
         period = max((1.0 / one.rate for one in cameras), default=0.0)
         return cls(drops, judges.shape, camera, start, eyes, _focal(cameras)[camera], period)
 
-    def offset(self, expected: Array, X_WB: Array, size: Array) -> SeenOffset:
-        """How far the part is seen from where it is expected, (3, s, f or 1), in a box X_WB, (m, 4, 4), of a size."""
-        free, R_WB = self.drops.free[:, self.start], X_WB[self.start, :3, :3]
-        return SeenOffset.of(expected[:, self.start], free, self.eyes, self.focal, R_WB, size)
+    def some(self, rows: Indices, count: int) -> _Looks:
+        """Some of the looks, at the first times alone."""
+        eyes, camera, start = self.eyes[:, rows, :count], self.camera[rows], self.start[rows]
+        return self._replace(eyes=eyes, focal=self.focal[rows], camera=camera, start=start, count=count)
+
+    def offset(self, track: Array, X_WB: Array, size: Sequence[float]) -> SeenOffset:
+        """How far the part is seen from where it is expected: a track, (m or 1, 3), in a box X_WB, (m or 1, 4, 4)."""
+        still, free = len(track) == 1, self.drops.free[:, self.start, : self.count]
+        expected = track.T[..., None] if still else self.drops.followed(track)[:, self.start, : self.count]
+        R_WB = (X_WB if len(X_WB) == 1 else X_WB[self.start])[:, :3, :3]
+        return SeenOffset.of(expected, free, self.eyes, self.focal, R_WB, np.array(size))
+
+    def within(self, X_WB: Array, half: Array) -> Array:
+        """How far inside a box the line of sight through the part meets its middle plane, (n, f) [m]."""
+        part = _in_box(X_WB, self.drops.free)[:, self.start, : self.count]
+        ray = part - _in_box(X_WB, self.eyes)
+        met = part[:2] - ray[:2] * (part[2] / np.where(np.abs(ray[2]) > 1e-6, ray[2], 1e-6))
+        inside: Array = (half[:2, None, None] - np.abs(met)).min(axis=0)
+        return inside
 
     def at_times(self, seen: Mask) -> Mask:
         """What cameras see at the first times, (k, c), as each drop goes on, shape (n, f)."""
         times = self.drops.times[: len(seen)]
-        before = np.searchsorted(times, self.drops.t[:, None] + _FALL, side="right") - 1
+        before = np.searchsorted(times, self.drops.t[:, None] + _FALL[: self.count], side="right") - 1
         return seen[before[self.start], self.camera[:, None]]
 
-    def first(self, margin: Array) -> Array:
-        """When a margin (n, f) is first not negative for a period, (c, s) [s]; -inf where no camera looks."""
+    def of_all(self, after: Array) -> Array:
+        """When looks show something: how long after the loss they do, (n,), to (c, s) [s]; -inf where none looks."""
         found = np.full(self.shape, -np.inf)
-        found[self.camera, self.start] = self.drops.t[self.start] + _first(margin, self.period)
+        found[self.camera, self.start] = self.drops.t[self.start] + after
         return found
 
 
@@ -420,15 +438,20 @@ def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Ar
 def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
     """How far an object at s poses (s, 4, 4) is above what lies below its middle and its corners, shape (s,) [m]."""
     others = [one for one in observer.solids if one.part.parent != name and one.part.parent in stage.resting]
-    faces = [transform(stage.resting[one.part.parent][0], one.vertices)[one.triangles] for one in others]
-    a, b, c = np.moveaxis(np.concatenate([np.empty((0, 3, 3)), *faces]), 1, 0)
+    X_WP = np.array([stage.resting[one.part.parent][0] for one in others]).reshape(-1, 4, 4)
     corners = np.concatenate([one.corners for one in observer.solids if one.part.parent == name])
     at = transform(X_WO, corners)
     bottom, middle = at[..., 2].min(axis=1), at.mean(axis=1, keepdims=True)
     feet = np.concatenate([middle, middle + 0.9 * (at - middle)], axis=1)[..., :2]
     columns, of = np.unique(feet.round(3).reshape(-1, 2), axis=0, return_inverse=True)  # few where it is lifted
+    # The faces of what may be above or below.
+    balls = transform(X_WP, np.array([one.center for one in others]).reshape(-1, 1, 3))[:, 0, :2]
+    radii = np.array([one.radius for one in others])[:, None] + 1e-9
+    close = ((balls >= columns.min(axis=0) - radii) & (balls <= columns.max(axis=0) + radii)).all(axis=1)
+    faces = [transform(X_WP[k], others[k].vertices)[others[k].triangles] for k in np.flatnonzero(close)]
+    a, b, c = np.moveaxis(np.concatenate([np.empty((0, 3, 3)), *faces]), 1, 0)
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    q, r, floor = b - a, c - a, low[:, 2].min(initial=0.0) - FLOOR_DEPTH
+    q, r = b - a, c - a
     area = q[:, 0] * r[:, 1] - q[:, 1] * r[:, 0]
     near = (low[:, :2] <= columns.max(axis=0)).all(axis=1) & (high[:, :2] >= columns.min(axis=0)).all(axis=1)
     near &= np.abs(area) > 1e-12
@@ -436,10 +459,11 @@ def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
     x, y = np.moveaxis(columns - a[..., :2], 2, 0)
     u, v = (x * r[..., 1] - y * r[..., 0]) / area, (y * q[..., 0] - x * q[..., 1]) / area
     z = np.where((u >= 0) & (v >= 0) & (u + v <= 1), a[..., 2] + u * q[..., 2] + v * r[..., 2], -np.inf)
-    tops = [
-        np.where(z[:, i] <= h + CLEARANCE, z[:, i], floor).max(initial=floor)
-        for i, h in zip(of.reshape(len(X_WO), -1), bottom, strict=True)
-    ]
+    z = z[:, of.reshape(len(X_WO), -1)]
+    tops = np.where(z <= bottom[:, None] + CLEARANCE, z, -np.inf).max(axis=(0, 2), initial=-np.inf)
+    if np.isinf(tops).any():  # only the floor is below
+        lowest = (transform(X, one.vertices)[:, 2].min() for X, one in zip(X_WP, others, strict=True))
+        tops = np.maximum(tops, min([0.0, *lowest]) - FLOOR_DEPTH)
     height: Array = np.maximum(bottom - tops, 0.0)
     return height
 
@@ -469,9 +493,8 @@ def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states:
     """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
     least = np.full(seen.cause.shape, box.limits.min_visible)
     if box.limits.kind == "color":
-        eyes = [states.camera_poses(camera)[:, :3, 3] for camera in cameras]
-        distance = [np.linalg.norm(states.box_poses(box)[:, :3, 3] - eye, axis=1) for eye in eyes]
-        far = np.array([np.broadcast_to(one, states.count) for one in distance]).T[: len(least)]
+        eyes = np.stack(np.broadcast_arrays(*(states.camera_poses(camera)[: len(least), :3, 3] for camera in cameras)))
+        far = np.linalg.norm(states.box_poses(box)[: len(least), :3, 3] - eyes, axis=-1).T
         least = np.maximum(least - BORDER * far / (_focal(cameras) * _spread(np.array(box.size))), LEAST_SHARE)
     in_free_view = (seen.cause == Cause.NONE) | (seen.cause > Cause.HIDDEN)
     found: Mask = np.where(seen.cause == Cause.HIDDEN, seen.visible >= least, in_free_view)
@@ -486,6 +509,12 @@ def _focal(cameras: Sequence[Camera]) -> Array:
 def _spread(size: Array) -> float:
     """Square root of the mean area of the silhouette of a box of full extents (3,) [m]."""
     return float(np.sqrt(0.5 * (size * np.roll(size, 1)).sum()))
+
+
+def _in_box(X_WB: Array, points: Array) -> Array:
+    """Points by component, (3, ...), from the world into a box's frame."""
+    found: Array = np.tensordot(X_WB[:3, :3].T, points - X_WB[:3, 3].reshape(3, 1, 1), 1)
+    return found
 
 
 def _dot(a: Sequence[Array] | Array, b: Sequence[Array] | Array) -> Array:
@@ -504,10 +533,11 @@ def _norm(vectors: Array) -> Array:
 def _first(margin: Array, least: float = 0.0) -> Array:
     """When a margin (n, f) is first not negative after the loss for a least time [s], shape (n,) [s].
 
-    Infinite if it never is.
+    Infinite if it never is, as far as the first f times tell.
     """
-    bad = np.where(margin < 0.0, _FALL, np.inf)
-    lasts = np.minimum.accumulate(bad[:, ::-1], axis=1)[:, ::-1] - _FALL
+    times, end = _FALL[: margin.shape[1]], min(_FALL[margin.shape[1] :], default=np.inf)
+    bad = np.where(margin < 0.0, times, end)
+    lasts = np.minimum.accumulate(bad[:, ::-1], axis=1)[:, ::-1] - times
     good = (margin >= 0.0) & (lasts >= least)
     index = good.argmax(axis=1)
     before = np.maximum(index - 1, 0)
