@@ -13,7 +13,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.motion.collision import CollisionScene, NamePairs, pair
 from sqrp_cli.motion.fingers import closed_on, move_fingers, opened_to
-from sqrp_cli.motion.tool_path import ToolCurve, arc_through, helix_about, tool_line
+from sqrp_cli.motion.tool_path import SHORTEST_LINE, ToolCurve, arc_through, helix_about, tool_line
 from sqrp_cli.motion.waypoints import UnknownPlaceError, WaypointGrounder, setting_value
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import positions_of
@@ -73,6 +73,14 @@ class GroundPrimitive:
     hold: float = 0.0  # how long it stands still [s]; 0 for moves
     fingers: Trajectory | None = None  # motion of the fingers during it, None if they stand still
     allowed: NamePairs = frozenset()  # pairs of names that may touch as part of the skill
+
+    @property
+    def legs(self) -> tuple[ToolCurve, ...]:
+        """All that the tool may move along."""
+        return (
+            *self.curves,
+            *([self.beyond] if self.beyond is not None and self.beyond.length > SHORTEST_LINE else ()),
+        )
 
 
 def ground_primitives(

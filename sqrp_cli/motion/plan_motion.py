@@ -18,7 +18,8 @@ from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.ground_primitives import GroundPrimitive, ground_primitives
 from sqrp_cli.motion.joint_moves import FoundMove, JointMoves, fastest_sequence
 from sqrp_cli.motion.position_limits import worst_past_limit
-from sqrp_cli.motion.sections import SHORTEST_LINE, MotionProblem, Names, Ways, cut_into_sections
+from sqrp_cli.motion.sections import MotionProblem, Names, Ways, cut_into_sections
+from sqrp_cli.motion.tool_path import SHORTEST_LINE
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.kinematics import positions_of
@@ -301,11 +302,12 @@ class _Planner:
     def _guarded(self, index: int, primitive: GroundPrimitive, approach: Trajectory) -> Trajectory | Infeasible:
         """The whole motion of the arm in a guarded primitive where it meets nothing; approach: up to contact."""
         whole = approach
-        if primitive.beyond is not None and primitive.beyond.length > SHORTEST_LINE:
+        for curve in primitive.legs[len(primitive.curves) :]:
             still = np.zeros_like(self._model.turns)
-            (moving,) = self._problem.moves_along(index, primitive, primitive.beyond, approach.path.end[None], still)
-            if moving is None:
+            (path,) = self._problem.follow(index, primitive, curve, approach.path.end[None], still)
+            if path is None:
                 return self._infeasible()
+            (moving,) = self._problem.timed([(path, primitive, curve)])
             whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)
         if (contact := self._problem.scenes[index].check_path(whole.path)) is not None:
             return Infeasible((f"{contact} if {primitive.name} meets nothing",))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise, product
 from math import prod
 
@@ -15,8 +15,15 @@ from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.collision import PlacedScene
 from sqrp_cli.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.motion.position_limits import near_limits, whole_turns
-from sqrp_cli.motion.timing import MotionLimits, time_path, time_paths
-from sqrp_cli.motion.tool_path import LIMIT_SAMPLES, ToolCurve, follow_within_limits, limit_reason, tool_line
+from sqrp_cli.motion.timing import MotionLimits, time_paths
+from sqrp_cli.motion.tool_path import (
+    LIMIT_SAMPLES,
+    SHORTEST_LINE,
+    ToolCurve,
+    follow_within_limits,
+    limit_reason,
+    tool_line,
+)
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import branch_words, chosen_branches
 from sqrp_cli.robot.inverse_kinematics import IkResult, known_solutions
@@ -25,7 +32,6 @@ from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
-SHORTEST_LINE = 1e-9  # curves that are no longer have no speed [m]
 MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried for each branch
 
 Names = Mapping[str, MotionValue]
@@ -168,16 +174,32 @@ class MotionProblem:
             for contact in filter(None, contacts):
                 self.note(index, f"{contact} at the end of {move.name}")
             ends = ends[[contact is None for contact in contacts]]
-        begun: list[_Begun] = [(q, ()) for q in ends]
-        for k, primitive in enumerate(section.tied if len(ends) else (), section.first):
-            q = [trajectories[-1].path.end if trajectories else q for q, trajectories in begun]
-            if not q:
-                break
-            if primitive.curves:
-                moves = self._tool_moves(k, primitive, np.stack(q), self.model.turns & (not section.is_fixed))
-            else:
-                moves = [Trajectory.standstill(at, primitive.hold) for at in q]
-            begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
+        # The start and the present end of each branch, and the paths along the curves of its tool moves.
+        going = [(q, q, list[JointPath]()) for q in ends]
+        legs = [(k, one, leg) for k, one in enumerate(section.tied, section.first) for leg in one.legs]
+        for k, primitive, curve in legs:
+            starts, may_turn = [at for _, at, _ in going], self.model.turns & (not section.is_fixed)
+            followed = self.follow(k, primitive, curve, np.stack(starts), may_turn) if starts else []
+            goes_on = curve is primitive.beyond
+            going = [
+                (q0, at if goes_on else path.end, [*paths, path])
+                for (q0, at, paths), path in zip(going, followed, strict=True)
+                if path is not None
+            ]
+        # All are timed together: that takes hardly longer than for one.
+        moves = [(path, one, leg) for *_, paths in going for path, (_, one, leg) in zip(paths, legs, strict=True)]
+        timed, begun = iter(self.timed(moves)), list[_Begun]()
+        for q0, *_ in going:
+            trajectories: list[Trajectory] = []
+            for primitive in section.tied:
+                parts, stops = [next(timed) for _ in primitive.legs], len(primitive.curves)
+                if not parts:
+                    at = trajectories[-1].path.end if trajectories else q0
+                    parts = [Trajectory.standstill(at, primitive.hold)]
+                moved = reduce(Trajectory.followed_by, parts[: max(stops, 1)])
+                # A guarded move stands where contact is expected for as long as it would go on without.
+                trajectories.append(moved.resting(parts[-1].duration) if len(parts) > max(stops, 1) else moved)
+            begun.append((q0, tuple(trajectories)))
         for primitive in section.tied if len(ends) and not begun else ():
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
                 reached = self.solutions(curve.X_end)
@@ -192,56 +214,44 @@ class MotionProblem:
                 branches.append(Branch(q0, trajectories, turns, name))
         return branches
 
-    def _tool_moves(self, index: int, primitive: GroundPrimitive, q: Array, may_turn: Mask) -> list[Trajectory | None]:
-        """Moves along all curves of a primitive from joint positions (b, n), with a stop after each.
+    def follow(
+        self, index: int, primitive: GroundPrimitive, curve: ToolCurve, q: Array, may_turn: Mask
+    ) -> list[JointPath | None]:
+        """Paths along a curve from joint positions (b, n); why there is none is noted.
 
-        A guarded move stands where contact is expected for as long as it would go on without.
+        may_turn: joints that whole turns may bring within their limits, shape (n,).
         """
-
-        def follow_on(before: Sequence[Trajectory | None], curve: ToolCurve) -> list[Trajectory | None]:
-            ends = [move.path.end for move in before if move is not None]
-            more = iter(self.moves_along(index, primitive, curve, np.stack(ends), may_turn) if ends else ())
-            joined = ((move, next(more)) if move is not None else (None, None) for move in before)
-            return [None if one is None or two is None else one.followed_by(two) for one, two in joined]
-
-        moves = self.moves_along(index, primitive, primitive.curves[0], q, may_turn)
-        for curve in primitive.curves[1:]:
-            moves = follow_on(moves, curve)
-        if primitive.beyond is None or primitive.beyond.length <= SHORTEST_LINE:
-            return moves
-        return [
-            None if whole is None or move is None else move.resting(whole.duration - move.duration)
-            for move, whole in zip(moves, follow_on(moves, primitive.beyond), strict=True)
-        ]
-
-    def moves_along(
-        self, index: int, primitive: GroundPrimitive, line: ToolCurve, q: Array, may_turn: Mask
-    ) -> list[Trajectory | None]:
-        """Moves along a curve from joint positions (b, n) at the primitive's speed, or slower if joints cannot follow.
-
-        A curve on which the tool only turns has no speed; the joints and the speed of turns alone limit it. may_turn:
-        joints that whole turns may bring within their limits, shape (n,).
-        """
-        followed = follow_within_limits(self.model, q, line, may_turn)
+        followed = follow_within_limits(self.model, q, curve, may_turn)
         for path in followed:
             for reason in path.reasons if isinstance(path, Infeasible) else ():
                 self.note(index, f"{primitive.name}: {reason}")
-        paths = [path for path in followed if isinstance(path, JointPath)]
+        return [path if isinstance(path, JointPath) else None for path in followed]
+
+    def timed(self, moves: Sequence[tuple[JointPath, GroundPrimitive, ToolCurve]]) -> list[Trajectory]:
+        """Moves along curves at the speed of their primitives, or slower if joints cannot follow.
+
+        A curve on which the tool only turns has no speed; the joints and the speed of turns alone limit it.
+        """
         # What the primitive's settings allow along the curve's parameter. A turn reaches its speed in 0.2 s, as the
         # limits of its acceleration and jerk say.
-        speed, turning, length = primitive.turn_speed, line.turning, line.length
-        tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
-        limits = [tool / length] if length > SHORTEST_LINE else []
-        if speed is not None and turning > 0.0:
-            limits.append(speed / turning * np.array([1.0, 10.0, 100.0]))
-        if limits:
-            timed = time_paths(paths, self.limits, MotionLimits(*np.min(limits, axis=0)))
-        elif turning:
-            timed = [time_path(path, self.limits) for path in paths]
-        else:
-            timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
-        moves = iter(timed)
-        return [next(moves) if isinstance(path, JointPath) else None for path in followed]
+        along: list[Array | None] = []
+        for path, primitive, curve in moves:
+            limits = [np.full(3, np.inf)]
+            if curve.length > SHORTEST_LINE:
+                limits.append(np.array([primitive.speed, primitive.acceleration, primitive.jerk]) / curve.length)
+            if primitive.turn_speed is not None and curve.turning > 0.0:
+                limits.append(primitive.turn_speed / curve.turning * np.array([1.0, 10.0, 100.0]))
+            if len(limits) == 1 and curve.turning:
+                most = self.limits.along(path.derivative_bounds().max(axis=0))
+                limits.append(np.array([most.velocity, most.acceleration, most.jerk]))
+            along.append(np.min(limits, axis=0) if len(limits) > 1 else None)
+        paths = [path for (path, *_), limit in zip(moves, along, strict=True) if limit is not None]
+        stated = np.array([limit for limit in along if limit is not None]).reshape(-1, 3)
+        timed = iter(time_paths(paths, self.limits, MotionLimits(*stated.T)))
+        return [
+            Trajectory.standstill(path.end, 0.0) if limit is None else next(timed)
+            for (path, *_), limit in zip(moves, along, strict=True)
+        ]
 
     def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
         """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).

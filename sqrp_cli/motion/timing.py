@@ -152,34 +152,32 @@ def time_path(path: JointPath, limits: MotionLimits, along: MotionLimits | None 
 def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
     """A motion along each of several paths with the same breaks, from rest to rest, that keeps every joint's limits.
 
-    limits: of the joints, shape (n,). along: scalar limits of the path parameter (for a tool line: those of the tool,
-    divided by its length).
+    limits: of the joints, shape (n,). along: limits of the path parameter (for a tool line: those of the tool,
+    divided by its length), or one of each path, shape (b,).
 
     The law is that of `rest_to_rest` under limits of its own, `along` or lower: where a joint's jerk or acceleration is
     too high on a ramp, the ramp gets softer; where its velocity is, or anything at full speed, the speed falls. Where
     it fell, shares of the speed are also tried with the hardest ramps that fit. The fastest law is slowed down as a
     whole by what is still too high at many samples, and by `STRETCH_MARGIN` for peaks between them.
     """
-    stated = np.array([along.velocity, along.acceleration, along.jerk], dtype=float)
+    every = np.array([along.velocity, along.acceleration, along.jerk], dtype=float).reshape(3, -1)
     timed: dict[int, Trajectory] = {}
     for rows, joined in side_by_side(paths):
-        curves = _Curves(joined, len(rows), limits)
-        best = _fastest_laws(curves, np.tile(stated[:, None], len(rows)), np.arange(len(rows)), ROUNDS)
+        curves, stated = _Curves(joined, len(rows), limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
+        best = _fastest_laws(curves, stated, np.arange(len(rows)), ROUNDS)
         slow = np.flatnonzero(best[0] < REACHED * stated[0])
         for share in SPEEDS if len(slow) else ():
             shortest = rest_to_rest_duration(1.0, MotionLimits(*best))
-            slower = stated * [share, 1.0, 1.0]
-            going = slow[rest_to_rest_duration(1.0, MotionLimits(*slower)) < shortest[slow]]
+            slower = stated * [[share], [1.0], [1.0]]
+            going = slow[(rest_to_rest_duration(1.0, MotionLimits(*slower)) < shortest)[slow]]
             if len(going):
-                tried = _fastest_laws(
-                    curves, np.tile(slower[:, None], len(going)), going, ROUNDS_OF_SHARES, ramps_alone=True
-                )
+                tried = _fastest_laws(curves, slower[:, going], going, ROUNDS_OF_SHARES, ramps_alone=True)
                 faster = rest_to_rest_duration(1.0, MotionLimits(*tried)) < shortest[going]
                 best[:, going[faster]] = tried[:, faster]
         many = [LEAST_SAMPLES + joined.coefficients[:, :, 0].size * more for more in MORE_SAMPLES]
         excess = curves.ratios(_sampled(best, many)[0], np.arange(len(rows))).max(axis=2)
         spare = (1.0 + STRETCH_MARGIN) ** _ORDERS
-        stretches = (np.maximum(excess * spare, best / stated[:, None]) ** (1 / _ORDERS)).max(axis=0)
+        stretches = (np.maximum(excess * spare, best / stated) ** (1 / _ORDERS)).max(axis=0)
         for row, law, stretch in zip(rows.tolist(), best.T, stretches.tolist(), strict=True):
             timed[row] = Trajectory(paths[row], rest_to_rest(MotionLimits(*law)).stretched(stretch))
     return [timed[row] for row in range(len(paths))]
@@ -198,20 +196,21 @@ def _sampled(limits: Array, counts: Sequence[int]) -> tuple[Array, Array, Array]
     rise = acceleration / j
     hold = np.maximum(speed / acceleration - rise, 0.0)
     cruise = np.maximum(1.0 / speed - 2.0 * rise - hold, 0.0)
-    s, ds, dds = np.zeros((3, len(v)))
-    motion = []
-    phases = (rise, hold, rise, cruise, rise, hold, rise)
-    for lasting, jerk, count in zip(phases, (j, 0 * j, -j, 0 * j, -j, 0 * j, j), counts, strict=True):
-        t = np.linspace(0.0, 1.0, count)[:, None] * lasting
-        phase = (
+    lasting = np.stack([rise, hold, rise, cruise, rise, hold, rise])
+    jerks = np.multiply.outer([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0], j)
+    starts = np.zeros((3, *lasting.shape))  # the parameter and its first two derivatives where each phase begins
+    for k in range(6):
+        t, jerk, (s, ds, dds) = lasting[k], jerks[k], starts[:, k]
+        starts[:, k + 1] = (
             s + t * (ds + t * (dds / 2 + t * (jerk / 6))),
             ds + t * (dds + t * (jerk / 2)),
             dds + t * jerk,
-            np.broadcast_to(jerk, t.shape),
         )
-        motion.append(np.stack(phase))
-        s, ds, dds = (values[-1] for values in phase[:3])
-    return np.concatenate(motion, axis=1).swapaxes(1, 2), speed, acceleration
+    phase = np.repeat(np.arange(7), counts)
+    t = lasting.T[:, phase] * np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
+    jerk, (s, ds, dds) = jerks.T[:, phase], starts.swapaxes(1, 2)[:, :, phase]
+    law = [s + t * (ds + t * (dds / 2 + t * (jerk / 6))), ds + t * (dds + t * (jerk / 2)), dds + t * jerk, jerk]
+    return np.array(law), speed, acceleration
 
 
 def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *, ramps_alone: bool = False) -> Array:
@@ -237,7 +236,9 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
             reached = np.where(speed > 1.0, fastest, limits[0])
             ramps = np.delete(ratios, cruise, axis=2).max(axis=2)
             softer = np.stack([reached / speed, steepest / ramps[1], limits[2] / ramps[2]])
-        limits = np.minimum(stated, softer)
+        before, limits = limits, np.minimum(stated, softer)
+        if np.array_equal(limits, before):  # as where nothing is too high
+            break
     return best
 
 
@@ -254,8 +255,8 @@ class _Curves:
         for order in (1, 2, 3):
             derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
             every[order - 1, : len(derived)] = derived * (2.0 / width) ** order
-        # By piece and path, then by polynomial, then by order and joint.
-        self._slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 1, 0, 4).reshape(p, count, degree, -1)
+        # By piece and path, then by order and joint, then by polynomial.
+        self._slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 0, 4, 1).reshape(p, count, -1, degree)
 
     def ratios(self, law: Array, rows: Indices) -> Array:
         """The largest ratio of a joint's velocity, acceleration and jerk to its limit, shape (3, r, m').
@@ -272,15 +273,19 @@ class _Curves:
             sides = np.concatenate([np.arange(len(inner)), np.arange(1, len(inner) + 1)])
             piece = np.concatenate([piece, np.tile(sides, (len(rows), 1))], axis=1)
         x = np.clip(2.0 * (law[0] - self._breaks[piece]) / np.diff(self._breaks)[piece] - 1.0, -1.0, 1.0)
-        T = np.cos(np.arange(self._slopes.shape[2]) * np.arccos(x)[..., None])  # T_k(x) = cos(k arccos x)
-        slopes = T @ self._slopes[0][rows]
+        T = [np.ones_like(x), x]
+        while len(T) < self._slopes.shape[3]:
+            T.append(2.0 * x * T[-1] - T[-2])
+        values = np.stack(T[: self._slopes.shape[3]], axis=1)
+        slopes = self._slopes[0][rows] @ values
         for k in range(1, len(self._slopes)):
-            slopes = np.where((piece == k)[..., None], T @ self._slopes[k][rows], slopes)
-        by_order = np.moveaxis(slopes.reshape(*law.shape[1:], 3, -1), 2, 0)
-        motions = (np.abs(chain_rule(law[1:, ..., None], by_order[: order + 1])) for order in range(3))
+            slopes = np.where((piece == k)[:, None], self._slopes[k][rows] @ values, slopes)
+        # Joints along an axis before that of the instants: NumPy is several times as fast along long rows.
+        by_order = slopes.reshape(len(rows), 3, -1, x.shape[1]).swapaxes(0, 1)
+        motions = (np.abs(chain_rule(law[1:, :, None], by_order[: order + 1])) for order in range(3))
         return np.stack(
             [
-                (motion / limit).max(axis=-1, initial=LEAST_RATIO)
+                (motion / limit[:, None]).max(axis=1, initial=LEAST_RATIO)
                 for motion, limit in zip(motions, self._limits, strict=True)
             ]
         )

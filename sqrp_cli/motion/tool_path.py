@@ -16,6 +16,7 @@ from sqrp_cli.robot.reach import least_steps, misses, newton, past_limit, pose_e
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.trajectory import JointPath
 
+SHORTEST_LINE = 1e-9  # curves that are no longer have no speed [m]
 FLAT = 1e-9  # three points whose circle has a radius above 1 / this of their distance are on a line
 
 TOLERANCE = 1e-6  # largest deviation of the tool from the line, in m and rad, between the points of interpolation
