@@ -190,16 +190,16 @@ class MotionProblem:
         moves = [(path, one, leg) for *_, paths in going for path, (_, one, leg) in zip(paths, legs, strict=True)]
         timed, begun = iter(self.timed(moves)), list[_Begun]()
         for q0, *_ in going:
-            trajectories: list[Trajectory] = []
+            done: list[Trajectory] = []
             for primitive in section.tied:
                 parts, stops = [next(timed) for _ in primitive.legs], len(primitive.curves)
                 if not parts:
-                    at = trajectories[-1].path.end if trajectories else q0
+                    at = done[-1].path.end if done else q0
                     parts = [Trajectory.standstill(at, primitive.hold)]
                 moved = reduce(Trajectory.followed_by, parts[: max(stops, 1)])
                 # A guarded move stands where contact is expected for as long as it would go on without.
-                trajectories.append(moved.resting(parts[-1].duration) if len(parts) > max(stops, 1) else moved)
-            begun.append((q0, tuple(trajectories)))
+                done.append(moved.resting(parts[-1].duration) if len(parts) > max(stops, 1) else moved)
+            begun.append((q0, tuple(done)))
         for primitive in section.tied if len(ends) and not begun else ():
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
                 reached = self.solutions(curve.X_end)

@@ -336,8 +336,8 @@ class _Looks(NamedTuple):
     """Its focal length, shape (n,) [pixels]."""
     period: float
     """The longest of all frame periods: how long a part must lie apart to be seen so [s]."""
-    count: int = len(_FALL)
-    """f: of how many times after the loss it is said."""
+    times: int = len(_FALL)
+    """f: at how many times after the loss they look."""
 
     @classmethod
     def at(cls, drops: _Drops, cameras: Sequence[Camera], judges: Mask) -> _Looks:
@@ -351,21 +351,21 @@ class _Looks(NamedTuple):
         period = max((1.0 / one.rate for one in cameras), default=0.0)
         return cls(drops, judges.shape, camera, start, eyes, _focal(cameras)[camera], period)
 
-    def some(self, rows: Indices, count: int) -> _Looks:
+    def some(self, rows: Indices, times: int) -> _Looks:
         """Some of the looks, at the first times alone."""
-        eyes, camera, start = self.eyes[:, rows, :count], self.camera[rows], self.start[rows]
-        return self._replace(eyes=eyes, focal=self.focal[rows], camera=camera, start=start, count=count)
+        eyes, camera, start = self.eyes[:, rows, :times], self.camera[rows], self.start[rows]
+        return self._replace(eyes=eyes, focal=self.focal[rows], camera=camera, start=start, times=times)
 
     def offset(self, track: Array, X_WB: Array, size: Sequence[float]) -> SeenOffset:
         """How far the part is seen from where it is expected: a track, (m or 1, 3), in a box X_WB, (m or 1, 4, 4)."""
-        still, free = len(track) == 1, self.drops.free[:, self.start, : self.count]
-        expected = track.T[..., None] if still else self.drops.followed(track)[:, self.start, : self.count]
+        still, free = len(track) == 1, self.drops.free[:, self.start, : self.times]
+        expected = track.T[..., None] if still else self.drops.followed(track)[:, self.start, : self.times]
         R_WB = (X_WB if len(X_WB) == 1 else X_WB[self.start])[:, :3, :3]
         return SeenOffset.of(expected, free, self.eyes, self.focal, R_WB, np.array(size))
 
     def within(self, X_WB: Array, half: Array) -> Array:
         """How far inside a box the line of sight through the part meets its middle plane, (n, f) [m]."""
-        part = _in_box(X_WB, self.drops.free)[:, self.start, : self.count]
+        part = _in_box(X_WB, self.drops.free)[:, self.start, : self.times]
         ray = part - _in_box(X_WB, self.eyes)
         met = part[:2] - ray[:2] * (part[2] / np.where(np.abs(ray[2]) > 1e-6, ray[2], 1e-6))
         inside: Array = (half[:2, None, None] - np.abs(met)).min(axis=0)
@@ -374,7 +374,7 @@ class _Looks(NamedTuple):
     def at_times(self, seen: Mask) -> Mask:
         """What cameras see at the first times, (k, c), as each drop goes on, shape (n, f)."""
         times = self.drops.times[: len(seen)]
-        before = np.searchsorted(times, self.drops.t[:, None] + _FALL[: self.count], side="right") - 1
+        before = np.searchsorted(times, self.drops.t[:, None] + _FALL[: self.times], side="right") - 1
         return seen[before[self.start], self.camera[:, None]]
 
     def of_all(self, after: Array) -> Array:
