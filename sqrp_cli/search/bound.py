@@ -119,22 +119,15 @@ class CameraBound:
 
     def passes(self, lenses: Sequence[Camera], X_FC: Array) -> Mask:
         """Which of l lenses at p poses of the camera, shape (p, 4, 4), may meet the goal, shape (l p,); l or p is 1."""
-        passed = self._possible(self._covered(lenses, X_FC, limits_only=True))
+        passed = self._possible(self.covered(lenses, X_FC, limits_only=True))
         rows = np.flatnonzero(passed)
         if len(rows):
             some = ([lenses[row] for row in rows.tolist()], X_FC) if len(lenses) > 1 else (lenses, X_FC[rows])
-            passed[rows] = self._possible(self._covered(*some))
+            passed[rows] = self._possible(self.covered(*some))
         return passed
 
-    def quality(self, lenses: Sequence[Camera], X_FC: Array) -> Array:
-        """The share of the samples that are covered, to compare what does not pass; shapes as in `passes`."""
-        shares: Array = self._covered(lenses, X_FC, every=True).mean(axis=1)
-        return shares
-
-    def _covered(
-        self, lenses: Sequence[Camera], X_FC: Array, *, limits_only: bool = False, every: bool = False
-    ) -> Mask:
-        """Whether each sample is covered with each lens at each pose, shape (l p, m).
+    def covered(self, lenses: Sequence[Camera], X_FC: Array, *, limits_only: bool = False, every: bool = False) -> Mask:
+        """Whether each sample is covered with each lens at each pose, shape (l p, m); l or p is 1.
 
         A pose is given up at the first decisive sample that it does not cover, unless `every` is looked at.
         """

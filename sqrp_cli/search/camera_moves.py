@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import count
@@ -20,7 +20,7 @@ from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.least import Bounds, Move, least_changes, shells
-from sqrp_cli.search.question import Found, ProposedChange, Question, Tried, whole_observed_again
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, whole_observed_again
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_study import WholeAnalysis, mean_quality
@@ -59,27 +59,28 @@ _BOUNDS: dict[CameraKind, Bounds] = {
 
 
 class CameraMove:
-    """Changes of one camera, see `least.Move`: of its aim, its position, its lens, or where a further one stands."""
+    """Changes of one camera, see `least`: of its aim, its position, its lens, or where a further one stands."""
 
     def __init__(
-        self, question: Question, kind: CameraKind, camera: Camera, *, like: str = "", middle: bool = False
+        self, start: Start, kind: CameraKind, camera: Camera, *, middle: bool = False, lens_of: str = ""
     ) -> None:
-        """middle: whether it looks at the middle of what it must see. like: of a further one, whose lens it has."""
-        self.question, self.kind, self.camera, self.like, self._middle = question, kind, camera, like, middle
+        """middle: whether it looks at the middle of what it must see. lens_of: see `ProposedChange`."""
+        self.start, self.kind, self.camera, self._middle, self._lens_of = start, kind, camera, middle, lens_of
         self.bounds = _BOUNDS[kind]
 
     @cached_property
     def bound(self) -> CameraBound:
         """What the camera must see; sharper with each change that does not do."""
-        question, name = self.question, self.camera.name
+        question, name = self.start.question, self.camera.name
         index = next((n for n, known in enumerate(question.cell.workspace.cameras) if known == name), None)
-        return CameraBound(question.cell, question.about, question.goal, self.camera, index)
+        return CameraBound(question.cell, self.start.about, question.goal, self.camera, index)
 
     @cached_property
     def aim(self) -> Aim:
         """What it looks at: as the workspace says, or the point of its axis nearest to what the goal is about."""
         camera, X_FC = self.camera, self.camera.X_FC
-        aim = Aim(X_FC[:3, 3], np.array([0.0, 0.0, 1.0])) if self.like else self.question.aims.get(camera.name)
+        new = Aim(X_FC[:3, 3], np.array([0.0, 0.0, 1.0]))
+        aim = new if self.kind == "camera" else self.start.question.aims.get(camera.name)
         if aim is None:
             boxes = [box for target in self.bound.targets for box in target.boxes]
             places = [self.bound.states.box_poses(box)[:, :3, 3].mean(axis=0) for box in boxes]
@@ -92,7 +93,7 @@ class CameraMove:
         return replace(aim, point=read_only(whole_millimetres(middle)))
 
     def outward(self, reach: float, coarser: int = 1) -> Iterable[Array]:
-        """See `least.Move`; coarser: so many times its steps."""
+        """See `least`; coarser: so many times its steps."""
         if self.kind != "lens":
             return shells(self.bounds.dimension, coarser * self.bounds.step, reach)
         step, present = coarser * LENS_STRIDE, field_of_view(self.camera)
@@ -113,7 +114,7 @@ class CameraMove:
         return [self.camera], looking_at(eyes, np.tile(self.aim.point, (len(vectors), 1)), self.aim.up)
 
     def passes(self, vectors: Array) -> Mask:
-        """See `least.Move`."""
+        """See `least`."""
         passes = np.ones(len(vectors), dtype=bool)
         if self.kind == "lens":
             views = field_of_view(self.camera) + vectors[:, 0]
@@ -127,15 +128,15 @@ class CameraMove:
 
     def _free(self, X_FC: Array) -> Mask:
         """Whether the camera may be there; one that moves with the robot goes wherever its link does."""
-        eyes, present = X_FC[:, :3, 3], None if self.like else self.camera.X_FC[:3, 3]
+        eyes, present = X_FC[:, :3, 3], None if self.kind == "camera" else self.camera.X_FC[:3, 3]
         if self.camera.frame != WORLD:
             return np.ones(len(eyes), dtype=bool)
         still = np.zeros(len(eyes), dtype=bool) if present is None else np.linalg.norm(eyes - present, axis=1) < 1e-9
-        free: Mask = still | free_for_cameras(self.question.cell, self.question.swept, eyes, present)
+        free: Mask = still | free_for_cameras(self.start.question.cell, self.start.swept, eyes, present)
         return free
 
     def change(self, vector: Array) -> ProposedChange:
-        """See `least.Move`: places in whole millimetres, views in tenths of degrees."""
+        """See `least`: places in whole millimetres, views in tenths of degrees."""
         camera, aim, eye, values, turn = self.camera, self.aim, self.camera.X_FC[:3, 3], vector, 0.0
         if self.kind == "lens":
             there = _with_view(camera, float(vector[0]))
@@ -162,79 +163,80 @@ class CameraMove:
             size=size,
             unit="m" if self.kind == "position" else "camera" if self.kind == "camera" else "rad",
             turn=turn,
-            like=self.like,
+            lens_of=self._lens_of,
             camera=there,
             aim=aim,
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """See `least.Move`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
-        question = self.question
+        """See `least`: by the exact timeline of what the goal is about; where it is missed, the bound learns."""
+        question, goal = self.start.question, self.start.question.goal
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return False
-        if question.goal.only_events:
+        if goal.only_events:
             observer = change.in_cell(question.cell).observer
-            timelines = [observe(step, observer, question.sampling, full=False) for step in question.about]
+            timelines = [observe(step, observer, question.sampling, full=False) for step in self.start.about]
             quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.request.T_eoi) for timeline in timelines])
-            met = not falls_short(quality or 0.0, question.goal.q_eoi or 0.0)
+            met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
         else:
-            study = self.study(change)
-            timelines, met = [step.timeline for step in study.steps], question.goal.met(study.assessment)
+            analysis = self.analysed(change)
+            timelines, met = [step.timeline for step in analysis.steps], goal.met(analysis.assessment)
         if not met:
             self.bound = self.bound.sharper(timelines)
         return met
 
-    def study(self, change: ProposedChange) -> WholeAnalysis:
+    def analysed(self, change: ProposedChange) -> WholeAnalysis:
         """The same motion with the changed camera."""
-        question = self.question
-        return whole_observed_again(change.in_cell(question.cell), question.motion, question.sampling)
+        question = self.start.question
+        return whole_observed_again(change.in_cell(question.cell), self.start.motion, question.sampling)
 
     def nearest(self) -> Array | None:
-        """See `least.Move`: by the share of some samples that are covered."""
+        """See `least`: by the share of some samples that are covered."""
         vectors = np.concatenate(list(self.outward(self.bounds.reaches[-1], 3 if self.kind == "lens" else 4)))
         vectors = vectors[:: max(1, len(vectors) // _COMPARED_POSES)]
         if self.kind != "lens":
             vectors = vectors[self._free(self.cameras(vectors)[1])]
         if not len(vectors):
             return None
-        nearest: Array = vectors[int(np.argmax(self.bound.quality(*self.cameras(vectors))))]
+        nearest: Array = vectors[int(np.argmax(self.bound.covered(*self.cameras(vectors), every=True).mean(axis=1)))]
         return nearest
 
 
-def changed_camera(question: Question, kind: Literal["aim", "position", "lens"]) -> Found:
+def changed_camera(start: Start, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
     """The least turn, move or change of lens of every camera that helps."""
-    if not question.hopeful:
-        return [], "no camera alone can: where one is missing, another is missing too"
-    moves: list[Callable[[], Move]] = [partial(CameraMove, question, kind, camera) for camera in question.hopeful]
-    if kind == "position":  # with the aim kept, and with the middle of what must be seen as aim where that is no help
-        for camera in question.hopeful:
-            aside = CameraMove(question, kind, camera, middle=True)
-            if len(aside.bound.corners) and not aside.meets(aside.change(np.zeros(3))):
-                moves.append(partial(CameraMove, question, kind, camera, middle=True))
+    moves, aside = list[Callable[[], Move]](), list[Callable[[], Move]]()
+    for camera in start.question.cell.workspace.cameras.values():
+        if not CameraMove(start, kind, camera).bound.hopeful:
+            continue
+        moves.append(partial(CameraMove, start, kind, camera))
+        # Moved with the aim kept, and with the middle of what must be seen as aim where that is no help by itself.
+        centred = CameraMove(start, kind, camera, middle=True)
+        if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
+            aside.append(partial(CameraMove, start, kind, camera, middle=True))
+    if not moves:
+        return NoneMeets("no camera alone can: where one is missing, another is missing too")
     none = f"no {kind} of a single camera meets the goal"
-    return least_changes(question, moves, none, "there is no free place for a camera")
+    return least_changes(start.question, [*moves, *aside], none, "there is no free place for a camera")
 
 
-def further_camera(question: Question) -> Found:
+def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:
     """One more camera, with the lens of each of those that there are: the one with the most room around it.
 
     Of their lenses that with the narrowest, a middle and the widest view are tried.
     """
-    cameras = question.cell.workspace.cameras
+    question, cameras = start.question, start.question.cell.workspace.cameras
     fixed = [camera for camera in cameras.values() if camera.frame == WORLD]
     if not fixed:
-        return [], "there is none to take the lens of"
+        return NoneMeets("there is none to take the lens of")
     lenses = {(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)}
     ordered = [camera for _, camera in sorted(lenses.items(), key=lambda entry: entry[0][2])]
     few = [ordered[n] for n in dict.fromkeys([0, len(ordered) // 2, len(ordered) - 1])]
     name = next(name for number in count(len(cameras) + 1) if (name := f"cam{number}") not in cameras)
 
-    def move(like: Camera) -> CameraMove:
-        return CameraMove(question, "camera", replace(like, name=name), like=like.name, middle=True)
-
-    def best(like: Camera) -> Tried | None:
-        """The place with the most room around it from which such a camera meets the goal."""
-        one = move(like)
+    def best(known: Camera) -> Tried | None:
+        """The place with the most room around it from which a camera with the lens of a known one meets the goal."""
+        move = partial(CameraMove, start, "camera", replace(known, name=name), middle=True, lens_of=known.name)
+        one = move()
         if not len(one.bound.corners):
             return None
         number = np.arange(_DIRECTIONS)  # spirals over upper halves of spheres
@@ -251,23 +253,23 @@ def further_camera(question: Question) -> Found:
         sides, every = sides / np.linalg.norm(sides, axis=1)[:, None], len(sides) // 6
         for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
             change = one.change(whole_millimetres(places[row]))
-            if one.meets(change) and question.met_for_sure(change, study := one.study(change)):
+            if one.meets(change) and question.met_for_sure(change, analysis := one.analysed(change)):
                 # By how much it may be off to any side, its aim kept [m].
-                around, eye, more = move(like), np.array(change.values), 0.0
+                around, eye, more = move(), np.array(change.values), 0.0
                 for off in _ROOM:
                     eyes = eye + off * sides
                     if not (around.passes(eyes).all() and all(map(around.meets, map(around.change, eyes[::every])))):
                         break
                     more = off
-                return Tried(change, study, Margin(less=0.0, more=more))
+                return Tried(change, analysis, Margin(less=0.0, more=more))
         return None
 
-    if not move(fixed[0]).bound.hopeful:
-        return [], "one more camera is not enough"
+    if not CameraMove(start, "camera", replace(fixed[0], name=name)).bound.hopeful:
+        return NoneMeets("one more camera is not enough")
     answers = [one for one in in_processes(best, few, question.jobs) if one is not None]
     if not answers:
-        return [], "from no free place that was tried does one more camera meet the goal"
-    return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)], ""
+        return NoneMeets("from no free place that was tried does one more camera meet the goal")
+    return [max(answers, key=lambda one: one.margin.more if one.margin else 0.0)]
 
 
 def field_of_view(camera: Camera) -> float:

@@ -1,7 +1,16 @@
 """The one search for a least change: outward over grids, shorter from what is found, then a fine grid below it.
 
-A kind of change is a `Move`: vectors (d,), each of which stands for a change of one thing. A quick bound lets vectors
-pass that may meet the goal, the exact study of the motion decides, and the samples of `explain` confirm.
+A `Move` is a kind of change of one thing by vectors (d,). A quick bound lets vectors pass that may meet the goal, the
+exact analysis of the motion decides, and the samples of `explain` confirm. Moves of cameras and objects have:
+
+- `bounds`: how it is searched.
+- `outward`: batches of vectors (p, d) up to a length, nearer ones first.
+- `passes`: which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does. It gets
+  sharper by what is learned of one of them.
+- `change`: the change that a vector stands for, in values that people can set; nearly the same one.
+- `meets`: whether a change meets the goal, as far as that is about what is seen.
+- `analysed`: the way with a change; None if it cannot be done.
+- `nearest`: of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be.
 """
 
 from __future__ import annotations
@@ -10,15 +19,20 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from math import inf
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
-from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
-from sqrp_cli.study.whole_study import WholeAnalysis
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
+
+if TYPE_CHECKING:
+    from sqrp_cli.search.camera_moves import CameraMove
+    from sqrp_cli.search.object_moves import ObjectMove
+
+Move: TypeAlias = "CameraMove | ObjectMove"
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
@@ -64,32 +78,9 @@ class Bounds(NamedTuple):
     """By how much longer changes are looked at for the margin; none: all lengths up to `MOST_MORE` beyond, in steps."""
 
 
-class Move(Protocol):
-    """Changes of one thing by vectors (d,); what is learned of one of them makes the bound on others sharper."""
-
-    bounds: Bounds
-    """How it is searched."""
-
-    def outward(self, reach: float) -> Iterable[Array]:
-        """Batches of vectors (p, d) up to a length, nearer ones first."""
-
-    def passes(self, vectors: Array) -> Mask:
-        """Which vectors (p, d) may meet the goal, shape (p,): quick, and never false for one that does."""
-
-    def change(self, vector: Array) -> ProposedChange:
-        """The change that a vector stands for, in values that people can set; nearly the same one."""
-
-    def meets(self, change: ProposedChange) -> bool:
-        """Whether a change meets the goal, as far as that is about what is seen."""
-
-    def study(self, change: ProposedChange) -> WholeAnalysis | None:
-        """The way with a change; None if it cannot be done."""
-
-    def nearest(self) -> Array | None:
-        """Of some vectors, none of which meets the goal, the one that comes nearest to it; None if none can be."""
-
-
-def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str) -> Found:
+def least_changes(
+    question: Question, moves: Sequence[Callable[[], Move]], none: str, nowhere: str
+) -> Sequence[Tried] | NoneMeets:
     """The least change of each target that meets the goal, with its margin; or what comes nearest.
 
     moves: each makes a move that has learned nothing, so that answers do not depend on what was asked before; of one
@@ -111,65 +102,63 @@ def least_changes(question: Question, moves: Sequence[Callable[[], Move]], none:
     best: dict[str, int] = {}
     for number in sorted(found, key=lambda number: found[number].size):
         best.setdefault(found[number].target, number)
-
-    def confirmed(number: int) -> Tried | None:
-        """The change, or the least larger one, that meets the goal if sampled as finely as may be."""
-        move, first = moves[number](), found[number]
-        unit = np.array(first.values[: bounds.dimension]) / first.size
-
-        def tried(length: float) -> Tried | None:
-            change = first if length == first.size else move.change(length * unit)
-            study = move.study(change)
-            return Tried(change, study) if study is not None and question.met_for_sure(change, study) else None
-
-        one, low, high = tried(first.size), first.size, first.size + 0.1 * bounds.step
-        if one is None:
-            while high <= first.size + MOST_MORE[first.unit] and (one := tried(high)) is None:
-                low, high = high, high + 2.0 * (high - low)
-            while one is not None and high - low > 0.1 * bounds.step:
-                middle = 0.5 * (low + high)
-                if (smaller := tried(middle)) is not None:
-                    high, one = middle, smaller
-                else:
-                    low = middle
-        return None if one is None else one._replace(margin=margin(move, one.change))
-
-    if answers := [one for one in in_processes(confirmed, list(best.values()), jobs) if one is not None]:
-        return answers, ""
+    sure = in_processes(lambda number: confirmed(question, moves[number](), found[number]), list(best.values()), jobs)
+    if answers := [one for one in sure if one is not None]:
+        return answers
 
     def nearest(number: int) -> Tried | None:
         move = moves[number]()
-        if (vector := move.nearest()) is None:
-            return None
-        study = move.study(change := move.change(vector))
-        return None if study is None else Tried(change, study)
+        vector = move.nearest()
+        change = None if vector is None else move.change(vector)
+        analysis = None if change is None else move.analysed(change)
+        return None if change is None or analysis is None else Tried(change, analysis)
 
     near = [one for one in in_processes(nearest, numbers, jobs) if one is not None]
-    return near, none if near else nowhere
+    return NoneMeets(none if near else nowhere, near)
+
+
+def confirmed(question: Question, move: Move, found: ProposedChange) -> Tried | None:
+    """A change, or the least larger one, that meets the goal if sampled as finely as may be, with its margin."""
+    unit, shortest = np.array(found.values[: move.bounds.dimension]) / found.size, 0.1 * move.bounds.step
+    low = high = length = found.size
+    longer = shortest
+    met: Tried | None = None
+    # Ever longer until one meets it, then by bisection between that and the longest one that does not.
+    while length <= found.size + MOST_MORE[found.unit] if met is None else high - low > shortest:
+        change = found if length == found.size else move.change(length * unit)
+        analysis = move.analysed(change)
+        if analysis is not None and question.met_for_sure(change, analysis):
+            met, high = Tried(change, analysis), length
+        else:
+            low = length
+        if met is None:
+            length, longer = low + longer, 2.0 * longer
+        else:
+            length = 0.5 * (low + high)
+    return None if met is None else met._replace(margin=margin(move, met.change))
 
 
 def margin(move: Move, change: ProposedChange) -> Margin:
     """How much less and how much more of a change along the same direction meets the goal."""
-    size, bounds = change.size, move.bounds
+    size, bounds, ends = change.size, move.bounds, list[float]()
     unit = np.array(change.values[: bounds.dimension]) / size
-
-    def unbroken(lengths: Array) -> float:
-        """The last of some lengths, going away, up to which all pass, and which is confirmed exactly."""
-        for patient in (True, True, True, *(False for _ in lengths)):
-            passed = int(np.argmin(np.append(move.passes(lengths[:, None] * unit), False)))
-            if not passed:
-                break
-            tried = move.change(lengths[passed - 1] * unit)
-            if tried.size and move.meets(tried):
-                return float(lengths[passed - 1])
-            lengths = lengths[: passed - 1 if patient else passed // 2]  # the failure has made the bound sharper
-        return size
-
     lengths = size + np.array(bounds.margins)
     if not bounds.margins:
         lengths = np.linspace(0.0, size + MOST_MORE[change.unit], _MARGIN_STEPS)
-    more, less = unbroken(lengths[lengths > size]), unbroken(lengths[lengths < size][::-1])
-    return Margin(less=abs(size - less), more=abs(more - size))
+    for away in (lengths[lengths > size], lengths[lengths < size][::-1]):
+        # The last of these lengths up to which all pass, and which is confirmed exactly.
+        end = size
+        for patient in (True, True, True, *(False for _ in away)):
+            passed = int(np.argmin(np.append(move.passes(away[:, None] * unit), False)))
+            if not passed:
+                break
+            tried = move.change(away[passed - 1] * unit)
+            if tried.size and move.meets(tried):
+                end = float(away[passed - 1])
+                break
+            away = away[: passed - 1 if patient else passed // 2]  # the failure has made the bound sharper
+        ends.append(end)
+    return Margin(less=abs(size - ends[1]), more=abs(ends[0] - size))
 
 
 def least(move: Move, batches: Iterable[Array], seed: int, most: float = inf) -> ProposedChange | None:
@@ -209,28 +198,26 @@ def _first_of(move: Move, vectors: Array) -> tuple[Array | None, int]:
 
 def _made_shorter(move: Move, found: Array, seed: int) -> Array:
     """A local least vector that does, from one that does: shorter along its direction, then along others around it."""
-
-    def shorter(vector: Array) -> Array:
-        length, low = float(np.linalg.norm(vector)), 0.0
-        unit = vector / length
-        while length - low > 0.1 * move.bounds.step:
-            middle = 0.5 * (low + length)
-            does = move.passes(middle * unit[None])[0] and move.meets(move.change(middle * unit))
-            low, length = (low, middle) if does else (middle, length)
-        return length * unit
-
-    bounds, rng, spread, found = move.bounds, np.random.default_rng(seed), 0.5, shorter(found)
+    bounds, rng, spread = move.bounds, np.random.default_rng(seed), 0.5
+    aside: Array | None = found
     shares = np.sort(bounds.shares)[:, None, None]
-    for _ in range(bounds.rounds):
-        length = np.linalg.norm(found)
-        sideways = rng.normal(size=(bounds.directions, bounds.dimension)) / np.sqrt(bounds.dimension)
-        turned = found / length + spread * sideways
-        turned /= np.linalg.norm(turned, axis=1)[:, None]
-        aside, _ = _first_of(move, (length * shares * turned).reshape(-1, bounds.dimension))
+    for left in range(bounds.rounds, -1, -1):
         if aside is not None:
-            found = shorter(aside)
+            length, low = float(np.linalg.norm(aside)), 0.0
+            unit = aside / length
+            while length - low > 0.1 * bounds.step:
+                middle = 0.5 * (low + length)
+                does = move.passes(middle * unit[None])[0] and move.meets(move.change(middle * unit))
+                low, length = (low, middle) if does else (middle, length)
+            found = length * unit
         elif (spread := 0.5 * spread) < 0.02:
             break
+        if left:
+            length = float(np.linalg.norm(found))
+            sideways = rng.normal(size=(bounds.directions, bounds.dimension)) / np.sqrt(bounds.dimension)
+            turned = found / length + spread * sideways
+            turned /= np.linalg.norm(turned, axis=1)[:, None]
+            aside, _ = _first_of(move, (length * shares * turned).reshape(-1, bounds.dimension))
     return found
 
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from math import inf
 
 import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.search.question import Found, ProposedChange, Question, Tried
-from sqrp_cli.skill.settings import SEEN, MotionValue, Reference
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
+from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
-from sqrp_cli.study.whole_study import WholeAnalysis, worst_seen
+from sqrp_cli.study.whole_study import WholeAnalysis, whole_study, worst_seen
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
 from sqrp_cli.task.task import Candidate
@@ -26,63 +27,53 @@ MOST_TOGETHER = 12
 """Ways of the first steps that are followed further: a third of them the fastest, the others those seen best."""
 
 
-def other_way(question: Question) -> Found:
+def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
     """The fastest of all ways that meet the goal; of several steps, of combinations of their Pareto-optimal ways."""
-    best, cell, goal = question.best, question.cell, question.goal
+    best, goal = question.best, question.goal
+    about = question.world, question.sampling
     if not best.feasible or not (best.ways or best.candidate.steps):
-        return [], f"none can be done: {'; '.join(best.reasons[:1])}"
-    ways: Iterable[WholeAnalysis]
+        return NoneMeets(f"none can be done: {'; '.join(best.reasons[:1])}")
     if best.candidate.steps:
-        ways = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
+        ways: Iterable[WholeAnalysis] = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
     else:
-        found = studied_ways(
-            cell,
-            best.candidate,
-            question.world,
-            question.sampling,
-            limit=TimeLimit(inf if goal.time is None else goal.time),
-            worth=goal.may_be_met,
-            plans=question.plans,
-        )
+        limit = TimeLimit(inf if goal.time is None else goal.time)
+        cell, plans = question.cell, question.plans
+        found = studied_ways(cell, best.candidate, *about, limit=limit, worth=goal.may_be_met, plans=plans)
         ways = (WholeAnalysis(one.candidate, (one,)) for one in found)
-
-    def tried(study: WholeAnalysis) -> Tried:
-        way, said = study.candidate.parameters, choice_in_words(best.candidate, study.candidate)
-        return Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), study)
-
-    near, none = _first_met(question, map(tried, ways), "none meets the goal")
-    if not none:
-        return near, ""
-    if best.ways is None:
-        return near, f"none of {len(near)} combinations of the steps' ways meets the goal"
-    pareto = [with_way(best.candidate, figures) for figures in best.ways.pareto[1:]]
-    named = (question.studied(way) for way in ([best.way, *pareto] if best.ways.pareto else ()))
-    near = [*near, *(tried(study) for study in named if isinstance(study, WholeAnalysis))]
-    return near, f"none of {best.ways.tried} meets the goal"
-
-
-def seen_path(question: Question) -> Found:
-    """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
-    several = bool(question.best.candidate.steps)
-    if not several and not _open_paths(question.best.candidate):
-        return [], "not tried: the skill or the task says which path"
-    near, none = _first_met(question, _in_seen_paths(question), "no path that was found meets the goal")
-    if near:
-        return near, none
-    return (
-        [],
-        "not tried: the skills or the task say which paths" if several else "it cannot be done, or not in that time",
-    )
-
-
-def _first_met(question: Question, tried: Iterable[Tried], none: str) -> Found:
-    """The first that meets the goal; else all of them, and none."""
+    if best.ways is not None and best.ways.pareto:  # to be compared: some may take too long, or be seen too badly
+        named = [best.way, *(with_way(best.candidate, figures) for figures in best.ways.pareto[1:])]
+        known = (whole_study(question.cell, way, *about, full=False) for way in named)
+        ways = chain(ways, (one for one in known if isinstance(one, WholeAnalysis)))
     near: list[Tried] = []
-    for one in tried:
-        if question.met_for_sure(None, one.study):
-            return [one], ""
-        near.append(one)
-    return near, none
+    for one in ways:
+        way, said = one.candidate.parameters, choice_in_words(best.candidate, one.candidate)
+        tried = Tried(ProposedChange(kind="way", target=best.candidate.name, parameters=way, said=said), one)
+        if question.met_for_sure(None, one):
+            return [tried]
+        near.append(tried)
+    if best.ways is None:
+        return NoneMeets(f"none of {len(near)} combinations of the steps' ways meets the goal", near)
+    return NoneMeets(f"none of {best.ways.tried} meets the goal", near)
+
+
+def seen_path(question: Question) -> Sequence[Tried] | NoneMeets:
+    """Paths of joint moves that the cameras can follow, in as few steps as that takes."""
+    candidate, near = question.best.candidate, list[Tried]()
+    if not candidate.steps and not _open_paths(candidate):
+        return NoneMeets("not tried: the skill or the task says which path")
+    for whole, chosen, where, unwritten in _in_seen_paths(question):
+        said = f"with paths that keep sight{where}"
+        parameters = {**candidate.parameters, **dict.fromkeys(chosen, SEEN)}
+        change = ProposedChange(
+            kind="path", target=candidate.name, parameters=parameters, said=said, unwritten=unwritten
+        )
+        near.append(Tried(change, whole))
+        if question.met_for_sure(None, whole):
+            return near[-1:]
+    if near:
+        return NoneMeets("no path that was found meets the goal", near)
+    stated = "not tried: the skills or the task say which paths"
+    return NoneMeets(stated if candidate.steps else "it cannot be done, or not in that time")
 
 
 def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
@@ -93,26 +84,22 @@ def with_way(candidate: Candidate, way: WayFigures) -> Candidate:
     return replace(candidate, values=values, branch=branch, vias=vias)
 
 
-def _in_seen_paths(question: Question) -> Iterator[Tried]:
+def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence[str], str, str]]:
     """The best way of a candidate of one step with paths that keep sight, then the best within the time of the goal.
 
     Of several steps: all in their best ways, with seen paths in one step, in one more, and so on; those seen worst
-    first.
+    first. Each with the parameters that choose these paths, the steps that have them in words, and why no workspace
+    file says it.
     """
     candidate, sampling = question.best.candidate, question.sampling
-
-    def change(chosen: Mapping[str, MotionValue], said: str, unwritten: str = "") -> ProposedChange:
-        parameters, said = {**candidate.parameters, **chosen}, f"with paths that keep sight{said}"
-        return ProposedChange(kind="path", target=candidate.name, parameters=parameters, said=said, unwritten=unwritten)
-
     if not candidate.steps:
-        paths: dict[str, MotionValue] = dict.fromkeys(_open_paths(candidate), SEEN)
-        seen = replace(candidate, values={**candidate.values, **paths})
+        paths = _open_paths(candidate)
+        seen = replace(candidate, values={**candidate.values, **dict.fromkeys(paths, SEEN)})
         for limit in (None, *([] if question.goal.time is None else [TimeLimit(question.goal.time)])):
             best = find_way(question.cell, seen, question.world, sampling, WantedWay(limit=limit))
             if not isinstance(best, Infeasible):
                 unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-                yield Tried(change(paths, "", unwritten), WholeAnalysis(best.study.candidate, (best.study,)))
+                yield WholeAnalysis(best.study.candidate, (best.study,)), paths, "", unwritten
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
     while left and question.best.feasible:
         index = left.pop(worst_seen([question.best.steps[number] for number in left]))
@@ -129,10 +116,10 @@ def _in_seen_paths(question: Question) -> Iterator[Tried]:
             world = world_after(found.study.candidate, found.study.motion, world)
         if len(done) == len(steps):
             asked = whole_candidate(candidate.skill, steps)
-            chosen = {name: value for name, value in asked.values.items() if value == SEEN}
-            said = " and ".join(dict.fromkeys(name.partition(".")[0] for name in chosen))
+            chosen = [name for name, value in asked.values.items() if value == SEEN]
+            where = f" in step {' and '.join(dict.fromkeys(name.partition('.')[0] for name in chosen))}"
             whole = whole_candidate(candidate.skill, [one.candidate for one in done])
-            yield Tried(change(chosen, f" in step {said}"), WholeAnalysis(whole, tuple(done)))
+            yield WholeAnalysis(whole, tuple(done)), chosen, where, ""
 
 
 def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
@@ -141,9 +128,7 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
     Of more than `MOST_TOGETHER` beginnings, the best seen ones and the fastest are followed, in their order.
     """
     candidate, cell, sampling = question.best.candidate, question.cell, question.sampling
-    begun: list[tuple[tuple[Analysis, ...], World]] = [
-        ((), question.world)
-    ]  # the first steps, and the world after them
+    begun: list[tuple[tuple[Analysis, ...], World]] = [((), question.world)]  # first steps, and the world after them
     for step in candidate.steps:
         longer: list[tuple[tuple[Analysis, ...], World]] = []
         for steps, world in begun:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import field
 from functools import partial
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask, box_corners, read_only, transform
+from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import whole_millimetres
 from sqrp_cli.search.least import Bounds, Move, least_changes
-from sqrp_cli.search.question import Found, ProposedChange, Question
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Start, Tried
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.assessment import with_delays
 from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.quality import qualities_over
-from sqrp_cli.study.whole_study import WholeAnalysis, mean_qualities, whole_observed
+from sqrp_cli.study.whole_study import WholeAnalysis, mean_qualities, whole_observed, whole_study
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -30,13 +32,16 @@ _BOUNDS = Bounds(
 )
 
 
+@dataclass(eq=False)
 class ObjectMove:
-    """Moves of one object, see `least.Move`: its vectors are looked at exactly, so nothing has to be learned."""
+    """Moves of one object, see `least`: its vectors are looked at exactly, so nothing has to be learned."""
 
-    def __init__(self, question: Question, name: str) -> None:
-        """name: of the object; the way of the question starts from where it then is."""
-        self.question, self.name, self.bounds = question, name, _BOUNDS
-        self._known = dict[tuple[float, ...], bool]()
+    question: Question
+    name: str
+    """Of the object; the way of the question starts from where it then is."""
+    bounds: Bounds = _BOUNDS
+    _known: dict[tuple[float, ...], bool] = field(default_factory=dict)
+    """Which changes meet the goal, by their values, as far as they were looked at."""
 
     def outward(self, reach: float) -> Iterator[Array]:
         """Rings of vectors, from 1 cm on each with twice the radius of the one before."""
@@ -45,11 +50,11 @@ class ObjectMove:
         yield from (0.01 * 2**number * ring for number in range(1 + round(np.log2(reach / 0.01))))
 
     def passes(self, vectors: Array) -> Mask:
-        """See `least.Move`."""
+        """See `least`."""
         return np.array([self.meets(self.change(vector)) for vector in vectors], dtype=bool)
 
     def change(self, vector: Array) -> ProposedChange:
-        """See `least.Move`: in whole millimetres."""
+        """See `least`: in whole millimetres."""
         moved = whole_millimetres(np.append(vector, 0.0))
         X_WO = self.question.world.X_WO[self.name].copy()
         X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
@@ -63,7 +68,7 @@ class ObjectMove:
         )
 
     def meets(self, change: ProposedChange) -> bool:
-        """See `least.Move`: qualities first, since delays take as long as all the rest."""
+        """See `least`: qualities first, since delays take as long as all the rest."""
         if change.values not in self._known:
             question, met = self.question, False
             if change.size and self._fits(change):
@@ -74,23 +79,25 @@ class ObjectMove:
                     found = mean_qualities((qualities_over(step.timeline), step.T, step.T_eoi) for step in seen)
                     in_time = question.goal.time is None or time <= question.goal.time
                     if in_time and question.goal.may_be_met(found):
-                        study = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
-                        met = question.goal.met(study.assessment)
+                        whole = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
+                        met = question.goal.met(whole.assessment)
             self._known[change.values] = met
         return self._known[change.values]
 
-    def study(self, change: ProposedChange) -> WholeAnalysis | None:
-        """See `least.Move`; None where the object does not fit, or cannot be handled."""
+    def analysed(self, change: ProposedChange) -> WholeAnalysis | None:
+        """See `least`; None where the object does not fit, or cannot be handled."""
+        question = self.question
         if not self._fits(change):
             return None
-        found = self.question.studied(self.question.way, change.in_world(self.question.world))
+        world = change.in_world(question.world)
+        found = whole_study(question.cell, question.way, world, question.sampling, full=False)
         return None if isinstance(found, Infeasible) else found
 
     def nearest(self) -> Array | None:
-        """See `least.Move`: of moves by some centimetres."""
+        """See `least`: of moves by some centimetres."""
         *_, vectors = self.outward(0.08)
-        studies = [self.study(self.change(vector)) for vector in vectors]
-        missing = [self.question.goal.shortfall(None if one is None else one.assessment) for one in studies]
+        tried = [self.analysed(self.change(vector)) for vector in vectors]
+        missing = [self.question.goal.shortfall(None if one is None else one.assessment) for one in tried]
         return None if min(missing) == np.inf else vectors[int(np.argmin(missing))]
 
     def _fits(self, change: ProposedChange) -> bool:
@@ -112,40 +119,32 @@ class ObjectMove:
         return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
 
 
-def moved_object(question: Question) -> Found:
+def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
     """The least move of what the way of a question handles, and of what hides most."""
-    cell, world = question.cell, question.world
+    question, cell, world = start.question, start.question.cell, start.question.world
     names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
+    if isinstance(start.analysis, WholeAnalysis):
+        # Then what hides targets while too few cameras see them, the one first without which most would be seen.
+        alone, share, behind = defaultdict[str, float](float), defaultdict[str, float](float), Counter[str]()
+        for step in start.analysis.steps:
+            for one in to_move(cell, step, hidden_views(cell, step)):
+                alone[one.name] += one.alone
+                share[one.name] += one.share
+            # And what has the colour of targets before it in uncovered states.
+            lost = step.timeline.observation.blind
+            for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
+                same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
+                behind.update(cell.observer.solids[index].part.parent for index in same_colour)
+        names += sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
+        others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
+        names += sorted(others, key=lambda name: (-behind[name], name))
     # Only what stands at a known place and carries nothing.
     carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
-    names = [
-        name for name in dict.fromkeys([*names, *_hiding(question)]) if name in world.X_WO and name not in carriers
-    ]
+    names = [name for name in dict.fromkeys(names) if name in world.X_WO and name not in carriers][:MOST_OBJECTS]
     if not names:
-        return [], "no object is handled or hides anything"
-    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names[:MOST_OBJECTS]]
-    named = ", ".join(names[:MOST_OBJECTS])
+        return NoneMeets("no object is handled or hides anything")
+    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names]
     tried = f"in none of {_DIRECTIONS} directions, up to {100 * _BOUNDS.reaches[-1]:.0f} cm,"
-    none = f"{tried} does a place of {named} meet the goal"
-    nowhere = f"{tried} is a place where {named} can be handled and stand clear of all else"
+    none = f"{tried} does a place of {', '.join(names)} meet the goal"
+    nowhere = f"{tried} is a place where {', '.join(names)} can be handled and stand clear of all else"
     return least_changes(question, moves, none, nowhere)
-
-
-def _hiding(question: Question) -> Iterator[str]:
-    """Objects that hide targets while too few cameras see them, the one first without which most would be seen."""
-    if isinstance(question.study, Infeasible):
-        return
-    cell, steps = question.cell, question.study.steps
-    alone, share = defaultdict[str, float](float), defaultdict[str, float](float)
-    for one in (one for step in steps for one in to_move(cell, step, hidden_views(cell, step))):
-        alone[one.name] += one.alone
-        share[one.name] += one.share
-    yield from sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
-    behind = Counter[str]()  # those of the colour of targets before them in uncovered states
-    for step in steps:
-        lost = step.timeline.observation.blind
-        for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
-            same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
-            behind.update(cell.observer.solids[index].part.parent for index in same_colour)
-    others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
-    yield from sorted(others, key=lambda name: (-behind[name], name))

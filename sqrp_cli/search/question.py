@@ -1,4 +1,4 @@
-"""What advice is asked about, the changes that are tried, and what all kinds of changes need, computed once."""
+"""What advice is asked about, what is known of it before any change, and the changes that are tried."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim
-from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.skill.settings import MotionValue
@@ -32,6 +31,9 @@ from sqrp_cli.task.task import Candidate
 TaskWays = tuple[str, tuple[Candidate, ...]]
 """A task by its text, with the ways in which its candidates are done."""
 
+AnalysedWay = tuple[Candidate, WholeAnalysis | Infeasible]
+"""A way of a candidate with its analysis, or why it cannot be done."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProposedChange:
@@ -47,7 +49,7 @@ class ProposedChange:
     unit: Unit = ""
     turn: float = 0.0
     """Angle between the optical axes before and after it [rad], of a camera that is moved or turned."""
-    like: str = ""
+    lens_of: str = ""
     """Of a further camera: the one whose lens and sensing it has."""
     camera: Camera | None = None
     """As it then is."""
@@ -101,15 +103,19 @@ class Tried(NamedTuple):
     """A change that was tried."""
 
     change: ProposedChange
-    study: WholeAnalysis
-    """The way with it."""
+    analysis: WholeAnalysis
+    """Of the way with it."""
     margin: Margin | None = None
     """Of a change that meets the goal; None where there is nothing to measure."""
 
 
-Found = tuple[Sequence[Tried], str]
-"""What a search for one kind of change found: changes that meet the goal, one of each target at most, and no word; else
-what was tried in vain, as far as that is to be compared, and why nothing meets it."""
+@dataclass(frozen=True, eq=False)
+class NoneMeets:
+    """That no change of a kind meets the goal."""
+
+    why: str
+    near: Sequence[Tried] = ()
+    """What was tried in vain, as far as that is to be compared."""
 
 
 def is_fastest(found: CandidateResult) -> bool:
@@ -129,7 +135,7 @@ def whole_observed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """What is to be met, and what may be changed; all that several kinds of changes need is computed once."""
+    """What is to be met, and what may be changed."""
 
     task: str
     """As it was asked for."""
@@ -142,6 +148,8 @@ class Question:
     """The candidate by its best way; by the fastest one where the motion is fixed."""
     assessments: Sequence[CandidateResult]
     """Of all candidates of the task, `best` among them."""
+    before: CandidateResult
+    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
     goal: Goal
     aims: Mapping[str, Aim]
     """What cameras look at, by name, where the workspace says so."""
@@ -156,28 +164,39 @@ class Question:
     jobs: int = 1
     """Processes to use at most; the answers do not depend on it."""
 
-    @cached_property
-    def before(self) -> CandidateResult:
-        """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
-        found = figures_of(self.fastest, self.studied(self.fastest))
-        fastest = replace(found, candidate=self.best.candidate, best_way=found.candidate)
-        return self.best if self.goal.met(fastest) and not self.goal.met(self.best) else fastest
-
-    @cached_property
+    @property
     def way(self) -> Candidate:
         """The way that changes of objects and cameras start from: the best, unless that meets the goal by itself."""
         return self.fastest if self.fixed or self.goal.met(self.best) else self.best.way
 
+    def met_for_sure(self, change: ProposedChange | None, found: WholeAnalysis) -> bool:
+        """Whether a way meets the goal, with the samples of `explain`, too: where the verdict of any camera changes.
+
+        change: of the cell in which it is analysed, if any.
+        """
+        if not self.goal.met(found.assessment):
+            return False
+        cell = self.cell if change is None else change.in_cell(self.cell)
+        return self.goal.met(whole_observed_again(cell, found, self.sampling, full=True).assessment)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What changes of objects and cameras start from; each part is computed once, when a kind first needs it."""
+
+    question: Question
+
     @cached_property
-    def study(self) -> WholeAnalysis | Infeasible:
-        """Of that way, with the verdicts of every camera."""
-        return self.studied(self.way, full=True)
+    def analysis(self) -> WholeAnalysis | Infeasible:
+        """Of the way of the question, with the verdicts of every camera."""
+        asked = self.question
+        return whole_study(asked.cell, asked.way, asked.world, asked.sampling, full=True)
 
     @property
     def motion(self) -> WholeAnalysis:
         """The same for changes of cameras, which are searched for only where the way can be done."""
-        assert isinstance(self.study, WholeAnalysis)  # noqa: S101 - otherwise no camera can help
-        return self.study
+        assert isinstance(self.analysis, WholeAnalysis)  # noqa: S101 - otherwise no camera can help
+        return self.analysis
 
     @cached_property
     def about(self) -> tuple[Analysis, ...]:
@@ -185,21 +204,15 @@ class Question:
 
         Those take a fraction of the whole motion's time.
         """
-        if not self.goal.only_events:
+        if not self.question.goal.only_events:
             return self.motion.steps
         found = []
         for step in (step for step in self.motion.steps if step.T_eoi):
             pieces = [piece for piece in step.stage.pieces if piece.of_interest]
             only = replace(step, stage=Stage(step.stage.model, step.motion, pieces, step.world.X_WO), faults={})
-            found.append(replace(only, timeline=observe(only, self.cell.observer, self.sampling, full=False)))
+            timeline = observe(only, self.question.cell.observer, self.question.sampling, full=False)
+            found.append(replace(only, timeline=timeline))
         return tuple(found)
-
-    @cached_property
-    def hopeful(self) -> list[Camera]:
-        """The cameras of the cell each of which may meet the goal if it alone is changed."""
-        about = self.cell, self.about, self.goal
-        cameras = enumerate(self.cell.workspace.cameras.values())
-        return [camera for index, camera in cameras if CameraBound(*about, camera, index).hopeful]
 
     @cached_property
     def swept(self) -> list[SceneStates]:
@@ -207,20 +220,10 @@ class Question:
         return [step.stage.states(step.timeline.samples) for step in self.motion.steps]
 
     @cached_property
-    def tasks(self) -> list[tuple[TaskWays, list[WholeAnalysis | Infeasible]]]:
+    def tasks(self) -> list[tuple[str, list[AnalysedWay]]]:
         """The tasks that a change of the cell may affect, with their ways as they are now."""
-        return [(task, [self.studied(way) for way in task[1]]) for task in self.listed()]
-
-    def studied(self, way: Candidate, world: World | None = None, *, full: bool = False) -> WholeAnalysis | Infeasible:
-        """A way as the cameras see it now. world: from which it starts, by default that of the question."""
-        return whole_study(self.cell, way, self.world if world is None else world, self.sampling, full=full)
-
-    def met_for_sure(self, change: ProposedChange | None, found: WholeAnalysis) -> bool:
-        """Whether a way meets the goal, with the samples of `explain`, too: where the verdict of any camera changes.
-
-        change: of the cell in which it is studied, if any.
-        """
-        if not self.goal.met(found.assessment):
-            return False
-        cell = self.cell if change is None else change.in_cell(self.cell)
-        return self.goal.met(whole_observed_again(cell, found, self.sampling, full=True).assessment)
+        asked = self.question
+        about, listed = (asked.world, asked.sampling), asked.listed()
+        return [
+            (text, [(way, whole_study(asked.cell, way, *about, full=False)) for way in ways]) for text, ways in listed
+        ]

@@ -25,12 +25,13 @@ from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, KindOutco
 from sqrp_cli.search.advise import outcomes
 from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import KINDS, Goal, goal_of, read_goal
-from sqrp_cli.search.question import ProposedChange, Question, TaskWays, is_fastest
+from sqrp_cli.search.question import ProposedChange, Question, TaskWays, figures_of, is_fastest
 from sqrp_cli.search.suggestion import Suggester, with_first_steps
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.pipeline import assess_all
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
+from sqrp_cli.study.whole_study import whole_study
 from sqrp_cli.task.candidate import THEN
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate, in_words, read_task
@@ -93,7 +94,7 @@ class AdvisedCell:
         present = workspace.cameras.get(camera.name)
         if present is not None:
             return with_camera(self.file, present, camera, aim.point)
-        return with_further_camera(self.file, camera, change.like, aim.point)
+        return with_further_camera(self.file, camera, change.lens_of, aim.point)
 
     def _task(self, parameters: Mapping[str, MotionValue]) -> str:
         """The text of a task that says a way, and has this candidate alone."""
@@ -171,12 +172,16 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
     chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
     best = next(one for one in assessments if one.candidate is chosen)
     stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}
+    fastest = first_grip(best.candidate)
+    found = figures_of(fastest, whole_study(session.cell, fastest, assignment.world, assignment.sampling, full=False))
+    before = replace(found, candidate=best.candidate, best_way=found.candidate)
     return Question(
         task=session.task.text,
         cell=session.cell,
         world=assignment.world,
         sampling=assignment.sampling,
-        fastest=first_grip(best.candidate),
+        fastest=fastest,
+        before=best if goal.met(before) and not goal.met(best) else before,
         best=best,
         assessments=assessments,
         goal=goal,
