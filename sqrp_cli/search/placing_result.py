@@ -257,66 +257,6 @@ class PlaceDocument(WorkspaceDocument):
             raise ValueError("a placement that was read has no workspace to write; search again")
         replace_workspace(self.file, self.content)
 
-    @property
-    def unmet(self) -> str:
-        """That the goal cannot be met, and what is shown instead; empty if it is, or nothing can be chosen at all."""
-        goal = self.want
-        if self.met or self.reason or not str(goal):
-            return ""
-        if goal.delay is not None and goal.delay < self.quickest:
-            return (
-                f"No choice of these mounts reaches {goal}: a frame period and the latency of the fastest of these "
-                f"cameras are {self.quickest:.4g} s at worst, and the time that tool and part take to part comes on "
-                "top. The nearest is below."
-            )
-        if self.fewest:
-            return f"So many cameras do not reach {goal}; {in_words(self.fewest)} do:"
-        if self.too_slow:
-            return f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
-        if not self.proven:
-            return f"No choice that reaches {goal} was found; that none does is not proven. The nearest is below."
-        best = "The best whatever the delay" if goal.delay is not None else "The nearest"
-        return f"No choice of these mounts reaches {goal}. {best} is below."
-
-    @property
-    def comparison(self) -> str:
-        """What was compared, in numbers."""
-        one = self.compared
-        counts = (one.mounts, "mount"), (one.options, "pose"), (one.ways, "way"), (one.samples, "sample")
-        mounts, poses, ways, samples = (f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
-        way = f" ({one.in_the_way} in the way)" if one.in_the_way else ""
-        return f"{mounts}{way}, {poses} with lenses, {ways}, {samples}"
-
-    @property
-    def moves(self) -> str:
-        """By how much the chosen cameras were moved from their mounts; empty if they were not."""
-        moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in self.cameras if one.moved)
-        then = f"The cameras were then moved between the places ({moved}), which the figures of the candidates are for."
-        return moved and then
-
-    @property
-    def other_ways(self) -> str:
-        """Which candidates `rank` does in another way in the patched workspace, with other figures; empty if none."""
-        others = []
-        for one in (one for one in self.candidates if one.ranked is not None):
-            pair = (getattr(one.ranked, name) for name in ("q_eoi", "q_avg"))
-            q_eoi, q_avg = ("-" if quality is None else f"{100 * quality:.1f} %" for quality in pair)
-            others.append(f"{one.candidate} (Q_eoi {q_eoi}, Q_avg {q_avg})")
-        return f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else ""
-
-    @property
-    def scope(self) -> str:
-        """What the proof is about, or why there is none."""
-        if self.interrupted and self.proven:
-            return "Interrupted once that was proven: no camera was moved between places, nor was one less looked at."
-        if self.interrupted:
-            return "Interrupted: the best so far." if self.cameras else "Interrupted: nothing was found yet."
-        if self.reason:
-            return ""
-        if self.proven:
-            return "The proof is about these mounts and ways; the figures are exact, between the samples, too."
-        return "Not proven to be the best: the search ended before its proof."
-
 
 def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
     """What is proven, and about what, in a few sentences. fastest: whether ways with `--ways fastest` are asked for."""

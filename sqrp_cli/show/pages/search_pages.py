@@ -14,6 +14,7 @@ from sqrp_cli.search.question import is_fastest
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import PageContent, PageRow, write_page
 from sqrp_cli.show.pages.candidate_page import cell_scene, computed, origin, playback
+from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS, accuracy
 from sqrp_cli.study.pipeline import RankJob, described, sampling_done
 from sqrp_cli.study.result import CandidateResult
@@ -114,8 +115,8 @@ def write_placement(
         name, labels = named(task, figures.name)
         labels |= {} if question.fastest else {"way": ""}
         entries.append(PageRow(name, "" if goal is None else "infeasible", labels, figures, figures.why, None, None))
-    about = origin(arguments, document.cell.workspace)
-    about += [("compared", document.comparison), ("proof", document.scope)]
+    about, said = origin(arguments, document.cell.workspace), placement_in_words(document)
+    about += [("compared", said.comparison), ("proof", said.scope)]
     about += [("to have it", "add --patch FILE to the command")] if document.patch else []
     if document.candidates:
         judged = [one.found for one in document.candidates]
@@ -136,7 +137,7 @@ def write_placement(
         for spot, seen, shut in zip(question.mounts.spots, document.seen.tolist(), document.shut.tolist(), strict=True)
     ]
     title = f"Where cameras go: {', '.join(document.tasks)} in {document.workspace}"
-    summary = " ".join(filter(None, (document.unmet, document.proof, document.moves)))
+    summary = " ".join(filter(None, (said.unmet, document.proof, said.moves)))
     placement = {"by": document.by, "cameras": document.cameras, "keep": document.keep, "mounts": mounts}
     scenes = [cell_scene(document.cell)]
     write_page(PageContent(title, summary, "Candidates", about, entries, scenes, placement=placement), path)

@@ -13,6 +13,7 @@ from sqrp_cli.score.result import Scorecard, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, Goal, shown_size
 from sqrp_cli.search.placing_result import PlaceDocument, in_words
+from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS
 from sqrp_cli.show.terminal.console import (
     Column,
@@ -146,9 +147,10 @@ def bounds_told() -> Callable[[str, float | None, float], None]:
 
 def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     """The cameras, the figures of the candidates with them, and the proof. written: whether a patch was written."""
+    said = placement_in_words(found)
     say(joined([(", ".join(found.tasks), "bold"), f" in {found.workspace}\n"]))
-    if found.unmet:
-        say(found.unmet, style="red")
+    if said.unmet:
+        say(said.unmet, style="red")
         for unseen in found.unseen[:MOST_UNSEEN]:
             say(f"  {unseen.candidate}: {unseen}", indent=4)
         if len(found.unseen) > MOST_UNSEEN:
@@ -160,7 +162,7 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     if found.survive:
         say("Counted is only what is still seen if any one of the cameras fails.")
         _print_price(found)
-    for words in filter(None, (found.moves, found.other_ways, found.scope)):
+    for words in filter(None, (said.moves, said.other_ways, said.scope)):
         say(words)
     if found.cameras:
         say()
@@ -183,7 +185,7 @@ def print_placement(found: PlaceDocument, *, written: bool = False) -> None:
     for no in found.infeasible:
         say(joined([("no   ", "dim"), f" {no.task}: {no.candidate}: {no.reason}"]), indent=6)
     say()
-    say(f"Compared were {found.comparison}.")
+    say(f"Compared were {said.comparison}.")
     if found.patch and not written:
         say_command("To have it, add", "--patch FILE")
     if found.assumed:

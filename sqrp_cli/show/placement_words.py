@@ -1,0 +1,73 @@
+"""What `sqrp place` finds in words, for terminal and page: a goal that is missed, what was compared, and the proof."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from sqrp_cli.search.placing_result import PlaceDocument, in_words
+
+
+class PlacementWords(NamedTuple):
+    """Sentences about a placement; each is empty where there is nothing to say."""
+
+    unmet: str
+    """That the goal cannot be met, and what is shown instead; empty, too, if nothing can be chosen at all."""
+    comparison: str
+    """What was compared, in numbers, without a full stop."""
+    moves: str
+    """By how much the chosen cameras were moved from their mounts."""
+    other_ways: str
+    """Which candidates `rank` does in another way in the patched workspace, with other figures."""
+    scope: str
+    """What the proof is about, or why there is none."""
+
+
+def placement_in_words(found: PlaceDocument) -> PlacementWords:
+    """The sentences about a placement."""
+    goal, unmet, scope = found.want, "", ""
+    if found.met or found.reason or not str(goal):
+        pass
+    elif goal.delay is not None and goal.delay < found.quickest:
+        unmet = (
+            f"No choice of these mounts reaches {goal}: a frame period and the latency of the fastest of these cameras "
+            f"are {found.quickest:.4g} s at worst, and the time that tool and part take to part comes on top. The "
+            "nearest is below."
+        )
+    elif found.fewest:
+        unmet = f"So many cameras do not reach {goal}; {in_words(found.fewest)} do:"
+    elif found.too_slow:
+        unmet = f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
+    elif not found.proven:
+        unmet = f"No choice that reaches {goal} was found; that none does is not proven. The nearest is below."
+    else:
+        best = "The best whatever the delay" if goal.delay is not None else "The nearest"
+        unmet = f"No choice of these mounts reaches {goal}. {best} is below."
+
+    one = found.compared
+    counts = (one.mounts, "mount"), (one.options, "pose"), (one.ways, "way"), (one.samples, "sample")
+    mounts, poses, ways, samples = (f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
+    blocked = f" ({one.in_the_way} in the way)" if one.in_the_way else ""
+    moved = ", ".join(f"{one.name} {100 * one.moved:.1f} cm" for one in found.cameras if one.moved)
+    others = []
+    for other in (other for other in found.candidates if other.ranked is not None):
+        pair = (getattr(other.ranked, name) for name in ("q_eoi", "q_avg"))
+        q_eoi, q_avg = ("-" if quality is None else f"{100 * quality:.1f} %" for quality in pair)
+        others.append(f"{other.candidate} (Q_eoi {q_eoi}, Q_avg {q_avg})")
+
+    if found.interrupted and found.proven:
+        scope = "Interrupted once that was proven: no camera was moved between places, nor was one less looked at."
+    elif found.interrupted:
+        scope = "Interrupted: the best so far." if found.cameras else "Interrupted: nothing was found yet."
+    elif found.proven and not found.reason:
+        scope = "The proof is about these mounts and ways; the figures are exact, between the samples, too."
+    elif not found.reason:
+        scope = "Not proven to be the best: the search ended before its proof."
+    return PlacementWords(
+        unmet=unmet,
+        comparison=f"{mounts}{blocked}, {poses} with lenses, {ways}, {samples}",
+        moves=f"The cameras were then moved between the places ({moved}), which the figures of the candidates are for."
+        if moved
+        else "",
+        other_ways=f"In the patched workspace, `rank` takes another way of {', '.join(others)}." if others else "",
+        scope=scope,
+    )
