@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Literal
+
+import numpy as np
 
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.search.advice_result import AdviceFound, ChangeFound, KindOutcome, NearestChange, TaskEffect
-from sqrp_cli.search.camera_moves import changed_camera, further_camera
+from sqrp_cli.search.camera_moves import CameraMove, further_camera
 from sqrp_cli.search.goal import KINDS, MOTION, Kind
+from sqrp_cli.search.least import Move, least_changes
 from sqrp_cli.search.motion_search import other_way, seen_path
-from sqrp_cli.search.object_moves import moved_object
+from sqrp_cli.search.object_moves import BOUNDS, DIRECTIONS, ObjectMove
 from sqrp_cli.search.question import (
     NoneMeets,
     ProposedChange,
@@ -22,10 +27,16 @@ from sqrp_cli.search.question import (
     figures_of,
     whole_observed_again,
 )
+from sqrp_cli.sight.limits import Cause
+from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.verdict import verdict, without_remedy
 from sqrp_cli.study.whole_study import WholeAnalysis, reasons_of_step, whole_study, worst_seen
 from sqrp_cli.task.feasibility import unready_world
+
+MOST_OBJECTS = 3
+"""Objects that are moved: those that are handled, then those that hide most."""
+
 
 Remembered = Callable[[Kind, Callable[[], KindOutcome]], KindOutcome]
 """What came of a kind in a run before, or what the search finds now, which is kept for runs after this one."""
@@ -94,6 +105,54 @@ def _why_not(start: Start, kind: Kind) -> str:
     if goal.delay is not None and before.faults and goal.delay < response:
         return f"a frame and the latency of the fastest camera take {response:.2f} s, not {goal.delay:.4g} s"
     return ""
+
+
+def changed_camera(start: Start, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
+    """The least turn, move or change of lens of every camera that helps."""
+    moves, aside = list[Callable[[], Move]](), list[Callable[[], Move]]()
+    for camera in start.question.cell.workspace.cameras.values():
+        if not CameraMove(start, kind, camera).bound.hopeful:
+            continue
+        moves.append(partial(CameraMove, start, kind, camera))
+        # Moved with the aim kept, and with the middle of what must be seen as aim where that is no help by itself.
+        centred = CameraMove(start, kind, camera, middle=True)
+        if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
+            aside.append(partial(CameraMove, start, kind, camera, middle=True))
+    if not moves:
+        return NoneMeets("no camera alone can: where one is missing, another is missing too")
+    none = f"no {kind} of a single camera meets the goal"
+    return least_changes(start.question, [*moves, *aside], none, "there is no free place for a camera")
+
+
+def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
+    """The least move of what the way of a question handles, and of what hides most."""
+    question, cell, world = start.question, start.question.cell, start.question.world
+    names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
+    if isinstance(start.analysis, WholeAnalysis):
+        # Then what hides targets while too few cameras see them, the one first without which most would be seen.
+        alone, share, behind = defaultdict[str, float](float), defaultdict[str, float](float), Counter[str]()
+        for step in start.analysis.steps:
+            for one in to_move(cell, step, hidden_views(cell, step)):
+                alone[one.name] += one.alone
+                share[one.name] += one.share
+            # And what has the colour of targets before it in uncovered states.
+            lost = step.timeline.observation.blind
+            for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
+                same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
+                behind.update(cell.observer.solids[index].part.parent for index in same_colour)
+        names += sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
+        others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
+        names += sorted(others, key=lambda name: (-behind[name], name))
+    # Only what stands at a known place and carries nothing.
+    carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
+    names = [name for name in dict.fromkeys(names) if name in world.X_WO and name not in carriers][:MOST_OBJECTS]
+    if not names:
+        return NoneMeets("no object is handled or hides anything")
+    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names]
+    tried = f"in none of {DIRECTIONS} directions, up to {100 * BOUNDS.reaches[-1]:.0f} cm,"
+    none = f"{tried} does a place of {', '.join(names)} meet the goal"
+    nowhere = f"{tried} is a place where {', '.join(names)} can be handled and stand clear of all else"
+    return least_changes(question, moves, none, nowhere)
 
 
 def _advice(start: Start, met: Tried) -> AdviceFound:

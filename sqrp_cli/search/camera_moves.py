@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import count
@@ -19,8 +19,8 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
-from sqrp_cli.search.least import Bounds, Move, least_changes, shells
 from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, whole_observed_again
+from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.timeline import observe
 from sqrp_cli.study.whole_study import WholeAnalysis, mean_quality
@@ -200,23 +200,6 @@ class CameraMove:
             return None
         nearest: Array = vectors[int(np.argmax(self.bound.covered(*self.cameras(vectors), every=True).mean(axis=1)))]
         return nearest
-
-
-def changed_camera(start: Start, kind: Literal["aim", "position", "lens"]) -> Sequence[Tried] | NoneMeets:
-    """The least turn, move or change of lens of every camera that helps."""
-    moves, aside = list[Callable[[], Move]](), list[Callable[[], Move]]()
-    for camera in start.question.cell.workspace.cameras.values():
-        if not CameraMove(start, kind, camera).bound.hopeful:
-            continue
-        moves.append(partial(CameraMove, start, kind, camera))
-        # Moved with the aim kept, and with the middle of what must be seen as aim where that is no help by itself.
-        centred = CameraMove(start, kind, camera, middle=True)
-        if kind == "position" and len(centred.bound.corners) and not centred.meets(centred.change(np.zeros(3))):
-            aside.append(partial(CameraMove, start, kind, camera, middle=True))
-    if not moves:
-        return NoneMeets("no camera alone can: where one is missing, another is missing too")
-    none = f"no {kind} of a single camera meets the goal"
-    return least_changes(start.question, [*moves, *aside], none, "there is no free place for a camera")
 
 
 def further_camera(start: Start) -> Sequence[Tried] | NoneMeets:

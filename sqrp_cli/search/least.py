@@ -15,30 +15,21 @@ exact analysis of the motion decides, and the samples of `explain` confirm. Move
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache
-from itertools import product
+from collections.abc import Callable, Iterable, Sequence
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
+from sqrp_cli.search.camera_moves import CameraMove
+from sqrp_cli.search.object_moves import ObjectMove
 from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
+from sqrp_cli.search.vectors import fine_grid
 
-if TYPE_CHECKING:
-    from sqrp_cli.search.camera_moves import CameraMove
-    from sqrp_cli.search.object_moves import ObjectMove
-
-Move: TypeAlias = "CameraMove | ObjectMove"
-
-FINE = 16
-"""The fine grid has at most so many steps to every side."""
-
-COARSE = {2: 12, 3: 4}
-"""Steps of the grid of each shell to every side, by the dimension."""
+Move: TypeAlias = CameraMove | ObjectMove
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A change is not made larger than the least that was found and this, for its margin or to confirm it."""
@@ -55,27 +46,6 @@ _DECIDED = 6
 """Vectors of one batch that pass the bound and are decided, at most; failures sharpen the bound."""
 _GIVEN_UP = 4
 """Batches of a fine grid that are given up before all of it is: the bound tells too little of what is decided."""
-
-
-class Bounds(NamedTuple):
-    """How far and how finely changes of a kind are searched."""
-
-    dimension: int
-    """Of the vectors."""
-    step: float
-    """Of the fine grid; a length is found to a tenth of it. In the unit of the vectors."""
-    reaches: tuple[float, ...]
-    """How far it is searched, one after the other, until something is found."""
-    fine: bool
-    """Whether a fine grid below the least that was found is looked through."""
-    rounds: int = 0
-    """Of looks in other directions than that of what is found."""
-    directions: int = 0
-    """That each of them tries."""
-    shares: tuple[float, ...] = ()
-    """Of the length so far, that it tries in each direction."""
-    margins: tuple[float, ...] = ()
-    """By how much longer changes are looked at for the margin; none: all lengths up to `MOST_MORE` beyond, in steps."""
 
 
 def least_changes(
@@ -219,31 +189,3 @@ def _made_shorter(move: Move, found: Array, seed: int) -> Array:
             turned /= np.linalg.norm(turned, axis=1)[:, None]
             aside, _ = _first_of(move, (length * shares * turned).reshape(-1, bounds.dimension))
     return found
-
-
-def fine_grid(bounds: Bounds, length: float) -> Array:
-    """Vectors (p, d) of a fine grid up to a length, coarser than asked for beyond `FINE` of its steps."""
-    points = grid(bounds.dimension, FINE) * max(bounds.step, length / FINE)
-    lengths = np.linalg.norm(points, axis=1)
-    near: Array = points[(lengths > 0) & (lengths <= length * (1 + 1e-9))]
-    return near
-
-
-def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:
-    """Vectors (p, d) on grids around zero, nearer ones first: the farther out, the coarser."""
-    inner = step
-    while inner < reach:
-        outer = min(2.0 * inner, reach)
-        points = grid(dimension, COARSE[dimension]) * (2.0 * inner / COARSE[dimension])
-        lengths = np.linalg.norm(points, axis=1)
-        yield points[(lengths > inner * (1 + 1e-9)) & (lengths <= outer * (1 + 1e-9))]
-        inner = outer
-
-
-@cache
-def grid(dimension: int, most: int) -> Array:
-    """Whole-numbered vectors up to a length, shortest first; equal ones in the order of their coordinates."""
-    points = np.array(list(product(range(-most, most + 1), repeat=dimension)), dtype=float)
-    lengths = np.linalg.norm(points, axis=1)
-    near: Array = points[lengths <= most * (1 + 1e-9)]
-    return near[np.argsort(np.linalg.norm(near, axis=1), kind="stable")]

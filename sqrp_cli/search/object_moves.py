@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import field
-from functools import partial
 
 import numpy as np
 
@@ -13,21 +11,16 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask, box_corners, read_only, transform
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import whole_millimetres
-from sqrp_cli.search.least import Bounds, Move, least_changes
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Start, Tried
-from sqrp_cli.sight.limits import Cause
+from sqrp_cli.search.question import ProposedChange, Question
+from sqrp_cli.search.vectors import Bounds
 from sqrp_cli.study.assessment import with_delays
-from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.whole_study import WholeAnalysis, mean_qualities, whole_observed, whole_study
 
-MOST_OBJECTS = 3
-"""Objects that are moved: those that are handled, then those that hide most."""
-
-_DIRECTIONS = 12
+DIRECTIONS = 12
 """Directions that are tried at each distance."""
 
-_BOUNDS = Bounds(
+BOUNDS = Bounds(
     2, 0.02, (0.32,), fine=False, rounds=4, directions=4, shares=(0.9,), margins=(0.01, 0.02, 0.05, 0.1, 0.2)
 )
 
@@ -39,13 +32,13 @@ class ObjectMove:
     question: Question
     name: str
     """Of the object; the way of the question starts from where it then is."""
-    bounds: Bounds = _BOUNDS
+    bounds: Bounds = BOUNDS
     _known: dict[tuple[float, ...], bool] = field(default_factory=dict)
     """Which changes meet the goal, by their values, as far as they were looked at."""
 
     def outward(self, reach: float) -> Iterator[Array]:
         """Rings of vectors, from 1 cm on each with twice the radius of the one before."""
-        angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+        angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
         ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         yield from (0.01 * 2**number * ring for number in range(1 + round(np.log2(reach / 0.01))))
 
@@ -117,34 +110,3 @@ class ObjectMove:
                 return False
         others = (other for other in world.X_WO if other not in (self.name, support))
         return not any(cell.collision.touch(self.name, X_WO, other, world) for other in others)
-
-
-def moved_object(start: Start) -> Sequence[Tried] | NoneMeets:
-    """The least move of what the way of a question handles, and of what hides most."""
-    question, cell, world = start.question, start.question.cell, start.question.world
-    names = [name for name in question.way.binding.values() if not cell.workspace.objects[name].fixed]
-    if isinstance(start.analysis, WholeAnalysis):
-        # Then what hides targets while too few cameras see them, the one first without which most would be seen.
-        alone, share, behind = defaultdict[str, float](float), defaultdict[str, float](float), Counter[str]()
-        for step in start.analysis.steps:
-            for one in to_move(cell, step, hidden_views(cell, step)):
-                alone[one.name] += one.alone
-                share[one.name] += one.share
-            # And what has the colour of targets before it in uncovered states.
-            lost = step.timeline.observation.blind
-            for box in (box for boxes in step.timeline.observation.full_matrix for box in boxes):
-                same_colour = box.by[(box.cause == Cause.SAME_COLOUR) & lost[:, None]].tolist()
-                behind.update(cell.observer.solids[index].part.parent for index in same_colour)
-        names += sorted(sorted(alone), key=lambda name: (alone[name], share[name]), reverse=True)
-        others = (behind.keys() & cell.workspace.objects.keys()) - set(alone)
-        names += sorted(others, key=lambda name: (-behind[name], name))
-    # Only what stands at a known place and carries nothing.
-    carriers = {world.held, *(one.on for one in cell.workspace.objects.values())}
-    names = [name for name in dict.fromkeys(names) if name in world.X_WO and name not in carriers][:MOST_OBJECTS]
-    if not names:
-        return NoneMeets("no object is handled or hides anything")
-    moves: list[Callable[[], Move]] = [partial(ObjectMove, question, name) for name in names]
-    tried = f"in none of {_DIRECTIONS} directions, up to {100 * _BOUNDS.reaches[-1]:.0f} cm,"
-    none = f"{tried} does a place of {', '.join(names)} meet the goal"
-    nowhere = f"{tried} is a place where {', '.join(names)} can be handled and stand clear of all else"
-    return least_changes(question, moves, none, nowhere)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.search import least as search
-from sqrp_cli.search.least import Bounds, fine_grid, margin, shells
+from sqrp_cli.search.least import margin
 from sqrp_cli.search.question import ProposedChange
+from sqrp_cli.search.vectors import Bounds, fine_grid, shells
 
 STEP = 0.01
 
