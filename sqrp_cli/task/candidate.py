@@ -57,30 +57,27 @@ class Candidate(SkillChoice):
     @property
     def leaves_free(self) -> bool:
         """Whether there may be several ways of doing it: a motion parameter is free, or a path need not be direct."""
-        return ANY in self.values.values() or bool(self._open_moves)
+        return ANY in self.values.values() or bool(self.open_paths)
 
     @property
     def open_paths(self) -> frozenset[str]:
-        """Names of the joint moves whose paths need not be direct."""
-        return frozenset(move.name for move in self._open_moves)
+        """Names of the joint moves whose paths neither the candidate nor the skill says are direct."""
+        paths = {one.name: one.path for one in self.skill.primitives if isinstance(one, JointMove)}
+        stated = {p: self.values.get(p.parameter, DIRECT) for p in paths.values() if isinstance(p, Reference)}
+        return frozenset(
+            name for name, path in paths.items() if (stated[path] if isinstance(path, Reference) else path) != DIRECT
+        )
 
     def with_paths(self, vias: Mapping[str, Array]) -> Candidate:
         """The way in which joint moves with open paths bend around vias, by the name of the move, if they have any.
 
         An open path becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
         """
-        paths: dict[str, MotionValue] = {}
-        for move in self._open_moves:
+        paths, still_open = dict[str, MotionValue](), self.open_paths
+        for move in (one for one in self.skill.primitives if isinstance(one, JointMove) and one.name in still_open):
             if isinstance(move.path, Reference):
                 paths[move.path.parameter] = SEEN if move.name in vias else paths.get(move.path.parameter, DIRECT)
         return replace(self, values={**self.values, **paths}, vias=vias)
-
-    @property
-    def _open_moves(self) -> list[JointMove]:
-        """The joint moves whose paths the candidate, or the skill, does not say are direct."""
-        moves = [one for one in self.skill.primitives if isinstance(one, JointMove)]
-        paths = [self.values.get(m.path.parameter, DIRECT) if isinstance(m.path, Reference) else m.path for m in moves]
-        return [move for move, path in zip(moves, paths, strict=True) if path != DIRECT]
 
 
 @dataclass(frozen=True)

@@ -53,36 +53,32 @@ def grips(cell: Cell, candidate: Candidate, world: World) -> tuple[Candidate, ..
     A side or a yaw is a choice if the object looks there to the tool as it does at the first one: by the symmetry of
     the part, and for a round tool at every yaw. A stop at home is none for a robot that is there.
     """
-    found = [candidate]
+    found, begin, home = [candidate], positions_of(cell.model.arm, world.joints), cell.model.home
+    at_home = [candidate.skill.primitives[0]] if np.allclose(begin, home, rtol=0.0, atol=1e-9) else []
     for setting in ("side", "yaw", "via"):
         longer: list[Candidate] = []
         for one in found:
-            choices = {name: _choices(cell, one, world, setting, parts) for name, parts in _free(one, setting).items()}
+            choices = dict[str, Sequence[MotionValue]]()
+            for name, parts in _free(one, setting).items():  # of all waypoints or joint moves that it is for
+                placed = [part for part in parts if isinstance(part, GraspWaypoint | PutWaypoint)]
+                objects = [cell.workspace.objects[one.binding[part.object]] for part in placed]
+                turns = [1] * (len(parts) - len(placed))
+                if setting == "via":
+                    choices[name] = [DIRECT] if parts == at_home else [DIRECT, HOME]
+                elif setting == "side":
+                    first, *others = map(equal_sides, objects)
+                    choices[name] = [side for side in first if all(side in other for other in others)]
+                else:
+                    for part, obj in zip(placed, objects, strict=True):
+                        side, tool = FIRST_SIDE, 1
+                        if isinstance(part, GraspWaypoint):
+                            side, tool = side_of(setting_value(part.side, one.values)), tool_turns(cell.model)
+                        turns.append(ROUND if tool == ROUND else part_turns(obj, side))
+                    choices[name] = equal_turns(gcd(*turns))
             chosen = (dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
             longer += [replace(one, values={**one.values, **values}) for values in chosen]
         found = longer
     return tuple(found)
-
-
-def _choices(
-    cell: Cell, candidate: Candidate, world: World, setting: str, parts: Sequence[Entry]
-) -> Sequence[MotionValue]:
-    """The choices of a side, yaw or stop for all waypoints or joint moves that it is for, the first one first."""
-    if setting == "via":
-        begin, home = positions_of(cell.model.arm, world.joints), cell.model.home
-        begins_there = parts == [candidate.skill.primitives[0]] and np.allclose(begin, home, rtol=0.0, atol=1e-9)
-        return [DIRECT] if begins_there else [DIRECT, HOME]
-    placed = [part for part in parts if isinstance(part, GraspWaypoint | PutWaypoint)]
-    objects = [cell.workspace.objects[candidate.binding[part.object]] for part in placed]
-    if setting == "side":
-        first, *others = map(equal_sides, objects)
-        return [side for side in first if all(side in other for other in others)]
-    turns = [1] * (len(parts) - len(placed))
-    for part, obj in zip(placed, objects, strict=True):
-        grasped = isinstance(part, GraspWaypoint)
-        side = side_of(setting_value(part.side, candidate.values)) if isinstance(part, GraspWaypoint) else FIRST_SIDE
-        turns.append(ROUND if grasped and tool_turns(cell.model) == ROUND else part_turns(obj, side))
-    return equal_turns(gcd(*turns))
 
 
 def _free(candidate: Candidate, setting: str) -> dict[str, list[Entry]]:

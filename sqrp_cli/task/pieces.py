@@ -32,25 +32,24 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
     a piece of length 0. There is at least one piece.
     """
     edges = _distinct([edge for one in formulas for edge in (one.start, one.end)])
-    moments = _distinct([one.start for one in formulas if _same(one.start, one.end)])
-
-    def piece(primitive: int, start: float, end: float) -> Piece:
-        middle = 0.5 * (start + end)
-        applying = [one for one in formulas if one.start - SAME_INSTANT <= middle <= one.end + SAME_INSTANT]
-        literals = tuple(dict.fromkeys(literal for one in applying for literal in one.literals))
-        interest = any(one.operator == "eventually" for one in applying)
-        return Piece(start=start, end=end, primitive=primitive, literals=literals, of_interest=interest)
-
-    pieces = []
+    moments = _distinct([one.start for one in formulas if one.end - one.start < SAME_INSTANT])
+    cuts = list[tuple[int, float, float]]()  # of each piece its primitive, start and end
     for primitive, (start, end) in enumerate(spans):
         inner = [t for t in edges if start + SAME_INSTANT < t < end - SAME_INSTANT]
         for left, right in zip([start, *inner], [*inner, end], strict=True):
             if right - left >= SAME_INSTANT:
-                pieces += [piece(primitive, t, t) for t in moments if _same(t, left)]
-                pieces.append(piece(primitive, left, right))
-    last_primitive, end = len(spans) - 1, spans[-1][1]
-    pieces += [piece(last_primitive, t, t) for t in moments if _same(t, end)]
-    return tuple(pieces) or (piece(last_primitive, end, end),)
+                cuts += [(primitive, t, t) for t in moments if abs(t - left) < SAME_INSTANT]
+                cuts.append((primitive, left, right))
+    last, end = len(spans) - 1, spans[-1][1]
+    cuts += [(last, t, t) for t in moments if abs(t - end) < SAME_INSTANT]
+    pieces = list[Piece]()
+    for primitive, start, stop in cuts or [(last, end, end)]:
+        middle = 0.5 * (start + stop)
+        applying = [one for one in formulas if one.start - SAME_INSTANT <= middle <= one.end + SAME_INSTANT]
+        literals = tuple(dict.fromkeys(literal for one in applying for literal in one.literals))
+        interest = any(one.operator == "eventually" for one in applying)
+        pieces.append(Piece(start=start, end=stop, primitive=primitive, literals=literals, of_interest=interest))
+    return tuple(pieces)
 
 
 def monitored_times(formulas: Sequence[GroundOperator]) -> tuple[float, float]:
@@ -72,14 +71,10 @@ def fault_intervals(formulas: Sequence[GroundOperator], fault: str) -> tuple[Tim
     return merge(one for one in formulas if one.fault == fault and one.literals)
 
 
-def _same(first: float, second: float) -> bool:
-    return abs(first - second) < SAME_INSTANT
-
-
 def _distinct(instants: list[float]) -> list[float]:
     """The instants in order, without repetitions."""
     kept: list[float] = []
     for t in sorted(instants):
-        if not kept or not _same(t, kept[-1]):
+        if not kept or t - kept[-1] >= SAME_INSTANT:
             kept.append(t)
     return kept

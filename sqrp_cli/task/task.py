@@ -240,22 +240,33 @@ def _object_choices(
         words = f"{len(filters)} word{'s' * (len(filters) != 1)}"
         message = f"{words} may be meant for {len(open_names):,} parameters of `{skill.name}` in too many ways"
         raise bad_input("ambiguous-task", message, mend="say which parameter each is for: `name=object`")
-
-    def matching(names: Sequence[str], words: Sequence[str]) -> list[str]:
-        return [name for name in names if all(word.lower() in _words_for(workspace.objects[name]) for word in words)]
-
-    matches = [
-        chosen
-        for groups in _splits(filters, len(open_names))
-        if all(chosen := [matching(fitting[name], group) for name, group in zip(open_names, groups, strict=True)])
-    ]
-    if not matches:
-        raise bad_input("no-match", _no_match(skill, workspace, fitting, filters))
+    said = {name: _words_for(workspace.objects[name]) for names in fitting.values() for name in names}
+    matched: list[list[str]] | None = None
+    for groups in _splits([word.lower() for word in filters], len(open_names)):
+        pairs = zip(open_names, groups, strict=True)
+        chosen = [[one for one in fitting[name] if said[one].issuperset(words)] for name, words in pairs]
+        if all(chosen):
+            matched = chosen
+            break
+    if matched is None:
+        used = set[str]().union(*said.values())
+        unknown = next((word for word in filters if word.lower() not in used), None)
+        if unknown is not None:
+            listed = {*unknown.lower().split(",")}
+            meant = next((one for one in fitting if listed <= {name.lower() for name in fitting[one]}), None)
+            hint = expected_names(unknown, used) if meant is None else f"did you mean `{meant}={unknown}`?"
+            message = f"no object that `{skill.name}` can use is called or described as `{unknown}`; {hint}"
+            raise bad_input("no-match", message)
+        usable = "; ".join(
+            f"{name}: {', '.join(f'`{one}`' for one in able) or 'no object fits'}" for name, able in fitting.items()
+        )
+        wanted = " ".join(filters) or "anything"
+        raise bad_input("no-match", f"nothing matches `{wanted}`; `{skill.name}` can use {usable}")
     for word in filters:
         if filters.count(word) > len(open_names):
             message = f"`{word}` is said {filters.count(word)} times; `{skill.name}` takes {len(open_names)} by words"
             raise bad_input("repeated-value", message)
-    found = dict(zip(open_names, matches[0], strict=True))
+    found = dict(zip(open_names, matched, strict=True))
     return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
 
 
@@ -275,19 +286,3 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
 def _words_for(obj: SceneObject) -> set[str]:
     words = {obj.name, obj.type, *obj.attributes, *([obj.color] if obj.color else [])}
     return {word.lower() for word in words}
-
-
-def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]) -> str:
-    wanted = " ".join(filters) or "anything"
-    words = {word for names in fitting.values() for name in names for word in _words_for(workspace.objects[name])}
-    unknown = [word for word in filters if word.lower() not in words]
-    if unknown:
-        names = unknown[0].lower().split(",")
-        parameter = next((one for one, known in fitting.items() if {*names} <= {name.lower() for name in known}), None)
-        hint = expected_names(unknown[0], words) if parameter is None else f"did you mean `{parameter}={unknown[0]}`?"
-        return f"no object that `{skill.name}` can use is called or described as `{unknown[0]}`; {hint}"
-    usable = "; ".join(
-        f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}"
-        for name, names in fitting.items()
-    )
-    return f"nothing matches `{wanted}`; `{skill.name}` can use {usable}"
