@@ -10,6 +10,7 @@ import select
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import field
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Problem, bad_input
 from sqrp_cli.platform.processes import Worker, forked
+from sqrp_cli.records import dataclass
 from sqrp_cli.studio.messages import findings, kind_of, message
 from sqrp_cli.studio.server import Connections
 
@@ -36,31 +38,27 @@ Offer = tuple[str, tuple[str, ...], bytes]
 """A change that was found: in words, the words of the command that makes it, without the workspace, and the file."""
 
 
-class Teller:
-    """Sends reports: a text in JSON for browsers, and what can be applied."""
-
-    def __init__(self, pipe: Connection) -> None:
-        self.pipe = pipe
-
-    def __call__(self, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
-        """Send one."""
-        self.pipe.send((message(do, **fields), tuple(offers)))
-
-    @contextmanager
-    def progress(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Progress, as the commands show it."""
-        done = 0
-
-        def advance(count: int) -> None:
-            nonlocal done
-            done += count
-            self("searching", text=f"{title}: {done} of {total}")
-
-        advance(0)
-        yield advance
+Job = Callable[[Connection], None]
+"""Does its work, and reports through the pipe: each time a text in JSON for browsers, and what can be applied."""
 
 
-Job = Callable[[Teller], None]
+def tell(pipe: Connection, do: str, offers: Sequence[Offer] = (), **fields: object) -> None:
+    """Send a report."""
+    pipe.send((message(do, **fields), tuple(offers)))
+
+
+@contextmanager
+def _progress(pipe: Connection, title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Progress, as the commands show it."""
+    done = 0
+
+    def advance(count: int) -> None:
+        nonlocal done
+        done += count
+        tell(pipe, "searching", text=f"{title}: {done} of {total}")
+
+    advance(0)
+    yield advance
 
 
 def _work(pipe: Connection, theirs: Connection, job: Job, *, playing: bool) -> Callable[[None], None]:
@@ -68,33 +66,30 @@ def _work(pipe: Connection, theirs: Connection, job: Job, *, playing: bool) -> C
     if playing:  # where a run is ended while its processes start, these complain
         with Path(os.devnull).open("wb") as nowhere:
             os.dup2(nowhere.fileno(), 2)
-    say = Teller(pipe)
     try:
-        job(say)
-    except InputError as error:
-        say("refused", problems=findings(error.problems))
+        job(pipe)
     except Exception as error:
-        problem = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
-        say("refused", problems=findings([problem]))
+        internal = Problem("internal-error", f"internal error: {type(error).__name__}: {error}")
+        tell(pipe, "refused", problems=findings(error.problems if isinstance(error, InputError) else [internal]))
     pipe.close()
     return lambda _: None
 
 
-def search(path: Path, seed: int, content: bytes, task: str, jobs: int, chosen: str, say: Teller) -> None:
+def search(path: Path, seed: int, content: bytes, task: str, jobs: int, chosen: str, pipe: Connection) -> None:
     """The least changes that help a candidate in the cell of a text; without one, other places of all cameras."""
     from sqrp_cli.ask.api.cell import OpenCell
 
-    opened = OpenCell.read(path, seed, content)
+    opened, progress = OpenCell.read(path, seed, content), partial(_progress, pipe)
     offers, changes, unwritten = list[Offer](), list[dict[str, object]](), list[str]()
     if not chosen:
-        placed = opened.place(task, jobs=jobs, progress=say.progress)
+        placed = opened.place(task, jobs=jobs, progress=progress)
         names = ", ".join(f"{one.name} on {one.mount}" for one in placed.cameras)
         title = f"{len(placed.cameras)} cameras: {names}" if names else "no cameras on these mounts meet the goal"
         if names:
             offers.append((f"cameras: {names}", ("place", task, "--patch", "cameras.patch"), placed.content))
             changes.append({"words": offers[0][0], "q_eoi": None, "q_avg": None, "worse": []})
     else:
-        found = opened.advise(task, choose=chosen, jobs=jobs, progress=say.progress)
+        found = opened.advise(task, choose=chosen, jobs=jobs, progress=progress)
         title = f"{found.candidate} is to have {found.want}"
         if found.met:
             title += ": it has that already"
@@ -107,10 +102,12 @@ def search(path: Path, seed: int, content: bytes, task: str, jobs: int, chosen: 
             line = ("advise", task, "--choose", chosen, "--apply", str(number))
             offers.append((one.words, line, found.patched(number)))
             changes.append({"words": one.words, "q_eoi": one.q_eoi, "q_avg": one.q_avg, "worse": list(one.worse)})
-    say("offers", offers, title=title, unwritten=unwritten, changes=changes)
+    tell(pipe, "offers", offers, title=title, unwritten=unwritten, changes=changes)
 
 
-def write(path: Path, seed: int, task: str, jobs: int, by: Criterion, chosen: str, file: Path, say: Teller) -> None:
+def write(
+    path: Path, seed: int, task: str, jobs: int, by: Criterion, chosen: str, file: Path, pipe: Connection
+) -> None:
     """Append the chosen candidate to a program file as `rank --program` does."""
     from sqrp_cli.ask.api.cell import open_cell
     from sqrp_cli.ask.api.session import world_before
@@ -119,20 +116,22 @@ def write(path: Path, seed: int, task: str, jobs: int, by: Criterion, chosen: st
     opened = open_cell(path, seed=seed)
     check_not_read([file], opened.files)
     before = world_before(None, file)
-    ranking = opened.rank(task, by=by, after=before, jobs=jobs, progress=say.progress)
+    ranking = opened.rank(task, by=by, after=before, jobs=jobs, progress=partial(_progress, pipe))
     ranking.write(file, chosen)
-    say("written", file=str(file))
+    tell(pipe, "written", file=str(file))
 
 
+@dataclass(eq=False)
 class _Watching:
     """Somebody who looks on from a browser: gets images, poses and events, and may drop what the tool holds."""
 
-    def __init__(self, say: Teller, file: Path, faults: Sequence[str]) -> None:
-        self._say, self._file, self._faults = say, file, list(faults)
-        self._began: float | None = None
-        self._shown: dict[str, float] = {}
-        self._state: dict[str, Any] = {"q": {}, "objects": {}, "held": None}
-        self._joints: list[str] = []
+    pipe: Connection
+    file: Path  # of the program
+    faults: list[str]
+    _began: float | None = None
+    _shown: dict[str, float] = field(default_factory=dict)
+    _state: dict[str, Any] = field(default_factory=lambda: {"q": {}, "objects": {}, "held": None})
+    _joints: list[str] = field(default_factory=list)
 
     # As a screen
 
@@ -151,7 +150,7 @@ class _Watching:
         _, data = cv2.imencode(
             ".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, IMAGE_QUALITY]
         )
-        self._say("run-image", camera=frame.camera, t=frame.t, data=base64.b64encode(data.tobytes()).decode())
+        tell(self.pipe, "run-image", camera=frame.camera, t=frame.t, data=base64.b64encode(data.tobytes()).decode())
 
     def close(self) -> None:
         """There are no more."""
@@ -161,17 +160,17 @@ class _Watching:
     def wants_slip(self) -> bool:
         """Whether somebody has clicked."""
         wanted = False
-        while self._say.pipe.poll():
-            wanted = self._say.pipe.recv() == "slip"
+        while self.pipe.poll():
+            wanted = self.pipe.recv() == "slip"
         return wanted
 
     def told(self, fault: str, refused: str) -> None:
         """What became of the click."""
         if refused:
-            self._say("run-event", t=None, text=f"{fault} cannot happen: {refused}", kind="refused")
+            tell(self.pipe, "run-event", t=None, text=f"{fault} cannot happen: {refused}", kind="refused")
             return
-        self._faults.append(fault)
-        self._say("run-fault", faults=self._faults, file=str(self._file))
+        self.faults.append(fault)
+        tell(self.pipe, "run-fault", faults=self.faults, file=str(self.file))
 
     # As a listener
 
@@ -195,32 +194,32 @@ class _Watching:
                 self._state["objects"].update(event.objects)
                 if event.t - self._shown.get("", -1.0) >= STATE_SPACING - 1e-6:
                     self._shown[""] = event.t
-                    self._say("run-state", t=event.t, **self._state)
+                    tell(self.pipe, "run-state", t=event.t, **self._state)
             case "evidence":
                 shown = {}
                 for atom, one in event.literals.items():
                     cameras = {name: truth.word for name, truth in one.cameras.items()}
                     flags = {"asked": one.asked, "predicted": one.predicted}
                     shown[atom] = {"value": one.value.word, **flags, "cameras": cameras}
-                self._say("run-evidence", t=event.t, literals=shown)
+                tell(self.pipe, "run-evidence", t=event.t, literals=shown)
             case "primitive":
-                self._say("run-doing", t=event.t, text=event.does or event.name)
+                tell(self.pipe, "run-doing", t=event.t, text=event.does or event.name)
             case "done" | "stopped" | "missed":
-                self._say("run-event", t=event.t, text=event.reason or event.event, kind=event.event)
+                tell(self.pipe, "run-event", t=event.t, text=event.reason or event.event, kind=event.event)
             case _:
                 text = event_in_words(event)
                 if text is not None:
-                    self._say("run-event", t=event.t, text=text, kind=event.event)
+                    tell(self.pipe, "run-event", t=event.t, text=text, kind=event.event)
 
 
-def play(file: Path, faults: Sequence[str], seed: int, say: Teller) -> None:
+def play(file: Path, faults: Sequence[str], seed: int, pipe: Connection) -> None:
     """Run a program in the simulated cell."""
     from sqrp_cli.ask.api.program import open_program
     from sqrp_cli.ask.requests import RunRequest
 
     opened = open_program(file, seed=seed)
-    watching = _Watching(say, file, faults)
-    say("run-began", file=str(file), cameras=list(opened.workspace.cameras), faults=list(faults))
+    watching = _Watching(pipe, file, [*faults])
+    tell(pipe, "run-began", file=str(file), cameras=list(opened.workspace.cameras), faults=list(faults))
     run = opened.run_into(RunRequest(faults, listeners=[watching]), screen=watching, spectator=watching)
     if watching.wants_slip():
         watching.told("slip", TOO_LATE)
@@ -228,30 +227,30 @@ def play(file: Path, faults: Sequence[str], seed: int, say: Teller) -> None:
         {"name": one.name, "happened": one.happened, "detected": one.detected, "recovered": one.recovered}
         for one in run.faults
     ]
-    say("run-ended", outcome=run.outcome, time=run.time, faults=told)
+    tell(pipe, "run-ended", outcome=run.outcome, time=run.time, faults=told)
 
 
 PASSING = ("run-image", "run-state", "run-evidence", "searching")  # reports that the next ones replace
 
 
+@dataclass(eq=False)
 class Jobs:
     """The job under way, in a process of its own, and what was found."""
 
-    def __init__(self, connections: Connections, dropped: Callable[[dict[str, Any]], None]) -> None:
-        """dropped: called with the report that a part was dropped."""
-        self._connections, self._dropped = connections, dropped
-        self._process: Worker[None, None] | None = None
-        self._pipe: Connection | None = None
-        self._playing = False
-        self.offers: Sequence[Offer] = ()  # the changes that can be applied
+    connections: Connections
+    dropped: Callable[[dict[str, Any]], None]  # called with the report that a part was dropped
+    offers: Sequence[Offer] = ()  # the changes that can be applied
+    _process: Worker[None, None] | None = None
+    _pipe: Connection | None = None
+    _playing: bool = False
 
     def begin(self, job: Job, *, playing: bool = False) -> None:
         """Start a job instead of the one that is under way. playing: whether it is a run."""
         import multiprocessing
 
         self.stop()
-        self._connections.forget("run-began", "run-ended", "written", "refused")
-        self.forget_offers()
+        self.connections.forget("run-began", "run-ended", "written", "refused", "offers")
+        self.offers = ()
         self._pipe, theirs = multiprocessing.Pipe()
         self._playing, work = playing, partial(_work, playing=playing)
         self._process = Worker(forked(), work, theirs, self._pipe, job, starts_others=True)
@@ -263,7 +262,7 @@ class Jobs:
         if self._pipe is not None:
             asyncio.get_running_loop().remove_reader(self._pipe.fileno())
             self.end()
-            self._connections.tell(message("job-ended"))
+            self.connections.tell(message("job-ended"))
 
     def end(self) -> None:
         """End the job under way at once, once nobody is told any more."""
@@ -280,11 +279,6 @@ class Jobs:
                 return
         raise bad_input("bad-fault", f"nothing was dropped: {TOO_LATE}")
 
-    def forget_offers(self) -> None:
-        """Offer nothing any more."""
-        self.offers = ()
-        self._connections.forget("offers")
-
     def _reported(self) -> None:
         assert self._pipe is not None  # noqa: S101 - it is read
         try:
@@ -296,8 +290,8 @@ class Jobs:
         if do == "offers":
             self.offers = offers
         if do == "run-fault":
-            self._dropped(json.loads(text))
+            self.dropped(json.loads(text))
         if do in ("offers", "run-began", "run-ended"):
-            self._connections.post(do, text)
+            self.connections.post(do, text)
         else:
-            self._connections.tell(text, passing=do in PASSING)
+            self.connections.tell(text, passing=do in PASSING)

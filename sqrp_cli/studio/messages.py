@@ -1,6 +1,6 @@
 """What browsers get: the page, and texts in JSON with `do` first, such as what can be moved; and what they may ask for.
 
-What the process that computes is asked has a record each, too.
+What the process that computes is asked is here, too.
 """
 
 from __future__ import annotations
@@ -8,8 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
@@ -18,9 +17,8 @@ from sqrp_cli.errors import Problem, bad_option
 from sqrp_cli.geometry import matrix_to_rpy
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.checks import ReportedProblem
-from sqrp_cli.show.pages.assembly import assembled, asset, tidy
+from sqrp_cli.show.pages.assembly import tidy
 from sqrp_cli.studio.moves import Move, aim
-from sqrp_cli.task.task import in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
@@ -39,21 +37,6 @@ def kind_of(text: str) -> str:
 def findings(problems: Sequence[Problem]) -> list[ReportedProblem]:
     """Problems as documents have them."""
     return [ReportedProblem.of(problem) for problem in problems]
-
-
-def parameters(workspace: Workspace, task: str) -> list[dict[str, object]]:
-    """The motion parameters of a task's skill, with their values and the words that they may have instead."""
-    skill = workspace.skills.get(task.split()[0].lower()) if task.split() else None
-    if skill is None:
-        return []
-    return [
-        {
-            "name": one.name,
-            "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
-            "words": [word for kind in one.kinds for word in kind.words],
-        }
-        for one in skill.motion_parameters
-    ]
 
 
 def handles(workspace: Workspace) -> dict[str, Any]:
@@ -80,21 +63,6 @@ def handles(workspace: Workspace) -> dict[str, Any]:
     return {"camera": cameras, "object": objects, "base": {"": base}, "frames": frames, "ups": ups}
 
 
-SCRIPTS = ("gizmo", "fields", "runs", "studio")  # its own scripts, each after those that it needs
-
-
-def studio_page(title: str, socket: str) -> str:
-    """The text of the page. socket: where its scripts may connect to."""
-    return assembled(
-        title,
-        "\n".join(asset(f"{name}.js", "sqrp_cli.studio") for name in SCRIPTS),
-        data={},
-        style=asset("studio.css", "sqrp_cli.studio"),
-        further=asset("studio.html", "sqrp_cli.studio"),
-        policy=f"; connect-src {socket}; img-src data:; base-uri 'none'; form-action 'none'",
-    )
-
-
 Words = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]  # no name of a file has a zero byte
 
 PLAIN = ("rest", "undo", "redo", "difference", "save", "advise", "place", "stop", "reread")  # what needs no more words
@@ -114,20 +82,23 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
 """What browsers may ask for: by its `do`, the other fields of such a message."""
 
 
-@cache
-def _requests() -> TypeAdapter[Any]:
-    config, make = ConfigDict(strict=True, frozen=True, extra="forbid"), cast("Any", create_model)
-    made: Any = tuple(
-        make(do, __config__=config, do=(Literal[do], ...), **{name: (kind, ...) for name, kind in own.items()})
-        for do, own in _FIELDS.items()
+_make: Any = create_model
+_RECORDS: Any = tuple(
+    _make(
+        do,
+        __config__=ConfigDict(strict=True, frozen=True, extra="forbid"),
+        do=(Literal[do], ...),
+        **{name: (kind, ...) for name, kind in own.items()},
     )
-    return TypeAdapter(Annotated[Union[made], Field(discriminator="do")])  # noqa: UP007 - made of a list
+    for do, own in _FIELDS.items()
+)
+_REQUESTS: TypeAdapter[Any] = TypeAdapter(Annotated[Union[_RECORDS], Field(discriminator="do")])  # noqa: UP007 - a list
 
 
 def read_request(text: str) -> Any:  # noqa: ANN401 - a record with the fields that its `do` has
     """A message of a browser. Raises InputError for anything else."""
     try:
-        return _requests().validate_json(text)
+        return _REQUESTS.validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
@@ -143,21 +114,9 @@ class Asked:
     by: Criterion
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rank(Asked):
-    """To rank it."""
+Question = tuple[Any, ...]
+"""What the process that computes is asked: a word first, by which a later one supersedes one that waits.
 
-    number: int  # of the question; answers carry it
-    of_saved: bool = False  # whether only figures are wanted, to compare others with
-
-
-@dataclass(frozen=True)
-class Hold:
-    """To sketch what would be with something elsewhere."""
-
-    move: Move
-    number: int  # of the sketch; its answer carries it
-
-
-Question = Rank | Hold | str
-"""What the process that computes is asked; a text is the name of the candidate to show over time."""
+`rank` and `compare`, to rank and to rank the saved file: what is `Asked`, and the number that answers carry. `hold`, to
+sketch something elsewhere: the `Move`, and a number likewise. `show`, over time: the name of a candidate.
+"""

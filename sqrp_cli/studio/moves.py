@@ -30,6 +30,7 @@ FARTHEST = 100.0  # how far from the origin of its frame anything can be put [m]
 
 SAME = 5e-5  # what differs by less is as it was, as the page rounds to 0.1 mm [m, rad]
 
+DEGREE = np.pi / 180  # [rad]
 NARROWEST, WIDEST = np.radians([1.0, 177.0]).tolist()
 """The least and the greatest horizontal field of view of a lens [rad]."""
 
@@ -47,21 +48,17 @@ class Move:
 
     def in_words(self, before: Move | None = None) -> str:
         """What is moved where, and how else it differs from `before`, if that is known."""
-
-        def point(one: Point) -> str:
-            return f"{', '.join(f'{x:.3f}' for x in one)} m"
-
-        def differs(name: str) -> bool:
+        done = []
+        for name, words, scale in (
+            ("position", "at {0:.3f}, {1:.3f}, {2:.3f} m", 1.0),
+            ("look_at", "looks at {0:.3f}, {1:.3f}, {2:.3f} m", 1.0),
+            ("fov", "with a view angle of {0:.4g} deg", DEGREE),
+            ("yaw", "turned to {0:.4g} deg", DEGREE),
+        ):
             value, old = getattr(self, name), getattr(before, name, None)
-            return value is not None and (old is None or not np.allclose(value, old, atol=SAME))
-
-        done = [f"at {point(self.position)}"] if differs("position") else []
-        if before is not None and self.look_at is not None and differs("look_at"):
-            done.append(f"looks at {point(self.look_at)}")
-        if before is not None and self.fov is not None and differs("fov"):
-            done.append(f"with a view angle of {np.degrees(self.fov):.4g} deg")
-        if before is not None and self.yaw is not None and differs("yaw"):
-            done.append(f"turned to {np.degrees(self.yaw):.4g} deg")
+            told = before is not None or name == "position"
+            if told and value is not None and (old is None or not np.allclose(value, old, atol=SAME)):
+                done.append(words.format(*np.atleast_1d(value) / scale))
         what = self.name or "the robot's base"
         return f"{what} {', '.join(done) or 'as it was'}"
 
@@ -92,14 +89,19 @@ def moved(workspace: Workspace, move: Move) -> Workspace:
             matrix[[0, 1], [0, 1]] *= 0.5 * camera.width / np.tan(0.5 * move.fov) / matrix[0, 0]
         camera = replace(camera, X_FC=X_FC, matrix=matrix)
         return replace(workspace, cameras={**workspace.cameras, camera.name: camera})
-    if move.kind == "base":
-        return replace(workspace, robot=replace(workspace.robot, X_WB=_turned(workspace.robot.X_WB, move)))
-    if move.name not in workspace.objects:
+    # An object or the base is moved, and turned about the world's z axis.
+    if move.kind == "object" and move.name not in workspace.objects:
         message = f"there is no object `{move.name}`; {expected_names(move.name, workspace.objects)}"
         raise bad_input("unknown-object", message)
-    if (X_WO := workspace.objects[move.name].X_WO) is None:
+    X = workspace.robot.X_WB if move.kind == "base" else workspace.objects[move.name].X_WO
+    if X is None:
         raise bad_option(f"it is not known where `{move.name}` is")
-    place = replace(workspace.objects[move.name], pose=_turned(X_WO, move))
+    R = X[:3, :3]
+    turned = R if move.yaw is None else axis_rotation(2, move.yaw - matrix_to_rpy(R)[2]) @ R
+    there = pose(turned, move.position)
+    if move.kind == "base":
+        return replace(workspace, robot=replace(workspace.robot, X_WB=there))
+    place = replace(workspace.objects[move.name], pose=there)
     return replace(workspace, objects={**workspace.objects, move.name: place})
 
 
@@ -127,14 +129,6 @@ def written(document: SourceDocument, workspace: Workspace, move: Move) -> bytes
     placed = after.objects[move.name]
     assert placed.X_WO is not None  # noqa: S101 - it was moved
     return with_pose(document, ("objects", move.name, "pose"), placed.X_WO @ inverse(placed.X_FO))
-
-
-def _turned(X: Array, move: Move) -> Array:
-    """A pose (4, 4) moved, and turned about the world's z axis."""
-    R = X[:3, :3]
-    if move.yaw is not None:
-        R = axis_rotation(2, move.yaw - matrix_to_rpy(R)[2]) @ R
-    return pose(R, move.position)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,9 @@ from pathlib import Path
 from sqrp_cli.errors import bad_input
 from sqrp_cli.platform.memory import give_back_memory
 from sqrp_cli.platform.processes import Worker, forked
-from sqrp_cli.studio.messages import Asked, Hold, Question, Rank, kind_of
+from sqrp_cli.records import dataclass
+from sqrp_cli.studio.messages import Asked, Question, kind_of
+from sqrp_cli.studio.moves import Move
 from sqrp_cli.studio.server import Connections
 
 
@@ -31,12 +33,11 @@ class WorkerProcess:
         self._some_wait = threading.Condition()
         threading.Thread(target=self._send, daemon=True).start()
 
-    def ask(self, question: Question) -> None:
-        """Ask without waiting; a later question of the same kind supersedes one that still waits."""
-        kind = type(question), getattr(question, "of_saved", False)
+    def ask(self, *question: object) -> None:
+        """Ask without waiting; a later question of the same word supersedes one that still waits."""
         with self._some_wait:
-            self._waiting.pop(kind, None)
-            self._waiting[kind] = question
+            self._waiting.pop(question[0], None)
+            self._waiting[question[0]] = question
             self._some_wait.notify()
 
     def _send(self) -> None:
@@ -63,32 +64,28 @@ def _serve(theirs: Connection, ours: Connection, path: Path, seed: int, jobs: in
     return lambda _: None
 
 
+@dataclass(eq=False)
 class Rankings:
     """The ranking of the text, beside that of the saved file."""
 
-    def __init__(
-        self,
-        worker: WorkerProcess,
-        connections: Connections,
-        saved: Callable[[], Asked],
-        named: Callable[[Sequence[str]], None],
-    ) -> None:
-        """saved: what the saved file is ranked for; named: called with the names of the candidates of a new ranking."""
-        self._worker, self._connections, self._saved, self._named = worker, connections, saved, named
-        self.number = 0  # of the last question
-        self._asked: Asked | None = None
-        self._ranked: Asked | None = None  # what the ranking that is shown is of; None while another one is under way
-        self.held = False
-        """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
-        self._of_saved: Asked | None = None  # what the figures of the saved file are for
-        self._comparing: Asked | None = None  # what of the saved file is being ranked
-        self._over: asyncio.Future[None] | None = None  # done once the process was killed
+    worker: WorkerProcess
+    connections: Connections
+    saved: Callable[[], Asked]  # what the saved file is ranked for
+    named: Callable[[Sequence[str]], None]  # called with the names of the candidates of a new ranking
+    number: int = 0  # of the last question
+    held: bool = False
+    """Whether a hand has moved something since the last ranking was asked for; that ranking is given up then."""
+    _asked: Asked | None = None
+    _ranked: Asked | None = None  # what the ranking that is shown is of; None while another one is under way
+    _of_saved: Asked | None = None  # what the figures of the saved file are for
+    _comparing: Asked | None = None  # what of the saved file is being ranked
+    _over: asyncio.Future[None] | None = None  # done once the process was killed
 
     def listen(self) -> asyncio.Future[None]:
         """Hear answers from now on, in the loop that is running; the future fails once the process is killed."""
         loop = asyncio.get_running_loop()
         self._over = loop.create_future()
-        loop.add_reader(self._worker.pipe.fileno(), self._answered)
+        loop.add_reader(self.worker.pipe.fileno(), self._answered)
         return self._over
 
     def rank(self, asked: Asked) -> None:
@@ -96,52 +93,47 @@ class Rankings:
         self.number += 1
         self.held, self._comparing = False, None
         self._asked, self._ranked = asked, None
-        self._worker.ask(Rank(**vars(asked), number=self.number))
+        self.worker.ask("rank", asked, self.number)
 
-    def choose(self, name: str) -> None:
-        """Show a candidate over time."""
-        self._connections.forget("detail")
-        self._worker.ask(name)
-
-    def hold(self, asked: Hold) -> None:
-        """Sketch what a hand moves."""
+    def hold(self, move: Move, number: int) -> None:
+        """Sketch what a hand moves; the sketch carries the number."""
         self.held, self._comparing = True, None
-        self._worker.ask(asked)
+        self.worker.ask("hold", move, number)
 
     def take_as_saved(self) -> None:
         """Take the ranking that is shown as that of the saved file too, if it is."""
-        if self._ranked == self._saved():
+        if self._ranked == self.saved():
             self._of_saved, self._comparing = self._ranked, None
-            text = self._connections.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
-            self._connections.post("saved-ranking", text)
+            text = self.connections.kept["ranking"].replace('"ranking"', '"saved-ranking"', 1)
+            self.connections.post("saved-ranking", text)
 
     def _answered(self) -> None:
         try:
-            text = self._worker.pipe.recv()
+            text = self.worker.pipe.recv()
         except (EOFError, OSError):
-            asyncio.get_running_loop().remove_reader(self._worker.pipe.fileno())
+            asyncio.get_running_loop().remove_reader(self.worker.pipe.fileno())
             message = "the process that computes was killed; is there enough memory?"
             assert self._over is not None  # noqa: S101 - it listens
             self._over.set_exception(bad_input("worker-died", message))
             return
         do = kind_of(text)
         if do in ("sketch", "held", "progress"):
-            self._connections.tell(text, passing=do == "progress")
+            self.connections.tell(text, passing=do == "progress")
             return
         answer = json.loads(text)
         if answer.get("number", self.number) not in (None, self.number):
             return  # of an earlier question
-        if do == "saved-ranking" and self._comparing != self._saved():
+        if do == "saved-ranking" and self._comparing != self.saved():
             return  # of a file that was saved again meanwhile
-        before = self._connections.kept.get("cell")
-        self._connections.post(do, text)
+        before = self.connections.kept.get("cell")
+        self.connections.post(do, text)
         if do == "cell" and before is not None and answer["model"] is None:
             # A new browser is told the shapes too, which the others have already.
-            self._connections.kept["cell"] = json.dumps({**answer, "model": json.loads(before)["model"]})
+            self.connections.kept["cell"] = json.dumps({**answer, "model": json.loads(before)["model"]})
         if do == "ranking":
             self._ranked = self._asked
-            self._connections.forget("problems")
-            self._named([entry["name"] for entry in answer["entries"]])
+            self.connections.forget("problems")
+            self.named([entry["name"] for entry in answer["entries"]])
             self.take_as_saved()
         elif do == "saved-ranking":
             self._of_saved = self._comparing
@@ -149,7 +141,7 @@ class Rankings:
             # There is nothing else to do: rank the saved file as well, if that is not known. Otherwise what is shown
             # over time is of before, and this would end what was asked for since.
             give_back_memory()
-            saved = self._saved()
+            saved = self.saved()
             if saved not in (self._asked, self._of_saved, self._comparing):
                 self._comparing = saved
-                self._worker.ask(Rank(**vars(saved), number=self.number, of_saved=True))
+                self.worker.ask("compare", saved, self.number)

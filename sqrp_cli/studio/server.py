@@ -12,10 +12,12 @@ import secrets
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import field
 from http import HTTPStatus
 from typing import Any
 
 from sqrp_cli.errors import bad_option, needed
+from sqrp_cli.records import dataclass
 
 HOST = "127.0.0.1"  # no other machine reaches it
 CLOSE_TIMEOUT = 1.0  # a browser that does not answer the end of a connection for so long [s] is left alone
@@ -29,12 +31,15 @@ MOST_AT_ONCE, MOST_PER_SECOND = 200, 100.0
 Tell = Callable[[str], None]
 
 
+@dataclass(eq=False)
 class _Browser:
     """A connection, and what waits to be sent."""
 
-    def __init__(self, connection: Any) -> None:  # noqa: ANN401 - of websockets
-        self._connection, self.waiting, self._size = connection, asyncio.Queue[str | None](), 0
-        self._heard, self._since = 0.0, time.monotonic()
+    connection: Any  # of websockets
+    waiting: asyncio.Queue[str | None] = field(default_factory=asyncio.Queue)
+    _size: int = 0  # of what waits
+    _heard: float = 0.0  # messages above what is heard for long, at `_since`
+    _since: float = field(default_factory=lambda: time.monotonic())
 
     def tell(self, text: str, *, passing: bool = False) -> None:
         """Send a message, see `Connections.tell`."""
@@ -43,7 +48,7 @@ class _Browser:
         self._size += len(text)
         self.waiting.put_nowait(text)
         if self._size > MOST_UNREAD:
-            self._connection.transport.abort()
+            self.connection.transport.abort()
 
     async def send(self) -> None:
         """Send what waits, until it is to be closed."""
@@ -51,9 +56,9 @@ class _Browser:
 
         with suppress(ConnectionClosed):
             while (text := await self.waiting.get()) is not None:
-                await self._connection.send(text)
+                await self.connection.send(text)
                 self._size -= len(text)
-            await self._connection.close(1001, "the studio was closed")
+            await self.connection.close(1001, "the studio was closed")
 
     async def pause(self) -> None:
         """Wait while it has sent more than is heard."""
@@ -63,28 +68,18 @@ class _Browser:
         await asyncio.sleep(max(0.0, self._heard - MOST_AT_ONCE) / MOST_PER_SECOND)
 
 
+@dataclass(eq=False)
 class Connections:
     """The connections of all browsers, and where they connect to."""
 
-    def __init__(self, heard: Callable[[str, Tell], Awaitable[None]]) -> None:
-        """heard: called with each message and how to answer it alone."""
-        self._heard = heard
-        self.kept: dict[str, str] = {}  # the messages that a new browser gets, by kind, in order
-        self._token = secrets.token_urlsafe(24)
-        self._browsers: set[_Browser] = set()
-        self.page = ""  # what the address shows
-        self._port = 0
-        self._server: Any = None
-
-    @property
-    def address(self) -> str:
-        """Of the page, with its token."""
-        return f"http://{HOST}:{self._port}/{self._token}/"
-
-    @property
-    def socket(self) -> str:
-        """Where the page connects to."""
-        return f"ws://{HOST}:{self._port}"
+    heard: Callable[[str, Tell], Awaitable[None]]  # called with each message and how to answer it alone
+    kept: dict[str, str] = field(default_factory=dict)  # the messages that a new browser gets, by kind, in order
+    page: str = ""  # what the address shows
+    address: str = ""  # of the page, with its token, once it is open
+    socket: str = ""  # where the page connects to
+    _token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    _browsers: set[_Browser] = field(default_factory=set)
+    _server: Any = None
 
     async def open(self, port: int) -> None:
         """Listen. port: 0 for one that is free. Raises InputError for a port that is not."""
@@ -104,7 +99,8 @@ class Connections:
         except OSError as error:
             message = f"port {port} cannot be used: {error.strerror}"
             raise bad_option(message, mend="leave out --port: one that is free is taken") from None
-        self._port = next(iter(self._server.sockets)).getsockname()[1]
+        own = f"{HOST}:{next(iter(self._server.sockets)).getsockname()[1]}"
+        self.address, self.socket = f"http://{own}/{self._token}/", f"ws://{own}"
 
     async def close(self) -> None:
         """Close all connections."""
@@ -134,7 +130,7 @@ class Connections:
         from websockets.datastructures import Headers
         from websockets.http11 import Response
 
-        headers, own = request.headers, f"{HOST}:{self._port}"
+        headers, own = request.headers, self.socket.removeprefix("ws://")
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         path = request.path.encode()
         live = hmac.compare_digest(path, f"/{self._token}/live".encode())
@@ -168,7 +164,7 @@ class Connections:
             async for message in connection:
                 await browser.pause()
                 if isinstance(message, str):
-                    await self._heard(message, browser.tell)
+                    await self.heard(message, browser.tell)
         except ConnectionClosed:
             pass
         finally:

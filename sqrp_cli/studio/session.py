@@ -20,17 +20,20 @@ from sqrp_cli.files.input_file import YAML_ENDINGS, read_input
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import changed_values, from_here, patch, with_values
 from sqrp_cli.files.yaml_file import MAX_BYTES
+from sqrp_cli.show.pages.assembly import assembled, asset
 from sqrp_cli.studio.jobs import Jobs, play, search, write
-from sqrp_cli.studio.messages import Asked, Hold, findings, handles, message, parameters, read_request, studio_page
+from sqrp_cli.studio.messages import Asked, findings, handles, message, read_request
 from sqrp_cli.studio.moves import Draft, DraftChange, written
 from sqrp_cli.studio.rankings import Rankings, WorkerProcess
 from sqrp_cli.studio.server import Connections, Tell
+from sqrp_cli.task.task import in_words, read_task
 
 if TYPE_CHECKING:
     from sqrp_cli.study.result import Criterion
 
 LOOK_EVERY = 0.4  # how often files are looked at for changes of others [s]
 LINES_SHOWN = 50  # how many of the last commands are shown
+SCRIPTS = ("gizmo", "fields", "runs", "studio")  # the page's own scripts, each after those that it needs
 
 
 class Studio:
@@ -60,17 +63,26 @@ class Studio:
     # What browsers are told
 
     def _tell_state(self) -> None:
-        draft, workspace = self._draft, self._workspace
+        draft, workspace, task = self._draft, self._workspace, self._task
+        skill = workspace.skills.get(task.split()[0].lower()) if task.split() else None
+        parameters = [] if skill is None else [
+            {
+                "name": one.name,
+                "values": [in_words(skill, {one.name: value})[one.name].replace(" ", "") for value in one.values],
+                "words": [word for kind in one.kinds for word in kind.words],
+            }
+            for one in skill.motion_parameters
+        ]  # fmt: skip
         told = message(
             "state",
             workspace=workspace.name,
             path=str(self._given),
             file=str(draft.path),
-            task=self._task,
+            task=task,
             by=self._by,
             tasks=[one.task for one in workspace.tasks],
             skills=list(workspace.skills),
-            parameters=parameters(workspace, self._task),
+            parameters=parameters,  # of the task's skill, with the words that they may have instead of a value
             chosen=self._chosen,
             number=self._rankings.number,
             dirty=draft.dirty,
@@ -104,8 +116,15 @@ class Studio:
         """
         await self.connections.open(port)
         over = self._rankings.listen()
-        self._rank()  # meanwhile the page is put together
-        self.connections.page = studio_page(f"{self._workspace.name}: studio", self.connections.socket)
+        self._rankings.rank(self._asked(saved=False))  # meanwhile the page is put together
+        self.connections.page = assembled(
+            f"{self._workspace.name}: studio",
+            "\n".join(asset(f"{name}.js", "sqrp_cli.studio") for name in SCRIPTS),
+            data={},
+            style=asset("studio.css", "sqrp_cli.studio"),
+            further=asset("studio.html", "sqrp_cli.studio"),
+            policy=f"; connect-src {self.connections.socket}; img-src data:; base-uri 'none'; form-action 'none'",
+        )
         ready(self.connections.address)
         self._stamps = self._stamped()
         self._tell_state()
@@ -123,9 +142,6 @@ class Studio:
     def _asked(self, *, saved: bool = True) -> Asked:
         """What the text is ranked for; saved: that of the file, to compare."""
         return Asked(self._draft.saved if saved else self._draft.content, self._task, self._by)
-
-    def _rank(self) -> None:
-        self._rankings.rank(self._asked(saved=False))
 
     def _named(self, names: Sequence[str]) -> None:
         """The candidates of a new ranking."""
@@ -148,31 +164,31 @@ class Studio:
         match asked.do:
             case "hold":
                 self.connections.tell(message("move", move=asked.move))
-                self._rankings.hold(Hold(asked.move, asked.number))
-            case "put":
+                self._rankings.hold(asked.move, asked.number)
+            case "put" | "rest":
                 try:
-                    label = asked.move.in_words(handles(self._workspace)[asked.move.kind].get(asked.move.name))
-                    self._edit(label, lambda document: written(document, self._workspace, asked.move))
+                    if asked.do == "put":
+                        label = asked.move.in_words(handles(self._workspace)[asked.move.kind].get(asked.move.name))
+                        self._edit(label, lambda document: written(document, self._workspace, asked.move))
                 finally:
-                    self._rest()
-            case "rest":
-                self._rest()
+                    if self._rankings.held:  # nothing was changed: rank again what the hand has interrupted
+                        self._rankings.rank(self._asked(saved=False))
+                        self._tell_state()
             case "set":
                 label = f"{asked.path} = {asked.value}"
                 self._edit(label, lambda document: with_values(document, {asked.path: asked.value}))
             case "undo" | "redo":
                 self._step(back=asked.do == "undo")
             case "task":
-                from sqrp_cli.task.task import read_task
-
                 read_task(asked.text, self._workspace)
                 self._task, self._by = asked.text, asked.by
-                self._rank()
+                self._rankings.rank(self._asked(saved=False))
                 order = ["--by", self._by] if self._by != "q_eoi" else []
                 self._note("task", self._command("rank", self._task, *order))
             case "choose":
                 self._chosen = asked.name
-                self._rankings.choose(asked.name)
+                self.connections.forget("detail")
+                self._rankings.worker.ask("show", asked.name)
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
             case "advise" | "place":
                 self._searched, chosen = self._draft.content, self._chosen or "best"
@@ -235,13 +251,8 @@ class Studio:
             raise bad_input("changed-meanwhile", changed, mend="ask for advice or places again")
         words, line, content = offers[number - 1]
         self._edit(words, lambda _: content, self._command(*line))
-        self.under_way.forget_offers()
-
-    def _rest(self) -> None:
-        """Nothing is held any more: rank again what a hand has interrupted without changing anything."""
-        if self._rankings.held:
-            self._rank()
-            self._tell_state()
+        self.under_way.offers = ()
+        self.connections.forget("offers")
 
     def _go_on(self, draft: Draft) -> None:
         """Take over another text, and rank in its cell. Raises InputError where it is no workspace."""
@@ -249,7 +260,7 @@ class Studio:
         if opened.errors:
             raise InputError(*opened.errors)
         self._draft, self._workspace = draft, opened.workspace
-        self._rank()
+        self._rankings.rank(self._asked(saved=False))
 
     def _step(self, *, back: bool) -> None:
         """Take back a change, or make it again."""

@@ -17,7 +17,6 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explanation import Verdict
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.blind_spans import by_name
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
@@ -26,6 +25,8 @@ from sqrp_cli.study.timeline import PlannedMotion, SampledScene, Timeline
 from sqrp_cli.study.whole_study import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
+
+_COLUMNS = ("cause", "by", "figure", "visible")  # of verdicts, each with a column for every camera
 
 Matrix = tuple[tuple[BoxVerdicts, ...], ...]  # per target and box, the verdicts of cameras
 
@@ -70,46 +71,34 @@ class Sketch(SampledScene):
 
     @cached_property
     def matrix(self) -> Matrix:
-        """The verdicts of all cameras."""
-        return self._looked(self.cell.observer)
-
-    def _looked(self, observer: Observer) -> Matrix:
-        return observer.verdicts(self.scene.targets, self.states, shares=False)
-
-    @cached_property
-    def shown(self) -> CoverageShown:
-        """What the cameras of its own cell see."""
-        return self._shown(self.cell, self.matrix)
+        """The verdicts of all cameras of its own cell."""
+        return self.cell.observer.verdicts(self.scene.targets, self.states, shares=False)
 
     def seen_by(self, cell: Cell, camera: str | None = None) -> CoverageShown:
         """What the cameras of a cell see. camera: the only one that is not as in the sketch's own cell."""
-        if camera is None:
-            return self._shown(cell, self._looked(cell.observer))
-        index = [one.name for one in cell.observer.cameras].index(camera)
-        alone = self._looked(replace(cell.observer, cameras=(cell.observer.cameras[index],)))
-
-        def merged(box: BoxVerdicts, new: BoxVerdicts) -> BoxVerdicts:
-            columns = {name: getattr(box, name).copy() for name in ("cause", "by", "figure", "visible")}
-            for name, column in columns.items():
-                column[:, index] = getattr(new, name)[:, 0]
-            return BoxVerdicts(**columns)
-
-        matrix = [tuple(map(merged, *both)) for both in zip(self.matrix, alone, strict=True)]
-        return self._shown(cell, tuple(matrix))
-
-    def _shown(self, cell: Cell, matrix: Matrix) -> CoverageShown:
-        responses = np.array([camera.response for camera in cell.observer.cameras])
-        observation = observation_of(matrix, responses, self.scene.targets, self.required)
+        cameras, targets = cell.observer.cameras, self.scene.targets
+        names = [one.name for one in cameras]
+        matrix = self.matrix
+        if camera is not None:
+            at, merged = np.array(names) == camera, list[list[BoxVerdicts]]()
+            observer = replace(cell.observer, cameras=(cameras[names.index(camera)],))
+            for boxes, alone in zip(matrix, observer.verdicts(targets, self.states, shares=False), strict=True):
+                merged.append([])
+                for box, new in zip(boxes, alone, strict=True):
+                    columns = {name: np.where(at, getattr(new, name), getattr(box, name)) for name in _COLUMNS}
+                    merged[-1].append(BoxVerdicts(**columns))
+            matrix = tuple(map(tuple, merged))
+        elif cell is not self.cell:
+            matrix = cell.observer.verdicts(targets, self.states, shares=False)
+        responses = np.array([one.response for one in cameras])
+        observation = observation_of(matrix, responses, targets, self.required)
         timeline = Timeline(self.scene, self.samples, observation)
         table: dict[Verdict, int] = {}
-        names = [camera.name for camera in cell.observer.cameras]
-        atoms = {
-            str(target.atom): AtomShown(
-                covered=_where(observation.covered[:, column], self.required[:, column]),
-                cameras=dict(zip(names, _rows(cell, boxes, [b.name for b in target.boxes], table), strict=True)),
-            )
-            for column, (target, boxes) in enumerate(zip(self.scene.targets, matrix, strict=True))
-        }
+        atoms = {}
+        for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
+            covered = _where(observation.covered[:, column], self.required[:, column])
+            rows = _rows(cell, boxes, [box.name for box in target.boxes], table)
+            atoms[str(target.atom)] = AtomShown(covered=covered, cameras=dict(zip(names, rows, strict=True)))
         qualities, lost = qualities_over(timeline), observation.blind
         return CoverageShown(
             t=self.samples.t.tolist(),

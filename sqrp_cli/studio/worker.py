@@ -9,7 +9,8 @@ import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import field, replace
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from sqrp_cli.geometry import matrix_to_quaternion
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.memory import give_back_memory, keep_all_so_far
 from sqrp_cli.platform.processes import Worker, WorkerDied, forked
+from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.log import Track
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import row
@@ -32,8 +34,8 @@ from sqrp_cli.show.pages.candidate_page import candidate_rows, played, scene_mod
 from sqrp_cli.show.pages.run_page import track_shown
 from sqrp_cli.show.sentences import summary
 from sqrp_cli.sight.sight_memory import Seen, SightMemory
-from sqrp_cli.studio.messages import Hold, Question, Rank, findings, message
-from sqrp_cli.studio.moves import moved
+from sqrp_cli.studio.messages import Asked, Question, findings, message
+from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
 from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.find import Plans, WantedWay
@@ -51,23 +53,25 @@ _Answer = tuple[CandidateResult, Sequence[Seen]]
 """Of a process that assesses a candidate, with what it learnt of what cameras see."""
 
 
+@dataclass(eq=False)
 class RankingRun:
     """A ranking under way."""
 
-    def __init__(self, asked: Rank, session: Session, jobs: int, memory: SightMemory) -> None:
-        """jobs: processes at most. memory: of the session's cell; what the processes learn is added to it."""
-        self.asked, self.session, self._memory = asked, session, memory
-        candidates = session.task.candidates
-        memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
-        self._left, self.found = deque(range(len(candidates))), dict[int, CandidateResult]()
-        workers = [
-            Worker(forked(), _assessor, session.assignment, candidates, memory)
-            for _ in range(min(jobs, len(candidates)))
-        ]
-        self.workers: dict[Worker[int, _Answer], int | None] = dict.fromkeys(workers)
-        """The candidate that each computes; None if it computes none."""
-        for worker in workers:
-            self._hand_out(worker)
+    asked: Asked
+    number: int  # of the question; answers carry it
+    of_saved: bool  # whether only figures are wanted, to compare others with
+    session: Session
+    memory: SightMemory  # of the session's cell; what the processes learn is added to it
+    left: deque[int]  # the candidates that no process has begun with
+    found: dict[int, CandidateResult] = field(default_factory=dict)
+    workers: dict[Worker[int, _Answer], int | None] = field(default_factory=dict)
+    """The candidate that each computes; None if it computes none."""
+
+    def hand_out(self, worker: Worker[int, _Answer]) -> None:
+        """Give a process the next candidate, if one is left."""
+        self.workers[worker] = index = self.left.popleft() if self.left else None
+        if index is not None:
+            worker.send(index)
 
     def take(self, worker: Worker[int, _Answer]) -> None:
         """Take the answer of a busy process. Raises InputError where it was killed."""
@@ -81,29 +85,27 @@ class RankingRun:
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
         self.found[index] = replace(assessment, candidate=candidate, best_way=way)
         for seen in learnt:
-            self._memory.take(seen)
-        self._hand_out(worker)
-
-    def end(self) -> None:
-        """End all processes at once."""
-        for worker in self.workers:
-            worker.kill()
-
-    def _hand_out(self, worker: Worker[int, _Answer]) -> None:
-        self.workers[worker] = index = self._left.popleft() if self._left else None
-        if index is not None:
-            worker.send(index)
+            self.memory.take(seen)
+        self.hand_out(worker)
 
 
-def _assessor(assignment: RankJob, candidates: Sequence[Candidate], memory: SightMemory) -> Callable[[int], _Answer]:
+def _nicely(work: Callable[[Any], Any], *about: object) -> Callable[[Any], Any]:
+    """What a process that takes longer answers with, after others: `work` of what it is about and of a message."""
     os.nice(LOWER_PRIORITY)
     os.nice(LOWER_PRIORITY)
+    return partial(work, *about)
 
-    def assess(index: int) -> _Answer:
-        memory.learnt.clear()
-        return assignment.assess(candidates[index]), memory.learnt
 
-    return assess
+def _assess(assignment: RankJob, candidates: Sequence[Candidate], memory: SightMemory, index: int) -> _Answer:
+    memory.learnt.clear()
+    return assignment.assess(candidates[index]), memory.learnt
+
+
+def _explain(assignment: RankJob, ranked: CandidateResult, name: str) -> str:
+    """The message that shows a candidate over time."""
+    explained = assignment.explain(ranked)
+    detail = played(assignment, explained, brief=True) if ranked.feasible else None
+    return message("detail", name=name, detail=detail)
 
 
 def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
@@ -123,89 +125,94 @@ def serve(pipe: Connection, path: Path, seed: int, jobs: int) -> None:
     serving.drop()
 
 
+@dataclass(eq=False)
 class _Worker:
-    def __init__(self, pipe: Connection, path: Path, seed: int, jobs: int) -> None:
-        self._pipe, self._path, self._seed, self._jobs = pipe, path, seed, jobs
-        self._cell: Cell | None = None
-        self._kin: object = None
-        self._memory = SightMemory()
-        self._model: Mapping[str, object] | None = None
-        self._task: tuple[str, Session] | None = None
-        """The last task with plans, as it was asked for; None once anything but cameras has changed."""
-        self._run: RankingRun | None = None
-        self._ranking: list[CandidateResult] = []
-        self._session: Session | None = None
-        self._chosen = ""
-        self._explaining: Worker[str, str] | None = None
-        self._sketches: dict[str, tuple[list[Sketch], CoverageShown]] = {}  # of the chosen candidate, by its name
+    """What is computed now, and what is known of the cell and of its last ranking."""
+
+    pipe: Connection
+    path: Path
+    seed: int
+    jobs: int
+    run: RankingRun | None = None
+    explaining: Worker[str, str] | None = None
+    _cell: Cell | None = None
+    _kin: object = None  # what decides motions and requirements: equal for cells that differ in their cameras only
+    _memory: SightMemory = field(default_factory=SightMemory)
+    _model: Mapping[str, object] | None = None
+    _task: tuple[str, Session] | None = None
+    """The last task with plans, as it was asked for; None once anything but cameras has changed."""
+    _ranking: list[CandidateResult] = field(default_factory=list)
+    _session: Session | None = None
+    _chosen: str = ""
+    _sketches: dict[str, tuple[list[Sketch], CoverageShown]] = field(default_factory=dict)
+    """Of the chosen candidate, by its name."""
 
     def say(self, do: str, **fields: object) -> None:
         """Send an answer."""
-        self._pipe.send(message(do, **fields))
+        self.pipe.send(message(do, **fields))
 
     def drop(self) -> None:
         """End what is computed."""
-        if self._run is not None:
-            self._run.end()
-        if self._explaining is not None:
-            self._explaining.kill()
-        self._run = self._explaining = None
+        for worker in () if self.run is None else self.run.workers:
+            worker.kill()
+        if self.explaining is not None:
+            self.explaining.kill()
+        self.run = self.explaining = None
 
     def work(self) -> None:
         """Wait for something to happen, and see to it."""
-        computing = {} if self._run is None else self._run.workers
+        computing = {} if self.run is None else self.run.workers
         workers = [worker for worker, index in computing.items() if index is not None]
-        others: list[Worker[Any, Any]] = [*workers, *([] if self._explaining is None else [self._explaining])]
-        ready = wait([self._pipe, *(worker.pipe for worker in others)])
-        if self._pipe in ready:
-            question = self._pipe.recv()
-            while isinstance(question, Hold) and self._pipe.poll():  # only the newest counts
-                question = self._pipe.recv()
+        others: list[Worker[Any, Any]] = [*workers, *([] if self.explaining is None else [self.explaining])]
+        ready = wait([self.pipe, *(worker.pipe for worker in others)])
+        if self.pipe in ready:
+            question = self.pipe.recv()
+            while question[0] == "hold" and self.pipe.poll():  # only the newest counts
+                question = self.pipe.recv()
             self._answer(question)
             return
         for worker in workers:
-            if worker.pipe in ready and self._run is not None:
-                run = self._run
+            if worker.pipe in ready and (run := self.run) is not None:
                 run.take(worker)
                 done, count = len(run.found), len(run.session.task.candidates)
                 if done == count:
-                    run.end()
-                    self._run = None
+                    for idle in run.workers:
+                        idle.kill()
+                    self.run = None
                     self._ranked(run)
-                elif not run.asked.of_saved:
-                    self.say("progress", done=done, of=count, number=run.asked.number)
-        if (explaining := self._explaining) is not None and explaining.pipe in ready:
-            self._explaining = None
+                elif not run.of_saved:
+                    self.say("progress", done=done, of=count, number=run.number)
+        if (explaining := self.explaining) is not None and explaining.pipe in ready:
+            self.explaining = None
             detail = explaining.receive()
             explaining.close()
-            self._pipe.send(detail)
-            if self._chosen and not self._pipe.poll():
+            self.pipe.send(detail)
+            if self._chosen and not self.pipe.poll():
                 self._base()  # so that a hand need not wait for it
                 give_back_memory()  # nor for this: cells that are no longer shown refer to themselves
 
     def _answer(self, question: Question) -> None:
-        number = getattr(question, "number", None)
+        kind, about, *number = question
         try:
-            match question:
-                case Rank():
-                    self._begin(question)
-                case Hold():
-                    self._sketch(question)
-                case str(name):
-                    self._chosen = name
-                    self._explain()
-        except InputError as error:
-            if isinstance(question, Hold):  # refused once it is put down
-                self.say("held", number=number)
+            if kind == "hold":
+                self._sketch(about, *number)
+            elif kind == "show":
+                self._chosen = about
+                self._explain()
             else:
-                self.say("problems", number=number, problems=findings(error.problems))
+                self._begin(about, *number, of_saved=kind == "compare")
+        except InputError as error:
+            if kind == "hold":  # refused once it is put down
+                self.say("held", number=number[0])
+            else:
+                self.say("problems", number=number[0] if number else None, problems=findings(error.problems))
 
     # A ranking
 
-    def _begin(self, asked: Rank) -> None:
+    def _begin(self, asked: Asked, number: int, *, of_saved: bool) -> None:
         """Rank in the cell of a text; what depends on no camera is reused."""
         self.drop()
-        cell, wanted = self._read(asked), WantedWay(asked.by)
+        cell, wanted = self._read(asked.content, number, of_saved=of_saved), WantedWay(asked.by)
         if self._task is not None and self._task[0] == asked.task:
             before = self._task[1]
             session = Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
@@ -216,20 +223,24 @@ class _Worker:
             if keeps:
                 self._task = asked.task, session
         keep_all_so_far()
-        plans = session.assignment.plans
-        for candidate in session.task.candidates:
-            if plans is None or self._pipe.poll():
+        plans, candidates, memory = session.assignment.plans, session.task.candidates, self._memory
+        for candidate in candidates:
+            if plans is None or self.pipe.poll():
                 break  # plans are made where they are needed
             if not candidate.steps:
                 plans.of(session.cell, candidate, session.assignment.world, fastest=False)
-        self._run = RankingRun(asked, session, self._jobs, self._memory)
+        memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
+        self.run = run = RankingRun(asked, number, of_saved, session, memory, deque(range(len(candidates))))
+        for _ in range(min(self.jobs, len(candidates))):
+            run.workers[Worker(forked(), _nicely, _assess, session.assignment, candidates, memory)] = None
+        for worker in run.workers:
+            run.hand_out(worker)
 
-    def _read(self, asked: Rank) -> Cell:
+    def _read(self, content: bytes, number: int, *, of_saved: bool) -> Cell:
         """The cell of a text, of which browsers are told; only its cameras are new if nothing else is."""
-        opened = OpenCell.read(self._path, self._seed, asked.content)
+        opened = OpenCell.read(self.path, self.seed, content)
         if opened.errors:
             raise InputError(*opened.errors)
-        # What decides motions and requirements: equal for workspaces that differ in their cameras only.
         workspace, model = opened.workspace, self._model
         values = {path: value for path, value in workspace.values.items() if not path.startswith("cameras.")}
         others = [one for one in workspace.files.items() if one[0] != "workspace" and not one[0].startswith("cameras.")]
@@ -239,14 +250,14 @@ class _Worker:
         else:
             self._memory, self._task, model = SightMemory(), None, None
             cell = replace(opened.cell, observer=replace(opened.cell.observer, memory=self._memory))
-            if asked.of_saved:
+            if of_saved:
                 self._model = None  # of another cell, which browsers have
         self._cell, self._kin = cell, kin
-        if not asked.of_saved:
+        if not of_saved:
             model = scene_model(cell) if model is None else model
             new = None if model == self._model else model  # browsers have it
             self._model = model
-            self.say("cell", scene=ShowDocument.of(cell), model=new, number=asked.number)
+            self.say("cell", scene=ShowDocument.of(cell), model=new, number=number)
             self._sketches.clear()
         return cell
 
@@ -255,8 +266,8 @@ class _Worker:
         ranking = [*map(described, rank(found, run.asked.by))]
         details = ["" if one.feasible else None for one in ranking]
         rows = [row(one) for one in candidate_rows(ranking, details)]
-        fields = {"task": run.asked.task, "by": run.asked.by, "number": run.asked.number, "entries": rows}
-        if run.asked.of_saved:
+        fields = {"task": run.asked.task, "by": run.asked.by, "number": run.number, "entries": rows}
+        if run.of_saved:
             self.say("saved-ranking", **fields)
             return
         self._ranking, self._session = ranking, run.session
@@ -275,52 +286,50 @@ class _Worker:
         chosen = self._find(self._chosen)
         if chosen is None or self._session is None:
             return
-        if self._explaining is not None:
-            self._explaining.kill()
-        self._explaining = Worker(forked(), _explainer, self._session.assignment, chosen)
-        self._explaining.send(self._chosen)
+        if self.explaining is not None:
+            self.explaining.kill()
+        self.explaining = Worker(forked(), _nicely, _explain, self._session.assignment, chosen)
+        self.explaining.send(self._chosen)
 
     def _base(self) -> tuple[list[Sketch], CoverageShown] | None:
         """The chosen candidate's motions, and what is seen of them in the cell as it is written."""
         chosen = self._find(self._chosen)
         if self._chosen not in self._sketches and self._session is not None and chosen is not None and chosen.feasible:
             found = sketches_of(self._session.cell, chosen)
-            self._sketches = {self._chosen: (found, joined(found, [one.shown for one in found]))} if found else {}
+            self._sketches = (
+                {self._chosen: (found, joined(found, [one.seen_by(one.cell) for one in found]))} if found else {}
+            )
         return self._sketches.get(self._chosen)
 
-    def _sketch(self, asked: Hold) -> None:
+    def _sketch(self, move: Move, number: int) -> None:
         """Answer what the chosen candidate would be with something elsewhere."""
         self.drop()
         session, base = self._session, self._base()
-        if session is None or base is None or (asked.move.kind != "camera" and len(base[0]) > 1):
-            self.say("held", number=asked.number)
+        if session is None or base is None or (move.kind != "camera" and len(base[0]) > 1):
+            self.say("held", number=number)
             return
-        workspace, (sketches, shown) = moved(session.cell.workspace, asked.move), base
+        workspace, (sketches, shown) = moved(session.cell.workspace, move), base
         was = {"q_eoi": shown.q_eoi, "q_avg": shown.q_avg}  # as the cell is, at the same instants
-        if asked.move.kind == "camera":
+        if move.kind == "camera":
             cell = session.cell.seen_by(workspace)
-            seen = joined(sketches, [one.seen_by(cell, asked.move.name) for one in sketches])
-            self.say("sketch", name=self._chosen, seen=seen, was=was, number=asked.number)
+            seen = joined(sketches, [one.seen_by(cell, move.name) for one in sketches])
+            self.say("sketch", name=self._chosen, seen=seen, was=was, number=number)
             return
-        cell = Cell.load(workspace, self._seed)
+        cell = Cell.load(workspace, self.seed)
         found = _sketched(cell, sketches[0].scene.candidate, cell.initial_world)
         if isinstance(found, Infeasible):
-            self.say("sketch", name=self._chosen, reasons=found.reasons, number=asked.number)
+            self.say("sketch", name=self._chosen, reasons=found.reasons, number=number)
             return
-        seen, track = found.seen_by(cell), _track(found)
-        self.say("sketch", name=self._chosen, seen=seen, was=was, track=track, number=asked.number)
-
-
-def _explainer(assignment: RankJob, ranked: CandidateResult) -> Callable[[str], str]:
-    os.nice(LOWER_PRIORITY)
-    os.nice(LOWER_PRIORITY)
-
-    def explain(name: str) -> str:
-        explained = assignment.explain(ranked)
-        detail = played(assignment, explained, brief=True) if ranked.feasible else None
-        return message("detail", name=name, detail=detail)
-
-    return explain
+        # Where everything is at the instants of the sketch: poses (m, 4, 4) or (1, 4, 4), as they change.
+        stage, samples, X_WF = found.scene.stage, found.samples, found.states.X_WF
+        values, poses = [cell.model.joint_values(row) for row in stage.positions(samples)], {}
+        for name in (name for name in workspace.objects if name in X_WF):
+            X = X_WF[name]
+            moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))]).tolist()
+            poses[name] = tuple((k, (*X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3]))) for k in moves)
+        q = np.array([list(one.values()) for one in values])
+        track = track_shown(Track(samples.t, tuple(values[0]), q, tuple(stage.held(samples)), poses))
+        self.say("sketch", name=self._chosen, seen=found.seen_by(cell), was=was, track=track, number=number)
 
 
 def sketches_of(cell: Cell, assessment: CandidateResult) -> list[Sketch]:
@@ -339,16 +348,3 @@ def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
     """The motion of a way in a cell, from a world."""
     motion = feasible_motion(cell, way, world)
     return motion if isinstance(motion, Infeasible) else Sketch.of(cell, planned_motion(cell, way, world, motion))
-
-
-def _track(sketch: Sketch) -> Mapping[str, object]:
-    """Where everything is at the instants of a sketch."""
-    stage, samples, model = sketch.scene.stage, sketch.samples, sketch.cell.model
-    values, X_WF = [model.joint_values(row) for row in stage.positions(samples)], sketch.states.X_WF
-    poses = {}
-    for name in (name for name in sketch.cell.workspace.objects if name in X_WF):
-        X = X_WF[name]  # shape (m, 4, 4) or (1, 4, 4)
-        moves = np.flatnonzero(np.r_[True, np.any(X[1:] != X[:-1], axis=(1, 2))]).tolist()
-        poses[name] = tuple((k, (*X[k, :3, 3].tolist(), *matrix_to_quaternion(X[k, :3, :3]))) for k in moves)
-    q = np.array([list(one.values()) for one in values])
-    return track_shown(Track(samples.t, tuple(values[0]), q, tuple(stage.held(samples)), poses))

@@ -16,7 +16,7 @@ from websockets.asyncio.client import connect
 from sqrp_cli.errors import InputError
 from sqrp_cli.studio import jobs, rankings, server
 from sqrp_cli.studio.jobs import Jobs
-from sqrp_cli.studio.messages import Rank
+from sqrp_cli.studio.messages import Asked
 from sqrp_cli.studio.rankings import WorkerProcess
 from sqrp_cli.studio.server import MOST_AT_ONCE, MOST_PER_SECOND, MOST_UNREAD, MOST_WAITING, Connections, _Browser
 
@@ -116,7 +116,7 @@ def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
     def ask() -> None:
         worker = WorkerProcess(Path("cell"), 0, 1)
         for number in range(20):
-            worker.ask(Rank(content=b"x" * 1_000_000, task="pickup", by="q_eoi", number=number))
+            worker.ask("rank", Asked(b"x" * 1_000_000, "pickup", "q_eoi"), number)
         worker.close()
 
     assert ends(ask)

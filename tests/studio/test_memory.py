@@ -13,7 +13,7 @@ import pytest
 from sqrp_cli.ask.api.cell import open_cell
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.studio import worker
-from sqrp_cli.studio.messages import Rank
+from sqrp_cli.studio.messages import Asked
 from sqrp_cli.studio.moves import MOST_CHANGES, MOST_KEPT, Draft, DraftChange, Move, written
 from sqrp_cli.studio.worker import _Worker
 from tests.studio.conftest import TASK
@@ -38,10 +38,10 @@ class Asking:
     def rank(self, content: bytes) -> None:
         """Rank, and wait for all that follows."""
         self._told.clear()
-        self._pipe.send(Rank(content=content, task=TASK, by="q_eoi", number=0))
+        self._pipe.send(("rank", Asked(content, TASK, "q_eoi"), 0))
         while "detail" not in self._told:
             self.worker.work()
-            while self.worker._run is None and self.worker._explaining is None and "detail" not in self._told:
+            while self.worker.run is None and self.worker.explaining is None and "detail" not in self._told:
                 pass  # it is on its way
 
 

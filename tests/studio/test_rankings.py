@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.errors import InputError
-from sqrp_cli.studio.messages import Asked, Hold, Rank
+from sqrp_cli.studio.messages import Asked
 from sqrp_cli.studio.moves import Move, written
 from sqrp_cli.studio.rankings import Rankings
 from sqrp_cli.studio.server import Connections
@@ -21,7 +21,7 @@ from tests.studio.conftest import TASK
 pytestmark = pytest.mark.slow
 
 SAVED, EDITED = (Asked(content, "pickup", "q_eoi") for content in (b"saved", b"edited"))
-OF_SAVED = Rank(**vars(SAVED), number=1, of_saved=True)
+OF_SAVED = ("compare", SAVED, 1)
 
 
 class WorkerProcess:
@@ -32,7 +32,7 @@ class WorkerProcess:
         self.asked: list[object] = []
         self.saved = SAVED
 
-    def ask(self, question: object) -> None:
+    def ask(self, *question: object) -> None:
         self.asked.append(question)
 
 
@@ -61,7 +61,7 @@ def answered(worker):
 
 def test_a_timeline_of_before_does_not_end_the_ranking_that_is_under_way(worker, answered):
     answered(do="detail", name="g1", detail=None)
-    assert worker.asked == [Rank(**vars(EDITED), number=1)]
+    assert worker.asked == [("rank", EDITED, 1)]
 
 
 def test_the_saved_file_is_ranked_once_all_is_shown(worker, answered):
@@ -74,10 +74,9 @@ def test_the_saved_file_is_ranked_once_all_is_shown(worker, answered):
 def test_nothing_is_compared_while_a_hand_holds_something(worker, answered):
     rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
     move = Move(kind="camera", name="cam1", position=[0.0, 0.0, 1.0])
-    asked = Hold(move=move, number=1)
-    rankings.hold(asked)
+    rankings.hold(move, 1)
     answered(do="detail", name="g1", detail=None)
-    assert worker.asked[1:] == [asked]
+    assert worker.asked[1:] == [("hold", move, 1)]
 
 
 def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(worker, answered):
@@ -86,7 +85,7 @@ def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file
     worker.saved = EDITED
     rankings.take_as_saved()
     answered(do="saved-ranking", number=1, entries=[{"name": "before"}])
-    assert json.loads(rankings._connections.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
+    assert json.loads(rankings.connections.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
 
 
 def moved_to(file: Path, x: float) -> bytes:
@@ -106,11 +105,11 @@ def test_a_change_that_was_found_for_another_text_is_not_made(worker, cell, monk
 
     def asked(text: str) -> bytes:
         studio.obey(text)
-        return worker.asked[-1].content
+        return worker.asked[-1][1].content
 
     edited = asked('{"do": "set", "path": "cameras.cam1.rate", "value": "7 Hz"}')
     with pytest.raises(InputError, match="the cell has changed since this was found"):
         asked('{"do": "apply", "number": 1}')
-    assert worker.asked[-1].content == edited
+    assert worker.asked[-1][1].content == edited
     asked('{"do": "undo"}')
     assert asked('{"do": "apply", "number": 1}') == offered
