@@ -26,6 +26,7 @@ class Cell:
     observer: Observer
     self_contacts: SelfContacts | None
     """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
+    unchecked_pairs: NamePairs  # of links whose contact is not checked, beside neighbours
     seed: int  # seed of all random numbers in planning
 
     @classmethod
@@ -48,6 +49,7 @@ class Cell:
             collision=CollisionScene(model, objects, unchecked, workspace.padding),
             observer=Observer(tuple(workspace.cameras.values()), solids, workspace.lights),
             self_contacts=contacts,
+            unchecked_pairs=unchecked,
             seed=seed,
         )
 
@@ -55,11 +57,6 @@ class Cell:
         """The cell of a workspace that differs in its cameras only; motions stay the same."""
         observer = replace(self.observer, cameras=tuple(workspace.cameras.values()))
         return replace(self, workspace=workspace, observer=observer)
-
-    @property
-    def unchecked_pairs(self) -> NamePairs:
-        """Pairs of links whose contact is not checked, beside neighbours."""
-        return self.workspace.robot.disabled_pairs if self.self_contacts is None else self.self_contacts.unchecked
 
     @property
     def initial_world(self) -> World:
@@ -76,10 +73,6 @@ class Cell:
             X_WO={**world.X_WO, world.held: model.tool_pose(model.home) @ world.X_TO},
             joints={**world.joints, **dict(zip(model.fingers.joints, fingers.tolist(), strict=True))},
         )
-
-    def solid_name(self, index: int) -> str:
-        """The name of the observer's solid in output."""
-        return self.observer.solids[index].name
 
 
 LARGEST_LINK = 20.0

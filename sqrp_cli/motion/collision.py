@@ -16,7 +16,7 @@ import numpy as np
 
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.geometry import Array, Indices, Mask, inverse, pose, transform
+from sqrp_cli.geometry import Array, Indices, inverse, pose, transform
 from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import Mount, RobotModel, positions_of
@@ -111,7 +111,8 @@ class PlacedScene:
 
     def check_all(self, q: Array) -> tuple[Contact | None, ...]:
         """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
-        return tuple(self._contact(int(row.nonzero()[0][-1])) if row.any() else None for row in self._touching(q))
+        touching = self._kernel.touching(self.model.with_fingers(q, self.fingers), every=False)
+        return tuple(self._contact(int(row.nonzero()[0][-1])) if row.any() else None for row in touching)
 
     def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
         """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are found sooner.
@@ -119,7 +120,7 @@ class PlacedScene:
         spare: what the proof may require beyond the clearance [m]; a larger value is faster.
         """
         samples = path.positions(np.linspace(0.0, 1.0, FIRST_LOOK))
-        return not self._touching(samples).any() and self.check_path(path, spare) is None
+        return not any(self.check_all(samples)) and self.check_path(path, spare) is None
 
     def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
         """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
@@ -128,7 +129,7 @@ class PlacedScene:
         """
         share = np.linspace(0.0, 1.0, 1 + finger_steps(self.model, self.fingers, fingers, RESOLUTION))
         positions = self.fingers + share[:, None] * (fingers - self.fingers)
-        found = self._touching(np.concatenate([np.tile(q, (len(share), 1)), positions], axis=1), every=True)
+        found = self._kernel.touching(np.concatenate([np.tile(q, (len(share), 1)), positions], axis=1), every=True)
         if not found.any():
             return None
         step, k = (int(index[0]) for index in found.nonzero())
@@ -149,10 +150,6 @@ class PlacedScene:
         first, second = (self.solids[index[k]].part.parent for index in (self.outer, self.inner))
         doubt = self.doubts.get(first) or self.doubts.get(second, "")
         return Contact(first, second, s, float(self.clearance[k]), doubt)
-
-    def _touching(self, q: Array, *, every: bool = False) -> Mask:
-        """Which pairs touch at each of m joint positions, shape (m, P); only the last one of each if not `every`."""
-        return self._kernel.touching(self.model.with_fingers(q, self.fingers), every=every)
 
     @cached_property
     def _kernel(self) -> kernel.Collisions:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import cache, reduce
 from itertools import pairwise
 from typing import Literal
@@ -26,33 +25,22 @@ TRIES_PER_WAY = 250  # most straight pieces that the search for one way around m
 MOST_TRIES = 1500  # most straight pieces that all searches for one motion may check together
 
 
-@dataclass(frozen=True, order=True)
-class _Sequence:
-    """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end."""
-
-    bound: float
-    key: tuple[float, ...]
-    chosen: tuple[int, ...]
-    around: bool
-    """Whether the last move is to be a way around."""
-    spent: float
-
-
 def fastest_sequence(
     starts: Sequence[Array],
     durations: Sequence[Array],
     move_durations: Sequence[Array],
-    works: Callable[[int, int, int], bool],
-    way_works: Callable[[int, int, int], bool] | None = None,
+    works: Callable[[int, int, int, bool], bool],
+    *,
+    around: bool = False,
 ) -> tuple[int, ...] | None:
     """The branch of each section with which the whole takes the shortest time, ties by lexicographic joint values.
 
     starts, durations: where each of the k branches of a section begins, shape (k, n), and how long it takes, (k,) [s].
     move_durations: of the moves from each branch of a section to each of the next one, shape (k_i, k_i+1) [s] each.
-    works(i, previous, branch): whether a branch of section i and the move to it from one of the section before (-1 for
-    none) are feasible. It is called only for the most promising sequences, once for each argument. None when no
-    sequence works. way_works: likewise, whether there is a way around where `works` is false; in the search it counts
-    twice the time of the move that it replaces.
+    works(i, previous, branch, False): whether a branch of section i and the move to it from one of the section before
+    (-1 for none) are feasible. It is called only for the most promising sequences, once for each argument. None when no
+    sequence works. around: ask where that is false with True, whether there is a way around, which counts twice the
+    time of the move that it replaces in the search.
 
     A* search: the remaining time, infeasibility ignored, is exact by dynamic programming, so sequences are completed in
     the order of their total times.
@@ -62,40 +50,40 @@ def fastest_sequence(
         to_go[i] = to_go[i] + (move_durations[i] + to_go[i + 1]).min(axis=1, initial=np.inf)
     keys = [np.round(q, TIE_DECIMALS) for q in starts]
     known: dict[tuple[int, int, int, bool], bool] = {}
-    heap: list[tuple[_Sequence, Iterator[_Sequence]]] = []
+    # Sequences so far: a bound of the total time, joint values, the branches, whether the last move is to be a way
+    # around, and the time spent until the end; then those of which it is the first, which follow once it is taken.
+    heap: list[tuple[float, tuple[float, ...], tuple[int, ...], bool, float, _Siblings | None]] = []
 
-    def longer(chosen: tuple[int, ...], key: tuple[float, ...], begun: Array) -> Iterator[_Sequence]:
-        """One section further, the most promising first; begun: when each of its branches would begin [s]."""
+    def push(chosen: tuple[int, ...], key: tuple[float, ...], begun: Array, order: Iterator[int] | None) -> None:
+        """The next of the branches one section further; begun: when each would begin [s]; order: from the best on."""
         i = len(chosen)
-        bounds, spent = np.round(begun + to_go[i], TIE_DECIMALS), begun + durations[i]
-        for k in np.lexsort((*keys[i].T[::-1], bounds)).tolist():
-            if np.isinf(bounds[k]):
-                return
-            joints = (*key, *keys[i][k].tolist())
-            yield _Sequence(float(bounds[k]), joints, (*chosen, k), around=False, spent=float(spent[k]))
+        bounds = np.round(begun + to_go[i], TIE_DECIMALS)
+        order = iter(np.lexsort((*keys[i].T[::-1], bounds)).tolist()) if order is None else order
+        if (k := next(order, None)) is not None and not np.isinf(bounds[k]):
+            joints, spent = (*key, *keys[i][k].tolist()), float(begun[k] + durations[i][k])
+            heapq.heappush(heap, (float(bounds[k]), joints, (*chosen, k), False, spent, (chosen, key, begun, order)))
 
-    def push_next(siblings: Iterator[_Sequence]) -> None:
-        if (sequence := next(siblings, None)) is not None:
-            heapq.heappush(heap, (sequence, siblings))
-
-    push_next(longer((), (), np.zeros(len(to_go[0]))))
+    push((), (), np.zeros(len(to_go[0])), None)
     while heap:
-        sequence, siblings = heapq.heappop(heap)
-        push_next(siblings)
-        i, k = len(sequence.chosen) - 1, sequence.chosen[-1]
-        previous = sequence.chosen[-2] if i else -1
-        asked = (i, previous, k, sequence.around)
+        bound, key, chosen, is_around, spent, siblings = heapq.heappop(heap)
+        if siblings is not None:
+            push(*siblings)
+        i, k = len(chosen) - 1, chosen[-1]
+        asked = (i, chosen[-2] if i else -1, k, is_around)
         if asked not in known:
-            known[asked] = (way_works if sequence.around and way_works else works)(i, previous, k)
+            known[asked] = works(*asked)
         if known[asked]:
             if i + 1 == len(durations):
-                return sequence.chosen
-            push_next(longer(sequence.chosen, sequence.key, sequence.spent + move_durations[i][k]))
-        elif way_works is not None and i and not sequence.around:
-            again = float(move_durations[i - 1][previous, k])
-            bound = round(sequence.bound + again, TIE_DECIMALS)
-            push_next(iter([replace(sequence, bound=bound, spent=sequence.spent + again, around=True)]))
+                return chosen
+            push(chosen, key, spent + move_durations[i][k], None)
+        elif around and i and not is_around:
+            again = float(move_durations[i - 1][chosen[-2], k])
+            heapq.heappush(heap, (round(bound + again, TIE_DECIMALS), key, chosen, True, spent + again, None))
     return None
+
+
+_Siblings = tuple[tuple[int, ...], tuple[float, ...], Array, Iterator[int]]
+"""What gives the sequences that differ in the last branch: as `push` takes it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,19 +118,18 @@ class JointMoves:
             stops = pairwise((q0, home, q1) if primitive.via_home else (q0, q1))
             self.durations.append(np.asarray(sum(joint_move_duration(one, two, limits) for one, two in stops)))
 
-    def direct_works(self, i: int, previous: int, chosen: int) -> bool:
-        """Whether a way through section i and the direct move to it are free."""
-        if not self._tied_is_free(i, self._ways[i].branch(chosen)):
-            return False
-        return self._sections[i].move is None or isinstance(self._move(i, previous, chosen, "direct"), FoundMove)
+    def works(self, i: int, previous: int, chosen: int, around: bool) -> bool:
+        """Whether a way through section i and the direct move to it are free.
 
-    def way_works(self, i: int, previous: int, chosen: int) -> bool:
-        """Whether there is a way around the obstacle of that move, first by its vias; none for moves by home."""
+        around: whether there is a way around the obstacle of that move, first by its vias; none for moves by home.
+        """
+        section = self._sections[i]
         if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
-        has_vias = self._problem.primitives[self._sections[i].first - 1].vias is not None
-        hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",)
-        return any(isinstance(self._move(i, previous, chosen, how), FoundMove) for how in hows)
+        has_vias = around and self._problem.primitives[section.first - 1].vias is not None
+        hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",) if around else ("direct",)
+        found = (self._move(i, previous, chosen, how) for how in hows)
+        return (section.move is None and not around) or any(isinstance(move, FoundMove) for move in found)
 
     def along(self, chosen: Sequence[int]) -> list[FoundMove] | Infeasible:
         """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
@@ -166,15 +153,17 @@ class JointMoves:
         if how == "direct":
             stops = pairwise((q0, problem.model.home, q1) if primitive.via_home else (q0, q1))
             trajectory = reduce(Trajectory.followed_by, (joint_move(one, two, limits) for one, two in stops))
-            return self._contact(index, trajectory) or FoundMove(trajectory)
+            contact, said = self._contact(index, trajectory)
+            if contact is not None:
+                problem.note(index, said)
+            return contact or FoundMove(trajectory)
         direct = self._move(i, previous, chosen, "direct")
         obstacle = direct.second if isinstance(direct, Contact) else None
         if how == "through":
             vias = np.zeros((0, len(q0))) if primitive.vias is None else primitive.vias
             trajectory = motion_through(q0, vias, q1, limits)
-            if (contact := scene.check_path(trajectory.path)) is not None:
-                return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
-            return FoundMove(trajectory, obstacle)
+            contact, said = self._contact(index, trajectory)
+            return FoundMove(trajectory, obstacle) if contact is None else Infeasible((f"{said} with its vias",))
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
         if tries == 0 or primitive.via_home or obstacle is None:
             return None
@@ -190,7 +179,9 @@ class JointMoves:
             # Where the arm still stands at the end of the primitive before, that was checked: with the same contacts.
             stands = now.kind is not JointMove and not now.curves and k > 0
             known = stands and now.world is before.world and before.allowed <= now.allowed
-            if not known and self._contact(k, trajectory) is not None:
+            contact, said = (None, "") if known else self._contact(k, trajectory)
+            if contact is not None:
+                self._problem.note(k, said)
                 return False
             if now.fingers is not None:
                 contact = self._problem.scenes[k].check_fingers(trajectory.path.end, now.fingers.path.end)
@@ -199,14 +190,10 @@ class JointMoves:
                     return False
         return True
 
-    def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
-        """The first contact during a primitive; notes it."""
+    def _contact(self, index: int, trajectory: Trajectory) -> tuple[Contact | None, str]:
+        """The first contact during a primitive, and what touches, and when."""
         contact = self._problem.scenes[index].check_path(trajectory.path)
-        if contact is not None:
-            self._problem.note(index, self._at(index, trajectory, contact))
-        return contact
-
-    def _at(self, index: int, trajectory: Trajectory, contact: Contact) -> str:
-        """What touches, and when."""
+        if contact is None:
+            return None, ""
         share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
-        return f"{contact} at {100 * share:.0f} % of {self._problem.primitives[index].name}"
+        return contact, f"{contact} at {100 * share:.0f} % of {self._problem.primitives[index].name}"

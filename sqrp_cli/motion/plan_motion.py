@@ -226,9 +226,9 @@ class _Planner:
     ) -> Motion | Infeasible:
         """The fastest motion of the ways of finite durations; around: look for ways around, if need be."""
         starts = [through.q_start for through in ways]
-        chosen = fastest_sequence(starts, durations, moves.durations, moves.direct_works)
+        chosen = fastest_sequence(starts, durations, moves.durations, moves.works)
         if chosen is None and around:
-            chosen = fastest_sequence(starts, durations, moves.durations, moves.direct_works, moves.way_works)
+            chosen = fastest_sequence(starts, durations, moves.durations, moves.works, around=True)
         if chosen is None:
             return self._infeasible(moves.tries)
         along = moves.along(chosen)

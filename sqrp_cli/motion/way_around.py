@@ -168,19 +168,18 @@ def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajec
         whole = ((reach, JointPath(np.array([0.0, 1.0]), curve[None])) for reach, curve in curves)
         reaches.append(next((reach for reach, path in whole if scene.check_path(path) is None), 0.0))
 
-    def motion(stops: Sequence[int]) -> Trajectory:
+    stops, best = [0, *(i for i, reach in enumerate(reaches, 1) if reach == 0.0), len(corners) - 1], None
+    for corner in range(len(corners) - 1):  # with these stops, then with each further one that makes it faster
+        tried = sorted({*stops, corner})
+        if best is not None and tried == stops:
+            continue
         legs = (
-            _blended_motion(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(stops)
+            _blended_motion(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(tried)
         )
-        return reduce(Trajectory.followed_by, legs)
-
-    stops = [0, *(i for i, reach in enumerate(reaches, 1) if reach == 0.0), len(corners) - 1]
-    best = motion(stops)
-    for corner in range(1, len(corners) - 1):
-        if corner not in stops:
-            other = motion(sorted([*stops, corner]))
-            if other.duration < best.duration:
-                best, stops = other, sorted([*stops, corner])
+        motion: Trajectory = reduce(Trajectory.followed_by, legs)
+        if best is None or motion.duration < best.duration:
+            best, stops = motion, tried
+    assert best is not None  # noqa: S101 - a polyline has two corners
     return best
 
 
@@ -208,13 +207,10 @@ def _plan_polyline(
         box.setHigh(j, most)
     space.setBounds(box)
 
-    def values(state: base.State) -> Array:
-        return np.array([state[j] for j in range(n)])
-
     class Validator(base.MotionValidator):  # type: ignore[misc]
         def checkMotion(self, first: base.State, second: base.State) -> bool:
             nonlocal over
-            found = is_free(values(first) / scale, values(second) / scale)
+            found = is_free(*np.array([[state[j] for j in range(n)] for state in (first, second)]) / scale)
             over |= found is None
             return bool(found)
 
@@ -235,6 +231,6 @@ def _plan_polyline(
     planner.solve(base.PlannerTerminationCondition(lambda: over))
     if not problem.hasExactSolution():
         return None
-    corners = np.stack([values(state) for state in problem.getSolutionPath().getStates()]) / scale
+    corners = np.array([[state[j] for j in range(n)] for state in problem.getSolutionPath().getStates()]) / scale
     corners[0], corners[-1] = q0, q1
     return corners

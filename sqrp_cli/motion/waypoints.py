@@ -50,42 +50,41 @@ class WaypointGrounder:
         - offset: the other pose, moved along the axes of itself, the world or an object;
         - pose: that of the tool frame, or of a held object, in the world or relative to an object.
         """
-        if name not in self._found:
-            self._found[name] = self.X_WH if name == skill.HOME else self._pose(self.waypoints[name])
-        return self._found[name]
-
-    def number(self, setting: Setting) -> float:
-        """The value of a setting that is a number, in SI units."""
-        return number_of(setting_value(setting, self.values))
-
-    def _pose(self, waypoint: skill.Waypoint) -> Array:
+        if name == skill.HOME:
+            return self.X_WH
+        if name in self._found:
+            return self._found[name]
         number = self.number
-        match waypoint:
+        match self.waypoints[name]:
             case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
                 X_WO = self._placed(parameter)
                 X_OS = side_pose(self.objects[self.binding[parameter]].size, side_of(setting_value(side, self.values)))
-                return X_WO @ X_OS @ pose(axis_rotation(2, number(yaw)), (0, 0, number(depth)))
+                X_WT = X_WO @ X_OS @ pose(axis_rotation(2, number(yaw)), (0, 0, number(depth)))
             case skill.PutWaypoint(object=parameter, on=surface) as put:
                 X_TO, X_WB = self._held(parameter), self._placed(surface)
                 size, below = (self.objects[self.binding[name]].size for name in (parameter, surface))
                 X_BO = put_pose(size, below, number(put.along), number(put.across), number(put.yaw))
-                return X_WB @ X_BO @ inverse(X_TO)
+                X_WT = X_WB @ X_BO @ inverse(X_TO)
             case skill.RetreatWaypoint(waypoint=other, distance=distance):
-                return self.pose(other) @ pose(position=(0.0, 0.0, -number(distance)))
+                X_WT = self.pose(other) @ pose(position=(0.0, 0.0, -number(distance)))
             case skill.RaiseWaypoint(waypoint=other, distance=distance):
-                X_WT = self.pose(other)
-                return pose(position=(0.0, 0.0, number(distance))) @ X_WT
+                X_WT = pose(position=(0.0, 0.0, number(distance))) @ self.pose(other)
             case skill.TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
-                X_WT = self.pose(other)
-                return X_WT @ pose(axis_rotation(2, number(turn))) @ pose(axis_rotation(0, number(tilt)))
+                X_WT = self.pose(other) @ pose(axis_rotation(2, number(turn))) @ pose(axis_rotation(0, number(tilt)))
             case skill.OffsetWaypoint(waypoint=other, offset=offset, along=along):
                 axes = None if along == TOOL else self._placed(along)
                 X_WT = self.pose(other)
                 shift = np.array([number(part) for part in offset])
-                return pose(position=(X_WT if axes is None else axes)[:3, :3] @ shift) @ X_WT
+                X_WT = pose(position=(X_WT if axes is None else axes)[:3, :3] @ shift) @ X_WT
             case skill.PoseWaypoint(pose=stated, frame=frame, of=held):
                 of_tool = pose() if held is None else inverse(self._held(held))
-                return self._placed(frame) @ stated.matrix() @ of_tool
+                X_WT = self._placed(frame) @ stated.matrix() @ of_tool
+        self._found[name] = X_WT
+        return X_WT
+
+    def number(self, setting: Setting) -> float:
+        """The value of a setting that is a number, in SI units."""
+        return number_of(setting_value(setting, self.values))
 
     def _placed(self, frame: str) -> Array:
         """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""

@@ -70,9 +70,9 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
     """The name of a cause's culprit in output."""
     match cause:
         case Cause.HIDDEN | Cause.SAME_COLOUR:
-            return cell.solid_name(by)
+            return cell.observer.solids[by].name
         case Cause.TOO_DARK:
-            return None if by < 0 else cell.solid_name(by)
+            return None if by < 0 else cell.observer.solids[by].name
         case Cause.TOO_BRIGHT:
             return list(cell.observer.lights)[by]
         case Cause.OUT_OF_IMAGE:

@@ -29,11 +29,11 @@ def test_the_sequence_is_the_fastest_that_works_with_ties_by_joint_values(
         for chosen in range(size)
         if rng.random() < 0.4
     }
-    asked: list[tuple[int, int, int]] = []
+    asked: list[tuple[int, ...]] = []
 
     def works(*question: int) -> bool:
         asked.append(question)
-        return question not in blocked
+        return question[:3] not in blocked
 
     def total(chosen: tuple[int, ...]) -> float:
         own = sum(float(duration[k]) for duration, k in zip(durations, chosen, strict=True))

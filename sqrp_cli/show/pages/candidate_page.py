@@ -187,7 +187,7 @@ def scene_model(cell: Cell) -> Mapping[str, object]:
         surface = simplified(Triangles(solid.vertices, solid.triangles))
         vertices = np.round(surface.vertices / STEP).astype(int).reshape(-1).tolist()
         where = {
-            "name": cell.solid_name(index),
+            "name": cell.observer.solids[index].name,
             "parent": solid.part.parent,
             "color": "#{:02x}{:02x}{:02x}".format(*color),
         }

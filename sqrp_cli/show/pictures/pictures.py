@@ -127,8 +127,10 @@ def _picture(
             covered = verdicts.cause[row, index] == Cause.NONE
             outlines.append((corners, COVERED if covered else HIDDEN))
         if cause in (Cause.HIDDEN, Cause.SAME_COLOUR):
-            culprit = cell.solid_name(by)
-            colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
+            culprit = cell.observer.solids[by].name
+            colors = [
+                CULPRIT if cell.observer.solids[solid].name == culprit else color for solid, color in enumerate(colors)
+            ]
     return drawing.outlined(photographer.image(camera, colors), Projection(camera), outlines, captions)
 
 
