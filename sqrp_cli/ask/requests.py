@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.run.record.events import Listener
-    from sqrp_cli.score.cluster import Cluster
-    from sqrp_cli.score.compute import Means
+    from sqrp_cli.score.compute import Means, Workers
     from sqrp_cli.search.goal import Objective
     from sqrp_cli.study.find import TimeLimit
     from sqrp_cli.study.pipeline import RankSettings
@@ -230,13 +229,12 @@ class ScoreRequest(Request):
     progress: Progress = PROGRESS
     out: AnyPath = OUT
 
-    def means(self, seed: int, workers: Cluster | None = None) -> Means:
+    def means(self, seed: int, workers: Workers | None = None) -> Means:
         """What computes it. seed: of everything that planning draws at random."""
         from sqrp_cli.score.compute import Means
         from sqrp_cli.study.sampling import Adaptive
 
-        cluster = None if workers is None else workers.answers
-        return Means(self.sampling or Adaptive(), self.jobs, cluster, self.out, seed)
+        return Means(self.sampling or Adaptive(), self.jobs, workers, self.out, seed)
 
 
 class PlaceRequest(ScoreRequest):

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+from pydantic import PlainValidator, TypeAdapter, ValidationError
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, bad_input
@@ -30,12 +28,13 @@ from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.records import dataclass
 from sqrp_cli.score.compute import Computer
+from sqrp_cli.score.kept import Outcome
 from sqrp_cli.score.result import WORKSPACE, Change, TaskScore
 from sqrp_cli.score.score import ScoredCell
 from sqrp_cli.shown import json_line
 from sqrp_cli.study.blind_spans import Coverage
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.study.sampling import Adaptive, Sampling
 from sqrp_cli.task.grips import choice_in_words
 
 MAX_BYTES = 100_000_000  # largest baseline that is read, and written
@@ -51,28 +50,16 @@ _FOR_ALL_JOINTS = re.compile(r"robot\.limits\.\w+")
 _FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
 """Keys of a workspace file that name other files; the content of those counts, not their place."""
 
-_SAMPLINGS: Mapping[str, tuple[Callable[[str], Sampling], str]] = {
-    "Adaptive(tolerance": (lambda number: Adaptive(float(number)), "--tolerance"),
-    "FixedCount(samples": (lambda number: FixedCount(int(number)), "--samples"),
-    "FixedStep(dt": (lambda number: FixedStep(float(number)), "--dt"),
-}
-"""What makes each kind of sampling of its number, and its option, by how its text begins."""
+_SAMPLING = re.compile(
+    r"Adaptive\(tolerance=(?P<tolerance>.+)\)|FixedCount\(samples=(?P<samples>.+)\)|FixedStep\(dt=(?P<dt>.+)\)"
+)
+"""The text of a sampling, with its number by the name of its option."""
 
 
-def _sampling(value: object) -> Sampling:
-    """What `_sampling_text` wrote; a sampling stays as it is."""
-    if isinstance(value, Adaptive | FixedCount | FixedStep):
+def _sampling(value: object) -> str:
+    if isinstance(value, str) and _SAMPLING.fullmatch(value):
         return value
-    kind, _, number = str(value).removesuffix(")").partition("=")
-    with suppress(ValueError, LookupError):
-        return _SAMPLINGS[kind][0](number)
-    expected = f"expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
-    raise refused("wrong-value", f"found {describe(value)}, {expected}")
-
-
-def _sampling_text(sampling: Sampling) -> str:
-    ((name, number),) = vars(sampling).items()
-    return f"{type(sampling).__name__}({name}={json.dumps(number)})"
+    raise refused("wrong-value", f"found {describe(value)}, expected how motions were sampled, such as `{Adaptive()}`")
 
 
 def _scalar(value: object) -> LeafValue:
@@ -133,7 +120,7 @@ class Baseline(FileRecord):
     """Scores of workspaces by name."""
 
     format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
-    sampling: Annotated[Any, PlainValidator(_sampling), PlainSerializer(_sampling_text)]
+    sampling: Annotated[str, PlainValidator(_sampling)]
     """How motions were sampled, such as `Adaptive(tolerance=0.001)`."""
     workspaces: Mapping[str, WorkspaceRecord]
     fields: Mapping[str, Mapping[str, Annotated[Any, PlainValidator(_scalar)]]] = field(default_factory=dict)
@@ -163,7 +150,7 @@ class Baseline(FileRecord):
             }
             workspaces[cell.name] = WorkspaceRecord(cell.workspace.digest, files, tasks)
         kept = {digest: found for digest, found in known.items() if found}
-        return cls(sampling=computer.sampling, workspaces=workspaces, fields=kept)
+        return cls(sampling=repr(computer.means.sampling), workspaces=workspaces, fields=kept)
 
     def save(self, path: Path) -> None:
         """Write it, the same bytes for the same scores.
@@ -202,8 +189,14 @@ class Baseline(FileRecord):
             raise InputError(
                 *(replace(one, code="bad-baseline", message=none + one.message, mend=mend) for one in problems)
             ) from error
-        if baseline.sampling != sampling:
-            made, used = map(_option, (baseline.sampling, sampling))
+        if baseline.sampling != repr(sampling):
+            options = []
+            for text in (baseline.sampling, repr(sampling)):
+                match = _SAMPLING.fullmatch(text)
+                ((name, number),) = ((k, v) for k, v in (match.groupdict() if match else {}).items() if v)
+                usual = " (the default)" if text == repr(Adaptive()) else ""
+                options.append(f"--{name} {f'{100 * float(number):g}' if name == 'tolerance' else number}{usual}")
+            made, used = options
             message = f"the baseline was made with {made}, but this run samples with {used}"
             mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
             raise bad_input("other-sampling", message, Place(path), mend=mend)
@@ -241,16 +234,7 @@ class Baseline(FileRecord):
 def seen(computer: Computer, score: TaskScore, way: CandidateResult) -> Coverage | None:
     """The coverage over time of a way of doing a task; None where it is infeasible or was not computed."""
     outcome = computer.outcome(replace(score.wanted, candidate=way.way, coverage=True))
-    return None if outcome is None else outcome.coverage
-
-
-def _option(sampling: Sampling) -> str:
-    """The command-line option of a sampling."""
-    if isinstance(sampling, Adaptive):
-        usual = " (the default)" if sampling.tolerance == DEFAULT_TOLERANCE else ""
-        return f"--tolerance {100 * sampling.tolerance:g}{usual}"
-    kind, _, number = _sampling_text(sampling).removesuffix(")").partition("=")
-    return f"{_SAMPLINGS[kind][1]} {number}"
+    return outcome.coverage if isinstance(outcome, Outcome) else None
 
 
 def workspace_changes(

@@ -21,7 +21,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,12 +31,11 @@ from sqrp_cli.errors import Place, Problem, bad_input, bad_option, needed
 from sqrp_cli.files.input_file import LARGEST, read_input, read_text
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.records import dataclass
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
 
-    from sqrp_cli.score.compute import Answer, Job
+    from sqrp_cli.score.compute import Answer, Job, Workers
 
 CONNECT_TIMEOUT = 5.0  # how long to wait for the scheduler, first for its greeting, then for the connection [s]
 LOOKS = 5.0  # period of checking for workers [s]
@@ -49,53 +48,50 @@ Tls = tuple[Path, Path, Path]
 """Files that encrypt connections to a cluster: the certificate of its authority, our own, and the key of that."""
 
 
-@dataclass(frozen=True, eq=False)
-class Cluster:
-    """A connected Dask cluster."""
+def answers(
+    client: Any,  # noqa: ANN401 # of Dask's, connected to a cluster
+    jobs: Sequence[Job],
+    enough: Callable[[], bool],
+) -> Iterator[tuple[int, Answer]]:
+    """The answer to each job, by number, as they come; none of those that are not done once it is enough.
 
-    client: Any  # of Dask's, connected to it
-    workers: tuple[str, ...]  # their addresses
+    Files travel once to each worker that needs them: each is the result of its own task, which Dask passes from worker
+    to worker and repeats if a worker died. What a worker answers is read as JSON, and nothing else. Raises InputError
+    where the connection is lost.
+    """
+    from distributed import as_completed
 
-    def answers(self, jobs: Sequence[Job], enough: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
-        """The answer to each job, by number, as they come; none of those that are not done once it is enough.
+    from sqrp_cli.score.kept import program_digest
 
-        Files travel once to each worker that needs them: each is the result of its own task, which Dask passes from
-        worker to worker and repeats if a worker died. What a worker answers is read as JSON, and nothing else. Raises
-        InputError where the connection is lost.
-        """
-        from distributed import as_completed
-
-        from sqrp_cli.score.kept import program_digest
-
-        number: dict[Any, int] = {}
-        for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
-            indices = list(group)
-            contents = {
-                digest: self.client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
-                for path, digest in jobs[indices[0]].workspace.files.items()
-            }
-            packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
-            told = {"program": program_digest(), "contents": contents, "pure": False}
-            number.update(zip(self.client.map(run_packed, packed, **told), indices, strict=True))
-        for future in as_completed(list(number), loop=self.client.loop):
-            index = number[future]
-            if future.status not in ("finished", "error"):
-                message = "the connection to the cluster is lost; what is finished is kept where --out was given"
-                raise bad_input("no-cluster", message, mend="run the same command again, with --out and --resume")
-            try:
-                yield index, read_answer(future.result())
-            except Exception:  # whatever a worker answers with
-                name = jobs[index].candidate.name
-                why = f"a worker of the cluster has died of {name}, or answered with what is no result"
-                yield index, (Problem("worker-died", why),)
-            if enough():
-                self.client.cancel(list(number))
-                return
+    number: dict[Any, int] = {}
+    for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
+        indices = list(group)
+        contents = {
+            digest: client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
+            for path, digest in jobs[indices[0]].workspace.files.items()
+        }
+        packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
+        told = {"program": program_digest(), "contents": contents, "pure": False}
+        number.update(zip(client.map(run_packed, packed, **told), indices, strict=True))
+    for future in as_completed(list(number), loop=client.loop):
+        index = number[future]
+        if future.status not in ("finished", "error"):
+            message = "the connection to the cluster is lost; what is finished is kept where --out was given"
+            raise bad_input("no-cluster", message, mend="run the same command again, with --out and --resume")
+        try:
+            yield index, read_answer(future.result())
+        except Exception:  # whatever a worker answers with
+            name = jobs[index].candidate.name
+            why = f"a worker of the cluster has died of {name}, or answered with what is no result"
+            yield index, (Problem("worker-died", why),)
+        if enough():
+            client.cancel(list(number))
+            return
 
 
 @contextmanager
-def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None = None) -> Iterator[Cluster | None]:
-    """The cluster of a scheduler, given by its address or its scheduler file; None if neither is given.
+def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None = None) -> Iterator[Workers | None]:
+    """Those who do jobs on the cluster of a scheduler, which its address or its file names; None if neither is given.
 
     Its workers begin to load the program: a command that connects before loading it itself does not wait for them
     later. warn: called with a message when no workers are left, since work then waits for new ones. tls: encrypts, and
@@ -122,14 +118,13 @@ def connected(address: str | None, warn: Callable[[str], None], tls: Tls | None 
             warned = gone
 
     try:
-        workers = tuple(sorted(client.nthreads()))
-        if not workers:
+        if not client.nthreads():
             message = f"the cluster at `{address}` has no workers"
             scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
             raise bad_input("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1")
         client.run(prepare_worker, wait=False, on_error="ignore")
         threading.Thread(target=watch, daemon=True).start()
-        yield Cluster(client, workers)
+        yield partial(answers, client)
     finally:
         ended.set()
         client.close()

@@ -71,7 +71,9 @@ def compare_with(
     for one in scorecard.results:
         record = tasks.get(one.workspace, {}).get(one.task or "")
         compared.append((one, record, () if record is None else tuple(_changed_ways(record, one, allowance))))
-    explained = ((one, one.ways[way.way]) for one, _, ways in compared for way in ways if way.is_explained)
+    explained = (
+        (one, one.ways[way.way]) for one, _, ways in compared for way in ways if way.worse and not way.another_way
+    )
     look_up(explained, computer, progress)
     names = {known.get(cell.name, ""): [task.expected.task for task in cell.tasks] for cell in cells}
     unreadable = {known.get(cell.name) for cell in cells if cell.workspace is None}
@@ -137,7 +139,7 @@ def _compared(
     found = []
     for change in ways:
         before = record.ways[change.way].coverage
-        now = seen(computer, score, score.ways[change.way]) if change.is_explained else None
+        now = seen(computer, score, score.ways[change.way]) if change.worse and not change.another_way else None
         found.append(change if before is None or now is None else replace(change, lost=lost(before, now)))
     worse = any(change.worse for change in found)
     gone = tuple(name for name in record.ways if name not in score.ways)

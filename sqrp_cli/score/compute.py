@@ -6,8 +6,8 @@ import pickle
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
-from dataclasses import asdict
+from contextlib import closing, contextmanager, nullcontext, suppress
+from dataclasses import asdict, field
 from functools import partial
 from pathlib import Path
 
@@ -113,7 +113,7 @@ class Wanted:
     """A request for the figures of a candidate."""
 
     workspace: Workspace
-    content: str  # digest of all in the workspace that they depend on, see `score.content_digest`
+    content: str  # digest of all in the workspace that they depend on, see `score.read_cell`
     candidate: Candidate
     coverage: bool = False  # as in `score_candidate`
 
@@ -130,17 +130,16 @@ def open_computer(means: Means) -> Iterator[Computer]:
                 computer.pool.kill()
 
 
+@dataclass(eq=False)
 class Computer:
-    """Gets outcomes of candidates: those that are kept, and others from processes, a cluster, or itself.
+    """Gets outcomes of candidates: those that are kept, and others from processes, a cluster, or itself."""
 
-    computed, failed: how many were computed, and how many could not be.
-    """
-
-    def __init__(self, means: Means, results: Results) -> None:
-        self.sampling, self._means, self._results = means.sampling, means, results
-        self.computed = self.failed = 0
-        self.pool: Pool[Job, Answer] | None = None  # the processes, once there are any
-        self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
+    means: Means
+    results: Results
+    computed: int = 0  # how many were computed, ...
+    failed: int = 0  # ... and how many could not be
+    pool: Pool[Job, Answer] | None = None  # the processes, once there are any
+    problems: dict[str, tuple[Problem, ...]] = field(default_factory=dict)  # of what cannot be computed, by key
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None]) -> None:
         """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
@@ -148,8 +147,8 @@ class Computer:
         At Ctrl-C what other processes are at is finished and kept, then KeyboardInterrupt is raised. Raises InputError
         if results cannot be kept.
         """
-        means = self._means
-        missing = {self._key(one): one for one in wanted if self.outcome(one) is None and not self.why_not(one)}
+        means = self.means
+        missing = {self._key(one): one for one in wanted if self.outcome(one) is None}
         workspaces = {id(one.workspace): one.workspace for one in missing.values()}
         packed = {name: PackedWorkspace.of(workspace) for name, workspace in workspaces.items()}
         jobs = [
@@ -157,7 +156,7 @@ class Computer:
                 packed[id(one.workspace)],
                 means.seed,
                 one.candidate,
-                partial(score_candidate, sampling=self.sampling, coverage=one.coverage),
+                partial(score_candidate, sampling=means.sampling, coverage=one.coverage),
             )
             for one in missing.values()
         ]
@@ -173,39 +172,39 @@ class Computer:
                         why = f"a worker of the cluster answered for {name} with what is no result"
                         answer = (Problem("worker-died", why),)
                 if isinstance(answer, str):
-                    self._results.keep(keys[index], answer)
+                    self.results.keep(keys[index], answer)
                     self.computed += 1
                 else:
-                    self._problems[keys[index]] = answer
+                    self.problems[keys[index]] = answer
                     self.failed += 1
                 advance(1)
 
     def _answers(self, jobs: Sequence[Job], interrupted: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
         """The answers of jobs, by number, as they come; none of those that are not begun once it is interrupted."""
-        if self._means.cluster is not None:
-            yield from self._means.cluster(jobs, interrupted)
-        elif self._means.jobs < 2:
+        if self.means.cluster is not None:
+            yield from self.means.cluster(jobs, interrupted)
+        elif self.means.jobs < 2:
             yield from enumerate(map(run_job, jobs))
         elif jobs:
             if self.pool is None:  # a job carries its workspace: a second one would wait in the pipe
-                self.pool = Pool(self._means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
+                self.pool = Pool(self.means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
             for index, answer in self.pool.answers(jobs, lambda job: job.workspace.digest, interrupted):
                 yield index, (died(jobs[index].candidate.name),) if isinstance(answer, Exception) else answer
 
-    def outcome(self, wanted: Wanted) -> Outcome | None:
-        """The outcome of a candidate, if there is one; a damaged file is as good as none."""
-        text = self._results.get(self._key(wanted))
-        try:
-            return None if text is None else Outcome.from_text(text, wanted.candidate)
-        except ValueError:
-            return None
+    def outcome(self, wanted: Wanted) -> Outcome | list[Problem] | None:
+        """The outcome of a candidate, or why it cannot be computed, if either is known.
 
-    def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
-        """Why a candidate cannot be computed; empty if no reason is known."""
-        return self._problems.get(self._key(wanted), ())
+        A damaged file is as good as none.
+        """
+        key = self._key(wanted)
+        text = self.results.get(key)
+        with suppress(ValueError):
+            if text is not None:
+                return Outcome.from_text(text, wanted.candidate)
+        return list(self.problems[key]) if key in self.problems else None
 
     def _key(self, wanted: Wanted) -> str:
-        candidate, sampling = wanted.candidate, self.sampling
+        candidate, sampling = wanted.candidate, self.means.sampling
         vias = {name: via.tolist() for name, via in candidate.vias.items()}
-        how = [type(sampling).__name__, asdict(sampling), self._means.seed, wanted.coverage]
+        how = [type(sampling).__name__, asdict(sampling), self.means.seed, wanted.coverage]
         return key_of(wanted.content, candidate.skill.name, list(candidate.parameters.items()), vias, *how)

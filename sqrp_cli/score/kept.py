@@ -19,7 +19,7 @@ from importlib import metadata, resources
 from math import isfinite
 from pathlib import Path
 from types import UnionType
-from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import IO, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
@@ -44,9 +44,6 @@ from sqrp_cli.task.candidate import THEN, whole_skill
 from sqrp_cli.task.task import Candidate
 from sqrp_cli.version import __version__
 
-if TYPE_CHECKING:
-    from sqrp_cli.search.advise import Remembered
-
 MAX_BYTES = 10_000_000  # largest outcome that is read; an hour's motion takes less than a megabyte
 _LIBRARIES = ("numpy", "ruckig", "ompl", "eaik")  # libraries that figures depend on
 
@@ -64,25 +61,20 @@ _TAG = "@"  # key of what a JSON object stands for, where it is no mapping
 
 
 @cache
-def program_digest() -> str:
-    """Digest of the code and the libraries that compute: results of different ones are never mixed."""
-    hashed = hashlib.sha256(f"{__version__}{code_digest(Path(str(resources.files('sqrp_cli'))))}".encode())
+def program_digest(root: Path | None = None) -> str:
+    """Digest of the code and the libraries that compute: results of different ones are never mixed.
+
+    root: of the package. All its code counts, however its folders are named, even what only prints: a list of what
+    figures depend on would go stale.
+    """
+    root, hashed = root or Path(str(resources.files("sqrp_cli"))), hashlib.sha256(__version__.encode())
+    for file in sorted(root.rglob("*.py")):
+        hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     for library in _LIBRARIES:
         version = "none"
         with suppress(metadata.PackageNotFoundError):
             version = metadata.version(library)
         hashed.update(f"{library} {version}\n".encode())
-    return hashed.hexdigest()
-
-
-def code_digest(root: Path) -> str:
-    """Digest of all code and grammars of a package, however its folders are named.
-
-    Code that only prints counts too: a list of what figures depend on would go stale.
-    """
-    hashed = hashlib.sha256()
-    for file in sorted(path for path in root.rglob("*") if path.suffix == ".py"):
-        hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return hashed.hexdigest()
 
 
@@ -94,22 +86,18 @@ def key_of(*about: object) -> str:
 def as_line(value: object) -> str:
     """Records, arrays, and plain values of these as a line of JSON, with a checksum."""
     plain = plain_of(value)
-    return json_line({"value": plain, "checksum": _checksum(plain)}) + "\n"
+    return json_line({"value": plain, "checksum": key_of(plain)}) + "\n"
 
 
 def from_line(text: str, skills: Sequence[Skill] = ()) -> Any:  # noqa: ANN401 # a value of any kind
     """The value that `as_line` wrote. skills: those that it may name. Raises ValueError for any other text."""
     try:
         document = parse_json(Path("record"), text)
-        if document != {"value": document["value"], "checksum": _checksum(document["value"])}:
+        if document != {"value": document["value"], "checksum": key_of(document["value"])}:
             raise ValueError("it is not as it was written")
         return _read(document["value"], {skill.name: skill for skill in skills})
     except (InputError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"no kept record: {error!r}") from error
-
-
-def _checksum(plain: object) -> str:
-    return hashlib.sha256(json_line(plain).encode()).hexdigest()
 
 
 def plain_of(value: Any) -> Any:  # noqa: ANN401 # a value of any kind
@@ -280,20 +268,22 @@ class Results:
             self._lock.close()
 
 
-def kept_searches(results: Results, about: tuple[object, ...], skills: Sequence[Skill]) -> Remembered:
+def kept_search(
+    results: Results,
+    about: tuple[object, ...],
+    skills: Sequence[Skill],
+    kind: Kind,
+    search: Callable[[], advice.KindOutcome],
+) -> advice.KindOutcome:
     """What comes of a kind of change as it is kept, else as it is found, which is kept then; see `advise.outcomes`.
 
     about: all that an answer depends on beside the kind and the program, in numbers and texts. skills: of the
     workspace, which are not written. Raises InputError where an outcome cannot be written.
     """
-
-    def remembered(kind: Kind, search: Callable[[], advice.KindOutcome]) -> advice.KindOutcome:
-        key = key_of("advise", kind, plain_of(about))
-        with suppress(ValueError):  # none is kept, or its file is damaged or another's
-            known: advice.KindOutcome = from_line(results.get(key) or "", skills)
-            return known
-        outcome = search()
-        results.keep(key, as_line(outcome))
-        return outcome
-
-    return remembered
+    key = key_of("advise", kind, plain_of(about))
+    with suppress(ValueError):  # none is kept, or its file is damaged or another's
+        known: advice.KindOutcome = from_line(results.get(key) or "", skills)
+        return known
+    outcome = search()
+    results.keep(key, as_line(outcome))
+    return outcome

@@ -81,14 +81,6 @@ class Shift(Record):
     worse: bool
     """Whether it got worse."""
 
-    @property
-    def size(self) -> float:
-        """How far the figure moved: a difference of Q, or the share by which a time changed."""
-        if self.before is None or self.now is None:
-            return 0.0
-        moved = abs(self.now - self.before)
-        return moved / self.before if self.metric in ("time", "delay") and self.before > 0 else moved
-
     def __str__(self) -> str:
         if self.metric == "feasible":
             return "can no longer be done" if self.worse else "can be done now"
@@ -142,14 +134,14 @@ class WayChange(Record):
         return any(shift.worse for shift in self.shifts)
 
     @property
-    def is_explained(self) -> bool:
-        """Whether what cameras no longer see tells why it got worse."""
-        return self.worse and not self.another_way
-
-    @property
     def severity(self) -> float:
         """Largest change for the worse: a difference of Q, or the share by which a time grew; 0 if none."""
-        return max((shift.size for shift in self.shifts if shift.worse), default=0.0)
+        worst = 0.0
+        for one in self.shifts:
+            if one.worse and one.before is not None and one.now is not None:
+                scale = one.before if one.metric in ("time", "delay") and one.before > 0 else 1.0
+                worst = max(worst, abs(one.now - one.before) / scale)
+        return worst
 
     def __str__(self) -> str:
         shown = [shift for shift in self.shifts if shift.worse] or list(self.shifts)

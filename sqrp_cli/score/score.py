@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 
@@ -52,12 +52,6 @@ class ScoredCell:
         return tuple(want for task in self.tasks for want in task.wanted)
 
 
-def read_cells(files: Sequence[Path]) -> Iterator[ScoredCell]:
-    """The workspaces in some files, yielded one by one as they are read."""
-    for file, name in short_names(files).items():
-        yield read_cell(file, name)
-
-
 def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell:
     """A workspace, read as `load_workspace` does."""
     try:
@@ -69,6 +63,8 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
     if errors:
         return ScoredCell(name, None, problems=errors)
     tasks = []
+    # Digests of all in the workspace that the figures of candidates of some skills depend on: what was understood of
+    # it, see `cell.canonical_values`, except for other skills.
     contents: dict[tuple[str, ...], str] = {}
     for expected in workspace.tasks:
         try:
@@ -80,17 +76,10 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
             task = with_first_steps(task, workspace)
         steps = task.candidates[0].steps or task.candidates[:1]
         skills = tuple(dict.fromkeys(step.skill.name for step in steps))
-        digest = contents.get(skills) or contents.setdefault(skills, content_digest(workspace, *skills))
-        tasks.append(ScoredTask(expected, tuple(Wanted(workspace, digest, one) for one in task.candidates)))
+        if skills not in contents:
+            contents[skills] = digest_of_values(with_skills(workspace.canonical_values, skills))
+        tasks.append(ScoredTask(expected, tuple(Wanted(workspace, contents[skills], one) for one in task.candidates)))
     return ScoredCell(name, workspace, tuple(tasks), problems)
-
-
-def content_digest(workspace: Workspace, *skills: str) -> str:
-    """Digest of everything in a workspace that the figures of candidates of some skills depend on.
-
-    That is what was understood of it, see `cell.canonical_values`, except for other skills.
-    """
-    return digest_of_values(with_skills(workspace.canonical_values, skills))
 
 
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
@@ -166,13 +155,14 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
 
 def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskScore | None:
     """The score of a task, if each of its candidates is computed, or cannot be."""
-    text, assessments, problems = task.expected.task, [], task.problems
+    text, assessments, problems = task.expected.task, [], list(task.problems)
     for want in task.wanted:
-        if problems := computer.why_not(want):
-            break
         outcome = computer.outcome(want)
         if outcome is None:
             return None
+        if isinstance(outcome, list):
+            problems = outcome
+            break
         assessments.append(outcome.assessment)
     if problems:
         return TaskScore(workspace, text, "error", _sentences(problems))

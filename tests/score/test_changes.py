@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.score.baseline import Baseline, workspace_changes
 from sqrp_cli.score.compute import Means, open_computer
-from sqrp_cli.score.score import content_digest, read_cell
+from sqrp_cli.score.score import read_cell
 from sqrp_cli.study.sampling import Adaptive
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
@@ -23,11 +22,12 @@ def own_cell(tmp_path: Path) -> Path:
 
 def changes(cell: Path) -> list[str]:
     """What changed in a copy of the cell."""
+    before, now = (read_cell(folder / "workspace.yaml", "cell") for folder in (CELL, cell))
     with open_computer(Means(Adaptive())) as computer:
-        before = Baseline.of([read_cell(CELL / "workspace.yaml", "cell")], [], computer)
-    record = before.workspaces["cell"]
-    found = workspace_changes(record.digest, record.files, before.fields, load_workspace(cell))
-    same = content_digest(load_workspace(cell), "pickup") == content_digest(load_workspace(CELL), "pickup")
+        baseline = Baseline.of([before], [], computer)
+    record = baseline.workspaces["cell"]
+    found = workspace_changes(record.digest, record.files, baseline.fields, now.workspace)
+    same = [one.content for one in now.wanted] == [one.content for one in before.wanted]
     assert not (found and same), found
     return [str(change) for change in found]
 

@@ -95,11 +95,11 @@ reached()
 with connected(file, print) as found:
     for name, work in (("result", answer), ("error", fail), ("list", listed), ("array", numbers)):
         try:
-            print(name, type(found.client.submit(work, f"{folder}/{name}").result(timeout=5)).__name__)
+            print(name, type(found.args[0].submit(work, f"{folder}/{name}").result(timeout=5)).__name__)
         except BaseException as error:
             print(name, "refused")
-    print(found.client.submit(warn, f"{folder}/warning").result(timeout=20))
-    found.client.submit(len, "ab").result(timeout=20)
+    print(found.args[0].submit(warn, f"{folder}/warning").result(timeout=20))
+    found.args[0].submit(len, "ab").result(timeout=20)
     print([path.name for path in Path(folder).iterdir() if path.name.endswith(str(os.getpid()))])
 for more in ([], ["--cluster", file]):
     run(["score", sys.argv[2], "--json", *more])
@@ -107,7 +107,7 @@ for more in ([], ["--cluster", file]):
 cluster.LOOKS = 0.05
 told, gone = [], threading.Event()
 with connected(file, lambda text: (told.append(text), gone.set())) as found:
-    print(len(found.workers), gone.wait(timeout=0.5))
+    print(len(found.args[0].nthreads()), gone.wait(timeout=0.5))
     processes[1].terminate()
     print(gone.wait(timeout=30))
 print(told)
@@ -158,7 +158,7 @@ files, ca = [Path(cert), Path(cert), Path(key)], cert
 processes = started("--tls-ca-file", ca, "--tls-cert", cert, "--tls-key", key, "--protocol", "tls")
 reached(tuple(files))
 with connected(file, print, tuple(files)) as found:
-    print(found.client.scheduler.address.split(":")[0], found.client.submit(len, "abc").result(timeout=20))
+    print(found.args[0].scheduler.address.split(":")[0], found.args[0].submit(len, "abc").result(timeout=20))
 try:
     with connected(file, print):
         print("connected")

@@ -13,7 +13,7 @@ import pytest
 import sqrp_cli
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.score.kept import Outcome, Results, code_digest
+from sqrp_cli.score.kept import Outcome, Results, program_digest
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
@@ -62,16 +62,19 @@ PACKAGE = Path(sqrp_cli.__file__).parent
 def test_kept_results_count_while_the_program_is_the_same_wherever_its_parts_lie(tmp_path: Path) -> None:
     ignored = shutil.ignore_patterns("__pycache__")
     package = Path(shutil.copytree(PACKAGE, tmp_path / "package", ignore=ignored))
-    same = code_digest(PACKAGE)
-    assert code_digest(package) == same
+    same = program_digest(PACKAGE)
+    assert program_digest(package) == same
     code = sorted(package.rglob("*.py"))
     for file in code[:: len(code) // 5]:
         content = file.read_bytes()
         file.write_bytes(content + b"\n")
-        assert code_digest(package) != same, file
+        program_digest.cache_clear()
+        assert program_digest(package) != same, file
         file.write_bytes(content)
     moved = (package / "study").rename(package / "planning")
-    renamed = code_digest(package)
+    program_digest.cache_clear()
+    renamed = program_digest(package)
     assert renamed != same
     (moved / "quality.py").write_text("")
-    assert code_digest(package) != renamed
+    program_digest.cache_clear()
+    assert program_digest(package) != renamed

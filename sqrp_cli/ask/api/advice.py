@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import inverse, read_only
 from sqrp_cli.records import dataclass
-from sqrp_cli.score.kept import Results, kept_searches
+from sqrp_cli.score.kept import Results, kept_search
 from sqrp_cli.search.advice_result import AdviceDocument, AdviceFound, KindOutcome
 from sqrp_cli.search.advise import outcomes
 from sqrp_cli.search.aiming import Aim
@@ -148,7 +148,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
         if not best.feasible and not best.candidate.steps:
             suggester = Suggester(session.cell, question.world, jobs=ask.jobs)
             found = replace(found, first=suggester.suggest(best.candidate).words or None)
-        remembered = kept_searches(results, _all_it_depends_on(session, question), [*workspace.skills.values()])
+        remembered = partial(kept_search, results, _all_it_depends_on(session, question), [*workspace.skills.values()])
         try:
             with ask.progress(f"Searching for {goal}", len(KINDS if ask.kinds is None else ask.kinds)) as advance:
                 for outcome in outcomes(question, remembered):

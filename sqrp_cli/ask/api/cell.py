@@ -23,7 +23,7 @@ from sqrp_cli.records import dataclass
 if TYPE_CHECKING:
     from sqrp_cli.cell.workspace import Workspace
     from sqrp_cli.motion.cell import Cell
-    from sqrp_cli.score.cluster import Cluster
+    from sqrp_cli.score.compute import Workers
     from sqrp_cli.score.result import Scorecard
     from sqrp_cli.search.advice_result import AdviceDocument
     from sqrp_cli.search.placing_program import Watch
@@ -116,14 +116,15 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
 def scored(cell: OpenCell, ask: ScoreRequest) -> Scorecard:
     """All tasks of the workspace."""
     from sqrp_cli.score.compute import open_computer
-    from sqrp_cli.score.score import read_cells, score_cells
+    from sqrp_cli.score.score import read_cell, score_cells, short_names
 
+    path = cell.workspace.path
     with open_computer(ask.means(cell.seed)) as computer:
-        return score_cells(list(read_cells([cell.workspace.path])), computer, ask.progress)
+        return score_cells([read_cell(path, short_names([path])[path])], computer, ask.progress)
 
 
 def placed(
-    cell: OpenCell, ask: PlaceRequest, workers: Cluster | None = None, watch: Watch | None = None
+    cell: OpenCell, ask: PlaceRequest, workers: Workers | None = None, watch: Watch | None = None
 ) -> PlaceDocument:
     """Where cameras should go. workers: of a cluster. watch: told what is sought, the best so far and the bound."""
     from sqrp_cli.ask.api.placing import find_placement

@@ -110,7 +110,8 @@ def _scored(
     """
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.score.compute import open_computer
-    from sqrp_cli.score.score import ScoredCell, find_workspaces, read_cells, score_cells
+    from sqrp_cli.score.kept import Outcome
+    from sqrp_cli.score.score import ScoredCell, find_workspaces, read_cell, score_cells, short_names
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     files, report = find_workspaces(paths), outputs["--report"]
@@ -119,9 +120,10 @@ def _scored(
     try:
         with open_computer(means) as computer:
             with progress("Reading workspaces", len(files)) as advance:
-                for cell in read_cells(files):
+                for file, name in short_names(files).items():
+                    cell = read_cell(file, name)
                     known = {} if cell.workspace is None else cell.workspace.files
-                    check_not_read(outputs.values(), [file.path for file in known.values()])
+                    check_not_read(outputs.values(), [one.path for one in known.values()])
                     cells.append(cell)
                     advance(1)
             keep_all_so_far()
@@ -131,8 +133,8 @@ def _scored(
                     note(f"{cell.name} lists no tasks")
             findings = score_cells(cells, computer, progress)
             for cell in cells:
-                outcomes = filter(None, map(computer.outcome, cell.wanted))
-                print_problems(intervals_outside(outcome.assessment for outcome in outcomes))
+                outcomes = map(computer.outcome, cell.wanted)
+                print_problems(intervals_outside(one.assessment for one in outcomes if isinstance(one, Outcome)))
             total, failed = sum(len(cell.wanted) for cell in cells), computer.failed
             counted = [f"{computer.computed} of {total} candidates were computed"]
             counted += [f"{failed} could not be"] if failed else []
@@ -210,6 +212,7 @@ def _vary(
     """Score variants, print them and write the best as a patch."""
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.score.compute import open_computer
+    from sqrp_cli.score.kept import Outcome
     from sqrp_cli.score.score import find_workspaces, short_names
     from sqrp_cli.score.sweep import read_variants, read_variation, sweep, variants
     from sqrp_cli.show.terminal.console import note, print_problems, progress
@@ -229,7 +232,7 @@ def _vary(
         shape = None if draws is not None else tuple(variation.count or 1 for variation in variations)
         found = sweep(document, read, shape, computer, progress)
         wants = [want for variant in read for want in variant.cell.wanted]
-        assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
+        assessments = [one.assessment for one in map(computer.outcome, wants) if isinstance(one, Outcome)]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
     if found.interrupted:
