@@ -17,12 +17,14 @@ from sqrp_cli.errors import bad_option
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from sqrp_cli.cell.workspace import World
     from sqrp_cli.logic.planner import Planner
+    from sqrp_cli.motion.cell import Cell
     from sqrp_cli.run.record.events import Listener
     from sqrp_cli.score.compute import Means, Workers
     from sqrp_cli.search.goal import Objective
     from sqrp_cli.study.find import TimeLimit
-    from sqrp_cli.study.pipeline import RankSettings
+    from sqrp_cli.study.pipeline import RankJob
     from sqrp_cli.study.result import Criterion
     from sqrp_cli.study.robustness import Calibration
     from sqrp_cli.study.sampling import Sampling
@@ -109,17 +111,16 @@ class TaskRequest(Request):
     jobs: int = JOBS
     progress: Progress = PROGRESS
 
-    @property
-    def inquiry(self) -> RankSettings:
-        """How each candidate is asked about."""
+    def job(self, cell: Cell, world: World) -> RankJob:
+        """What is asked of each candidate, from a world of a cell."""
         from sqrp_cli.study.find import WantedWay
-        from sqrp_cli.study.pipeline import RankSettings
+        from sqrp_cli.study.pipeline import RankJob
         from sqrp_cli.study.sampling import Adaptive
 
         by: Criterion = getattr(self, "by", "q_eoi")
         calibration = getattr(self, "calibration", None)
         wanted = WantedWay(by, self.ways == "fastest", getattr(self, "max_time", None))
-        return RankSettings(sampling=self.sampling or Adaptive(), calibration=calibration, wanted=wanted)
+        return RankJob(self.sampling or Adaptive(), calibration, wanted, cell=cell, world=world)
 
 
 class RankRequest(TaskRequest):

@@ -64,11 +64,11 @@ def answers(
     from sqrp_cli.score.kept import program_digest
 
     number: dict[Any, int] = {}
-    for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].workspace.digest):
+    for _, group in groupby(range(len(jobs)), key=lambda index: jobs[index].digest):
         indices = list(group)
         contents = {
             digest: client.submit(bytes, read_input(path, LARGEST), key=f"sqrp-file-{digest}")
-            for path, digest in jobs[indices[0]].workspace.files.items()
+            for path, digest in jobs[indices[0]].files.items()
         }
         packed = [pickle.dumps(jobs[index], pickle.HIGHEST_PROTOCOL) for index in indices]
         told = {"program": program_digest(), "contents": contents, "pure": False}
@@ -164,7 +164,7 @@ def run_packed(packed: bytes, program: str, contents: Mapping[str, bytes]) -> st
     job: Job = pickle.loads(packed)  # noqa: S301 # of the same program, from one whom the worker's owner trusts
     folder, places = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}", dict[Path, Path]()
     folder.mkdir(mode=0o700, exist_ok=True)
-    for path, digest in job.workspace.files.items():
+    for path, digest in job.files.items():
         places[path] = place = folder / f"{digest}{path.suffix}"
         if place not in _checked:
             if not place.is_file() or hashlib.sha256(place.read_bytes()).hexdigest() != digest:

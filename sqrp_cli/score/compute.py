@@ -29,25 +29,18 @@ COMPUTED_WITHIN = 3600.0  # a process that takes longer for a candidate [s] is t
 Answer = str | tuple[Problem, ...]  # the outcome of a job as text, or why there is none
 
 
-@dataclass(frozen=True, eq=False)
-class PackedWorkspace:
-    """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet."""
-
-    digest: str  # of the workspace; a worker keeps its cell under it
-    files: Mapping[Path, str]  # the digest of each file that it is read from, by its path on the machine that packed it
-    data: bytes
-
-    @classmethod
-    def of(cls, workspace: Workspace) -> PackedWorkspace:
-        """Pack a workspace."""
-        return cls(workspace.digest, workspace.meshes, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
+def packed(workspace: Workspace) -> tuple[str, Mapping[Path, str], bytes]:
+    """The first three fields of all jobs about a workspace."""
+    return workspace.digest, workspace.meshes, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL)
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """A piece of work about a candidate, as it travels to a process or a machine."""
 
-    workspace: PackedWorkspace
+    digest: str  # of the workspace; a worker keeps its cell under it
+    files: Mapping[Path, str]  # the digest of each file that it is read from, by its path on the machine that packed it
+    data: bytes  # the workspace, unpacked only by a worker that has not loaded its cell yet
     seed: int  # of what planning draws at random
     candidate: Candidate
     work: Callable[[Cell, Candidate], str]  # gives the outcome, as text: a function of a module, or a part of one
@@ -74,9 +67,9 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspac
     """The answer to a job. placed: maps the workspace's files to those on this machine."""
     with _one_at_a_time:
         try:
-            name = (job.workspace.digest, job.seed)
+            name = (job.digest, job.seed)
             if name not in _cells:
-                workspace: Workspace = pickle.loads(job.workspace.data)  # noqa: S301 # what a job of our own packed
+                workspace: Workspace = pickle.loads(job.data)  # noqa: S301 # what a job of our own packed
                 _cells[name] = Cell.load(placed(workspace), job.seed)
             _cells.move_to_end(name)
             if len(_cells) > CELLS_KEPT:
@@ -150,10 +143,10 @@ class Computer:
         means = self.means
         missing = {self._key(one): one for one in wanted if self.outcome(one) is None}
         workspaces = {id(one.workspace): one.workspace for one in missing.values()}
-        packed = {name: PackedWorkspace.of(workspace) for name, workspace in workspaces.items()}
+        bytes_of = {name: packed(workspace) for name, workspace in workspaces.items()}
         jobs = [
             Job(
-                packed[id(one.workspace)],
+                *bytes_of[id(one.workspace)],
                 means.seed,
                 one.candidate,
                 partial(score_candidate, sampling=means.sampling, coverage=one.coverage),
@@ -188,7 +181,7 @@ class Computer:
         elif jobs:
             if self.pool is None:  # a job carries its workspace: a second one would wait in the pipe
                 self.pool = Pool(self.means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
-            for index, answer in self.pool.answers(jobs, lambda job: job.workspace.digest, interrupted):
+            for index, answer in self.pool.answers(jobs, lambda job: job.digest, interrupted):
                 yield index, (died(jobs[index].candidate.name),) if isinstance(answer, Exception) else answer
 
     def outcome(self, wanted: Wanted) -> Outcome | list[Problem] | None:

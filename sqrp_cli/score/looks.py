@@ -13,7 +13,7 @@ from sqrp_cli.errors import Infeasible, InputError, bad_input
 from sqrp_cli.geometry import Mask
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
-from sqrp_cli.score.compute import Job, PackedWorkspace, Workers
+from sqrp_cli.score.compute import Job, Workers, packed
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, verdicts_of
 from sqrp_cli.study.assessment import planned_motion
@@ -38,10 +38,10 @@ def cluster_verdicts(
     cluster: Workers, workspace: Workspace, seed: int, batches: Sequence[ViewBatch]
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`. Raises InputError if a batch cannot be computed, or no worker is left."""
-    packed, jobs = PackedWorkspace.of(workspace), []
+    bytes_of, jobs = packed(workspace), list[Job]()
     for way, places in batches:
         work = partial(verdicts_as_text, task=way.task, samples=way.samples, places=places)
-        jobs.append(Job(packed, seed, way.scene.candidate, work))
+        jobs.append(Job(*bytes_of, seed, way.scene.candidate, work))
     with interrupts_later(second_raises=True) as interrupted:
         for index, answer in cluster(jobs, interrupted):
             if not isinstance(answer, str):

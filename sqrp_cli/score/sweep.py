@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -106,12 +105,8 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     return tuple(found)
 
 
-class Variant(NamedTuple):
-    """A workspace with other values, none for the workspace as it is; the content of its file, and what that says."""
-
-    values: Values
-    content: bytes
-    cell: ScoredCell
+Variant = tuple[Values, bytes, ScoredCell]
+"""A workspace with other values, none for the workspace as it is; the content of its file, and what that says."""
 
 
 def read_variants(
@@ -129,7 +124,7 @@ def read_variants(
         cell = read_cell(file, name, content)
         if cell.workspace is None and not chosen:
             raise InputError(*cell.problems)
-        found.append(Variant(chosen, content, cell))
+        found.append((chosen, content, cell))
         advance()
     return document, found
 
@@ -145,24 +140,24 @@ def sweep(
 
     Raises InputError where results cannot be kept.
     """
-    findings = score_cells([variant.cell for variant in variants], computer, progress)
-    name, file = variants[0].cell.name, from_here(document.path)
+    findings = score_cells([cell for *_, cell in variants], computer, progress)
+    name, file = variants[0][2].name, from_here(document.path)
     if findings.interrupted:
         return Sweep(workspace=name, file=file, variants=(), interrupted=True)
     results = iter(findings.results)
     scored = []
-    for variant in variants:
-        own = tuple(next(results) for _ in range(max(1, len(variant.cell.tasks))))
-        scored.append(_scored(variant, replace(findings, results=own)))
+    for values, _, cell in variants:
+        own = tuple(next(results) for _ in range(max(1, len(cell.tasks))))
+        scored.append(_scored(values, replace(findings, results=own)))
     orders = [_order(one) for one in scored]
     equal = [order == min(orders) for order in orders]
     first = 0
     if not equal[0]:
-        marked, values = np.array(equal[1:]), [variant.values for variant in variants[1:]]
+        marked = np.array(equal[1:])
         if shape is not None:
             first = 1 + middle_of_grid(marked.reshape(shape))
         else:
-            numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
+            numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen, *_ in variants[1:]])
             low, high = numbers.min(axis=0), numbers.max(axis=0)
             first = 1 + middle_of_draws(marked, (numbers - low) / np.where(high > low, high - low, 1.0))
     best = scored[first]
@@ -179,7 +174,7 @@ def sweep(
         best=best.values,
         equals=sum(equal),
         passed=best.findings.passed,
-        best_patch=patch(document, variants[first].content, file),
+        best_patch=patch(document, variants[first][1], file),
     )
 
 
@@ -191,7 +186,7 @@ def _order(one: ScoredVariant) -> tuple[float, ...]:
     return (one.findings.count("error"), -one.findings.count("passed"), -one.feasible, *qualities, time, delay)
 
 
-def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
+def _scored(values: Values, findings: Scorecard) -> ScoredVariant:
     scored = () if findings.count("error") else findings.results
     ways = [way for result in scored for way in result.ways.values()]
     feasible = [way for way in ways if way.feasible]
@@ -201,7 +196,7 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
         return float(np.mean(known)) if known else None
 
     return ScoredVariant(
-        values=dict(variant.values),
+        values=dict(values),
         results=findings.results,
         choices=len(ways),
         feasible=len(feasible),

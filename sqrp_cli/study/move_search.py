@@ -7,8 +7,8 @@ installed, which takes longer than a search may.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import islice
+from collections.abc import Generator, Sequence
+from itertools import count, islice
 from typing import Literal
 
 import numpy as np
@@ -50,55 +50,42 @@ def blind_times(
     return times
 
 
-class Evolution:
-    """A normal distribution of n numbers that moves to where populations drawn from it are best, and adapts its shape.
+def evolution(mean: Array, deviation: Array, size: int, seed: int) -> Generator[Array, tuple[Array, Array], None]:
+    """Populations of a normal distribution of n numbers that moves to where they are best, and adapts its shape.
 
-    The default constants of the tutorial (table 1), with positive weights.
+    mean, deviation: of the first population in each number, shape (n,). Each population has the shape (size, n). What
+    is sent back: it, as far as it was kept within limits, and its values, (size,); less is better, equal ones count in
+    order. The default constants of the tutorial (table 1), with positive weights.
     """
-
-    def __init__(self, mean: Array, deviation: Array, size: int, seed: int) -> None:
-        """mean, deviation: of the first population in each number, shape (n,). size: of every population."""
-        n = len(mean)
-        weights = np.log((size + 1) / 2) - np.log(np.arange(1, size // 2 + 1))
-        self._weights = weights / weights.sum()
-        mu = 1 / (self._weights**2).sum()
-        self._c_sigma = (mu + 2) / (n + mu + 5)
-        self._damping = 1 + 2 * max(0.0, np.sqrt((mu - 1) / (n + 1)) - 1) + self._c_sigma
-        self._c_c = (4 + mu / n) / (n + 4 + 2 * mu / n)
-        self._c_1 = 2 / ((n + 1.3) ** 2 + mu)
-        self._c_mu = min(1 - self._c_1, 2 * (mu - 2 + 1 / mu) / ((n + 2) ** 2 + mu))
-        self._mu, self._expected = mu, np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))
-        self._mean, self._scale, self._size = mean, deviation, size
-        self._sigma, self._C = 1.0, np.eye(n)
-        self._path_sigma, self._path_c, self._generation = np.zeros(n), np.zeros(n), 0
-        self._random = np.random.default_rng(seed)
-
-    def population(self) -> Array:
-        """The next population, shape (size, n)."""
-        variances, axes = np.linalg.eigh(self._C)
+    n = len(mean)
+    weights = np.log((size + 1) / 2) - np.log(np.arange(1, size // 2 + 1))
+    weights /= weights.sum()
+    mu = 1 / (weights**2).sum()
+    c_sigma = (mu + 2) / (n + mu + 5)
+    damping = 1 + 2 * max(0.0, np.sqrt((mu - 1) / (n + 1)) - 1) + c_sigma
+    c_c = (4 + mu / n) / (n + 4 + 2 * mu / n)
+    c_1 = 2 / ((n + 1.3) ** 2 + mu)
+    c_mu = min(1 - c_1, 2 * (mu - 2 + 1 / mu) / ((n + 2) ** 2 + mu))
+    expected = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))
+    sigma, C, path_sigma, path_c = 1.0, np.eye(n), np.zeros(n), np.zeros(n)
+    random = np.random.default_rng(seed)
+    for generation in count(1):
+        variances, axes = np.linalg.eigh(C)
         # The symmetric root: unlike the axes, it hardly changes where the shape hardly changes.
-        root, self._whiten = (axes * variances**power @ axes.T for power in (0.5, -0.5))
-        drawn = self._random.normal(size=(self._size, len(self._mean)))
-        population: Array = self._mean + self._scale * self._sigma * (drawn @ root)
-        return population
-
-    def learn(self, population: Array, values: Array) -> None:
-        """Adapt to the values of the last population, shape (size,); less is better, equal ones count in order."""
-        best = np.argsort(values, kind="stable")[: len(self._weights)]
-        steps = (population[best] - self._mean) / (self._scale * self._sigma)
-        step = self._weights @ steps
-        self._mean = self._mean + self._scale * self._sigma * step
-        c = self._c_sigma
-        self._path_sigma = (1 - c) * self._path_sigma + np.sqrt(c * (2 - c) * self._mu) * (self._whiten @ step)
-        length, self._generation = float(np.linalg.norm(self._path_sigma)), self._generation + 1
-        grown = np.sqrt(1 - (1 - c) ** (2 * self._generation))
-        moving = length / grown < (1.4 + 2 / (len(step) + 1)) * self._expected
-        c = self._c_c
-        self._path_c = (1 - c) * self._path_c + moving * np.sqrt(c * (2 - c) * self._mu) * step
-        kept = 1 - self._c_1 - self._c_mu + (not moving) * self._c_1 * c * (2 - c)
-        shape = self._c_mu * (steps.T * self._weights) @ steps
-        self._C = kept * self._C + self._c_1 * np.outer(self._path_c, self._path_c) + shape
-        self._sigma *= np.exp(min(1.0, self._c_sigma / self._damping * (length / self._expected - 1)))
+        root, whiten = (axes * variances**power @ axes.T for power in (0.5, -0.5))
+        population, values = yield mean + deviation * sigma * (random.normal(size=(size, n)) @ root)
+        best = np.argsort(values, kind="stable")[: len(weights)]
+        steps = (population[best] - mean) / (deviation * sigma)
+        step = weights @ steps
+        mean = mean + deviation * sigma * step
+        path_sigma = (1 - c_sigma) * path_sigma + np.sqrt(c_sigma * (2 - c_sigma) * mu) * (whiten @ step)
+        length = float(np.linalg.norm(path_sigma))
+        grown = np.sqrt(1 - (1 - c_sigma) ** (2 * generation))
+        moving = length / grown < (1.4 + 2 / (n + 1)) * expected
+        path_c = (1 - c_c) * path_c + moving * np.sqrt(c_c * (2 - c_c) * mu) * step
+        kept = 1 - c_1 - c_mu + (not moving) * c_1 * c_c * (2 - c_c)
+        C = kept * C + c_1 * np.outer(path_c, path_c) + c_mu * (steps.T * weights) @ steps
+        sigma *= np.exp(min(1.0, c_sigma / damping * (length / expected - 1)))
 
 
 SEARCH_WEIGHT = 10.0
@@ -207,15 +194,17 @@ class MoveSearch:
             reach = np.tile(DETOUR * self.direct.time * self.limits.velocity, len(mean))
             self._low, self._high = (np.tile(bound, len(mean)) for bound in self.bounds)
             seed = self.seed + self._begun
-            self._evolution = Evolution(mean.reshape(-1), np.minimum(deviation, reach), POPULATION, seed)
+            self._evolution = evolution(mean.reshape(-1), np.minimum(deviation, reach), POPULATION, seed)
+            self._population = next(self._evolution)
             self._begun += 1
         self._left -= 1
-        drawn = np.clip(self._evolution.population(), self._low, self._high)
+        drawn = np.clip(self._population, self._low, self._high)
         paths, worth = self.paths(drawn.reshape(POPULATION, -1, len(self.q0)))
         work = self.look(observer, worth, ROUGHLY)
         better = sorted(worth, key=lambda path: path.cost)[: POPULATION // 2]
         work += self.look(observer, better, FINELY) + self.take(observer, better)
-        self._evolution.learn(drawn, np.array([np.inf if path.free is False else path.cost for path in paths]))
+        costs = np.array([np.inf if path.free is False else path.cost for path in paths])
+        self._population = self._evolution.send((drawn, costs))
         return work + PATH_COST * len(paths)
 
     def look(self, observer: Observer, paths: Sequence[SeenPath], closeness: Closeness) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import field, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -56,22 +56,16 @@ _known: WeakKeyDictionary[World, WeakKeyDictionary[Cell, _Known]] = WeakKeyDicti
 
 
 @dataclass(frozen=True, eq=False)
-class RankSettings:
-    """How candidates are asked about."""
+class RankJob:
+    """What is to be computed for each candidate."""
 
     sampling: Sampling = Adaptive()
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
     wanted: WantedWay = WantedWay()
     """Which way of each candidate."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RankJob(RankSettings):
-    """What is to be computed for each candidate."""
-
-    cell: Cell
-    world: World
+    cell: Cell = field(kw_only=True)
+    world: World = field(kw_only=True)
     """That every candidate starts from."""
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
@@ -100,7 +94,7 @@ class RankJob(RankSettings):
 
         The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
         """
-        asked = [repr(getattr(self, part.name)) for part in fields(RankSettings)]
+        asked = [repr(one) for one in (self.sampling, self.calibration, self.wanted)]
         done: list[tuple[CandidateResult, World]] = []
         world: World | None = self.world
         for step in candidate.steps:

@@ -12,7 +12,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.find import WantedWay
-from sqrp_cli.study.move_search import Evolution, blind_times
+from sqrp_cli.study.move_search import blind_times, evolution
 from sqrp_cli.study.seen_ways import open_moves
 from tests.study.compared import Compared
 
@@ -71,12 +71,12 @@ def banana(x: Array) -> Array:
 
 
 def least(function: Callable[[Array], Array], generations: int, seed: int) -> float:
-    evolution, best = Evolution(np.zeros(6), np.full(6, 0.5), 12, seed), np.inf
+    search, best = evolution(np.zeros(6), np.full(6, 0.5), 12, seed), np.inf
+    population = next(search)
     for _ in range(generations):
-        population = evolution.population()
         values = function(population)
-        evolution.learn(population, values)
         best = min(best, float(values.min()))
+        population = search.send((population, values))
     return best
 
 
@@ -92,10 +92,10 @@ def test_it_is_far_better_than_drawing_as_many_points() -> None:
 
 def test_the_seed_decides_all_numbers() -> None:
     def populations(seed: int) -> Array:
-        evolution, found = Evolution(np.zeros(3), np.ones(3), 8, seed), []
-        for _ in range(5):
-            found.append(evolution.population())
-            evolution.learn(found[-1], sphere(found[-1]))
+        search = evolution(np.zeros(3), np.ones(3), 8, seed)
+        found = [next(search)]
+        for _ in range(4):
+            found.append(search.send((found[-1], sphere(found[-1]))))
         return np.stack(found)
 
     np.testing.assert_array_equal(populations(1), populations(1))
@@ -104,6 +104,6 @@ def test_the_seed_decides_all_numbers() -> None:
 
 def test_the_first_population_has_the_given_mean_and_deviations() -> None:
     mean, deviation = np.array([1.0, -2.0, 0.5]), np.array([0.1, 1.0, 3.0])
-    drawn = Evolution(mean, deviation, 4000, 0).population()
+    drawn = next(evolution(mean, deviation, 4000, 0))
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.1 * deviation.max())
     np.testing.assert_allclose(drawn.std(axis=0), deviation, rtol=0.05)

@@ -51,7 +51,7 @@ class Session:
 
         Raises InputError for input that cannot be used.
         """
-        world, inquiry = cell.initial_world, ask.inquiry
+        world = cell.initial_world
         if ask.after is not None:
             from sqrp_cli.program.file import check_program, load_program
 
@@ -59,9 +59,10 @@ class Session:
             check_program(program, Path(ask.after), cell.workspace)
             world = program.steps[-1].after if program.steps else world
         task = read_task(ask.task, cell.workspace, world.facts)
-        if inquiry.wanted.fastest:
+        job = ask.job(cell, world)
+        if job.wanted.fastest:
             task = replace(task, candidates=tuple(map(first_grip, task.candidates)))
-        return cls(task, RankJob(**vars(inquiry), cell=cell, world=world))
+        return cls(task, job)
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""

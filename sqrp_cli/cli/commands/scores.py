@@ -231,9 +231,9 @@ def _vary(
     with open_computer(means) as computer:
         shape = None if draws is not None else tuple(variation.count or 1 for variation in variations)
         found = sweep(document, read, shape, computer, progress)
-        wants = [want for variant in read for want in variant.cell.wanted]
+        wants = [want for *_, cell in read for want in cell.wanted]
         assessments = [one.assessment for one in map(computer.outcome, wants) if isinstance(one, Outcome)]
-    print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
+    print_problems(problem for problem in read[0][2].problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
     if found.interrupted:
         what = f"all {len(read)} variants were scored, so none is named the best and no patch is written"
