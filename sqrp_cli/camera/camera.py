@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from math import radians, tan
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic_core import PydanticCustomError
@@ -93,11 +93,6 @@ class Sensing(FileRecord):
         """Raises PydanticCustomError for an empty range."""
         if self.near >= self.far:
             raise PydanticCustomError("empty-range", "`near` must be less than `far`")
-
-    @property
-    def brightness(self) -> float:
-        """Of its images, relative to the light."""
-        return 1.0 if self.gain is None else self.gain
 
     @property
     def lag(self) -> float:
@@ -250,12 +245,6 @@ class PoseFile(FileRecord):
     """The camera's frame, if the file has several, such as `camera_color_optical_frame`."""
 
 
-def _or_path(record: type[PoseFile] | type[CalibrationFile]) -> SerializedAs:
-    """Marks a field for which a file writes such a record, or the path alone."""
-    form: Any = MappingOr[record, Text]  # type: ignore[misc, valid-type]
-    return SerializedAs(form | None, lambda stated: record(file=stated) if isinstance(stated, str) else stated)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraEntry(Sensing):
     """A camera: where it is and how it makes an image, stated, or by files that others wrote."""
@@ -265,14 +254,26 @@ class CameraEntry(Sensing):
     URDF calls `world`. With `hand_eye`: instead of the link that the file names."""
     pose: CameraPose | None = None
     """Pose of the optical frame (z forward, x right, y down) in `frame`."""
-    hand_eye: Annotated[PoseFile | None, _or_path(PoseFile)] = None
+    hand_eye: Annotated[
+        PoseFile | None,
+        SerializedAs(
+            MappingOr[PoseFile, Text] | None,
+            lambda stated: PoseFile(file=stated) if isinstance(stated, str) else stated,
+        ),
+    ] = None
     """A file with the pose, instead of `pose`: of easy_handeye, TF messages, a launch file with a
     static_transform_publisher, or a recording with /tf_static; as `{file, camera}` where it has several."""
     convention: Literal["optical", "body"] = "optical"
     """Axes of the stated orientation; body: x forward, y left, z up."""
     image: ImageEntry | None = None
     """Size and field of view or focal lengths of the image."""
-    calibration: Annotated[CalibrationFile | None, _or_path(CalibrationFile)] = None
+    calibration: Annotated[
+        CalibrationFile | None,
+        SerializedAs(
+            MappingOr[CalibrationFile, Text] | None,
+            lambda stated: CalibrationFile(file=stated) if isinstance(stated, str) else stated,
+        ),
+    ] = None
     """A calibration file, instead of `image`, such as of ROS, OpenCV or Kalibr; as `{file, camera, width,
     height}` where it has several cameras or no image size."""
 

@@ -39,7 +39,7 @@ from sqrp_cli.files.units import LARGEST, LENGTH, TIME
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Robot, RobotEntry
-from sqrp_cli.shapes import Mesh, Part
+from sqrp_cli.shapes import Mesh, Shape
 from sqrp_cli.skill.skill import Skill
 
 _NAME = r"[A-Za-z_][\w-]*"
@@ -213,11 +213,16 @@ class Workspace:
 
     def relocated(self, moved: Callable[[Path], Path]) -> Workspace:
         """The workspace with every file of `meshes` moved, for use on another machine."""
-
-        def parts(old: tuple[Part, ...]) -> tuple[Part, ...]:
-            shapes = [part.shape for part in old]
-            new = [replace(shape, path=moved(shape.path)) if isinstance(shape, Mesh) else shape for shape in shapes]
-            return tuple(replace(part, shape=shape) for part, shape in zip(old, new, strict=True))
-
-        objects = {name: replace(obj, parts=parts(obj.parts)) for name, obj in self.objects.items()}
-        return replace(self, robot=replace(self.robot, parts=parts(self.robot.parts)), objects=objects)
+        every = [*self.robot.parts, *(part for obj in self.objects.values() for part in obj.parts)]
+        meshes = {part.shape for part in every if isinstance(part.shape, Mesh)}
+        new: dict[Shape, Shape] = {mesh: replace(mesh, path=moved(mesh.path)) for mesh in meshes}
+        robot, *objects = (
+            tuple(replace(part, shape=new.get(part.shape, part.shape)) for part in parts)
+            for parts in (self.robot.parts, *(obj.parts for obj in self.objects.values()))
+        )
+        pairs = zip(self.objects.items(), objects, strict=True)
+        return replace(
+            self,
+            robot=replace(self.robot, parts=robot),
+            objects={name: replace(obj, parts=parts) for (name, obj), parts in pairs},
+        )

@@ -179,8 +179,13 @@ class RobotModel(JointLimits[Array]):
     turns: Mask  # which of them turn; the others slide
     home: Array
     """Their positions at the start of a program."""
+    joints: tuple[str, ...]  # names of those that are driven: of the arm, then of the fingers; n + f of them
     fingers: FingerModel  # those of its gripper
     tool_links: frozenset[str]
+    hand_links: frozenset[str]
+    """The links that may touch a grasped object: those of the tool, and the robot's own fingers."""
+    still_links: frozenset[str]
+    """The links that no driven joint moves."""
     tool_frame: str
     """The link that grasps."""
     parts: tuple[Part, ...]  # the solid parts of robot and tool
@@ -221,18 +226,24 @@ class RobotModel(JointLimits[Array]):
             if a == b or (a >= 0 and tree.parents[a] == b) or (b >= 0 and tree.parents[b] == a)
         )
         of_arm = tree.driven_by(arm, robot.rest)
+        driven = tree.driven_by([*arm, *map(tree.index, fingers.joints)], robot.rest)
+        moves, of_tool = (driven.ratios != 0.0).any(axis=1), frozenset(robot.tool.urdf.links if robot.tool else ())
+        names = tuple(tree.joints[index].name for index in arm)
         return RobotModel(
-            arm=tuple(tree.joints[index].name for index in arm),
+            arm=names,
+            joints=(*names, *fingers.joints),
             turns=tree.turns[arm],
             **_limit_arrays([tree.joints[index] for index in arm], robot),
             home=read_only([robot.home.get(tree.joints[index].name, tree.joints[index].rest) for index in arm]),
             fingers=fingers,
-            tool_links=frozenset(robot.tool.urdf.links if robot.tool else ()),
+            tool_links=of_tool,
+            hand_links=of_tool | fingers.links,
+            still_links=frozenset(link for link in tree.mounts if not moves[tree.chain(link)].any()),
             tool_frame=robot.tool_frame,
             parts=robot.parts,
             adjacent_pairs=adjacent,
             angle_tolerance=robot.angle_tolerance,
-            tree=tree.driven_by([*arm, *map(tree.index, fingers.joints)], robot.rest),
+            tree=driven,
             _chain=JointTree(
                 joints=tuple(tree.joints[row] for row in chain),
                 parents=tuple(range(-1, len(chain) - 1)),
@@ -251,26 +262,10 @@ class RobotModel(JointLimits[Array]):
         return tuple(self.tree.mounts)
 
     @cached_property
-    def joints(self) -> tuple[str, ...]:
-        """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
-        return (*self.arm, *self.fingers.joints)
-
-    @cached_property
     def position_limits(self) -> JointSpan:
         """Position limits of the driven joints, n + f of them."""
         fingers = self.fingers
         return JointSpan(np.concatenate([self.lower, fingers.lower]), np.concatenate([self.upper, fingers.upper]))
-
-    @property
-    def hand_links(self) -> frozenset[str]:
-        """The links that may touch a grasped object: those of the tool, and the robot's own fingers."""
-        return self.tool_links | self.fingers.links
-
-    @cached_property
-    def still_links(self) -> frozenset[str]:
-        """The links that no driven joint moves."""
-        moves = (self.tree.ratios != 0.0).any(axis=1)
-        return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
     def home_links(self) -> Mapping[str, Array]:

@@ -269,37 +269,36 @@ def _doubts(model: urdf.UrdfModel, pieces: Sequence[tuple[Element, Element]]) ->
     No principal moment of a body is below 0 or above the sum of the others (the triangle rule). Exported products of
     inertia sometimes break it, so it is not an error. Links fixed to each other make one body.
     """
-
-    def doubt(
-        code: str, kind: str, found: Sequence[urdf.UrdfLink | urdf.UrdfJoint], doubt: str, mend: str
-    ) -> Iterator[Problem]:
-        """One warning that names all links or joints found, at the place of the first; none without any."""
-        if found:
-            names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
-            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-            message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {doubt}"
-            yield Problem(code, message, found[0].place, severity="warning", mend=mend)
-
     joints, most = model.joints.values(), 2 * math.pi * MOST_TURNS
     endless = [joint for joint in joints if joint.type == "revolute" and max(-joint.lower, joint.upper) > most]
-    what = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
-    yield from doubt("no-limit", "joint", endless, what, 'a joint without limits has the type "continuous"')
     blocked = [joint for joint in joints if joint.movable and joint.lower == joint.upper and not joint.mimic]
-    what, mend = "a `lower` that is its `upper` limit, and cannot move", "state both limits, or make it a joint"
-    yield from doubt("no-motion", "joint", blocked, what, f'{mend} of the type "fixed"')
     stated = [(link, link.inertial) for link in model.links.values() if link.inertial is not None]
     sound = {model.root, *(model.body_of[link.name] for link, inertial in stated if inertial.mass > 0.0)}
     weightless = [link for link, _ in stated if link.collision and model.body_of[link.name] not in sound]
-    what = "a mass of 0 kg although solid and moving, simulated as 500 kg/m^3"
-    yield from doubt("no-mass", "link", weightless, what, "state the mass, usually 0.01 kg to 1000 kg")
     impossible = []
     for link, inertial in stated:
         low, middle, high = np.linalg.eigvalsh(inertial.inertia).tolist()
         too_large = high > (1.0 + TRIANGLE_ROUNDING) * (low + middle) + LEAST_MOMENT
         if too_large or low < -ROUNDING * max(high, 0.0) - LEAST_MOMENT:
             impossible.append(link)
-    what = "a principal moment of inertia below 0 or above the sum of the other two, which no body has"
-    yield from doubt("doubtful-inertia", "link", impossible, what, "check units and signs of <inertia>, in kg m^2")
+    turns = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
+    doubts: tuple[tuple[str, Sequence[urdf.UrdfLink | urdf.UrdfJoint], str, str], ...] = (
+        ("no-limit", endless, turns, 'a joint without limits has the type "continuous"'),
+        ("no-motion", blocked, "a `lower` that is its `upper` limit, and cannot move",
+            'state both limits, or make it a joint of the type "fixed"'),
+        ("no-mass", weightless, "a mass of 0 kg although solid and moving, simulated as 500 kg/m^3",
+            "state the mass, usually 0.01 kg to 1000 kg"),
+        ("doubtful-inertia", impossible,
+            "a principal moment of inertia below 0 or above the sum of the other two, which no body has",
+            "check units and signs of <inertia>, in kg m^2"),
+    )  # fmt: skip
+    for code, found, doubt, mend in doubts:
+        if found:  # one warning names all of them, at the place of the first
+            kind = "link" if isinstance(found[0], urdf.UrdfLink) else "joint"
+            names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
+            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+            message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {doubt}"
+            yield Problem(code, message, found[0].place, severity="warning", mend=mend)
     if empty := [(link.text("name"), piece) for link, piece in pieces if _is_empty(piece)]:
         names = ", ".join(f"`{name}`" for name in dict.fromkeys(name for name, _ in empty))
         message, place = f"a shape with a size of 0 is left out, of {names}", empty[0][1].place

@@ -45,12 +45,6 @@ class RefusedExpressionError(ValueError):
     """An expression that is wrong, or that asks for more than this module does."""
 
 
-class _Guarded(ast.NodeTransformer):
-    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        self.generic_visit(node)
-        return ast.Call(ast.Name(_GUARD, ast.Load()), [node.value, ast.Constant(node.attr)], [])
-
-
 def evaluate(expression: str, names: Any, _locals: None = None) -> Any:  # noqa: ANN401 - xacro's tables of names
     """The value of an expression; stands in for xacro's `safe_eval`.
 
@@ -64,7 +58,12 @@ def evaluate(expression: str, names: Any, _locals: None = None) -> Any:  # noqa:
         if not isinstance(node, _NODES) or (isinstance(node, ast.Name) and node.id.startswith("_")):
             shown = ast.unparse(node)[:60] if isinstance(node, ast.expr) else type(node).__name__
             raise RefusedExpressionError(f"`{shown}` is Python that is not evaluated here")
-    code = compile(ast.fix_missing_locations(_Guarded().visit(tree)), "<expression>", "eval")
+    # Attributes are read by a call of `_attribute`.
+    guard = ast.NodeTransformer()
+    guard.visit_Attribute = lambda node: ast.Call(  # type: ignore[method-assign]
+        ast.Name(_GUARD, ast.Load()), [guard.visit(node.value), ast.Constant(node.attr)], []
+    )
+    code = compile(ast.fix_missing_locations(guard.visit(tree)), "<expression>", "eval")
     dict.update(names, {"__builtins__": {_GUARD: _attribute}})
     try:
         value = eval(code, names)  # noqa: S307 - only what is listed above

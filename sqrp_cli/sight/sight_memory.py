@@ -106,7 +106,7 @@ def _camera(camera: Camera) -> bytes:
     """All of a camera that decides what it sees, in short."""
     arrays = b"".join(np.ascontiguousarray(one).tobytes() for one in (camera.X_FC, camera.matrix, camera.distortion))
     size = camera.width, camera.height
-    others = (camera.frame, size, camera.distortion_model, camera.near, camera.far, camera.brightness)
+    others = (camera.frame, size, camera.distortion_model, camera.near, camera.far, camera.gain)
     return blake2b(arrays + repr(others).encode(), digest_size=_DIGEST).digest()
 
 

@@ -113,7 +113,7 @@ class SightScene:
         bent = np.pad(np.asarray(one.distortion, dtype=float), (0, 8 - len(one.distortion)))
         return (
             _LENSES[one.distortion_model], bent, projection.radius, one.matrix[:2], one.width, one.height, one.near,
-            one.far, one.brightness, one.X_FC[:3], self._frame(one.frame),
+            one.far, one.gain or 1.0, one.X_FC[:3], self._frame(one.frame),
         )  # fmt: skip
 
     def _box_record(self, box: SoughtBox) -> tuple[object, ...]:

@@ -347,7 +347,8 @@ def lighting(scene: Scene) -> tuple[float, float, str | None, bool]:
     """Shares of what is seen of the box that are too dark and too bright; what lights or shades it; whether sure."""
     box, (half, middle), eye = scene.box, scene.shrunk, scene.X_WC[:3, 3]
     least, most = MARKER if box.limits.kind == "aruco" else brightness_of(box.color) if box.color else ANY_BRIGHTNESS
-    least, most = least / scene.camera.brightness, most / scene.camera.brightness
+    gain = scene.camera.gain or 1.0
+    least, most = least / gain, most / gain
     total, dark, bright, sure = 0.0, 0.0, 0.0, True
     ambient = sum(light.intensity for light in scene.lights.values() if light.is_ambient)
     shining = {name: light for name, light in scene.lights.items() if not light.is_ambient}

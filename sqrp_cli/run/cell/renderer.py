@@ -89,7 +89,7 @@ class Renderer:
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
         camera, optics = self._cameras[name], self._optics[name]
-        image = self._rendered(camera, camera.X_FC, camera.brightness)
+        image = self._rendered(camera, camera.X_FC, camera.gain or 1.0)
         if optics.maps is not None:  # black where the lens does not look
             image = cv2.remap(image, *optics.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         # Noise depends on seed, camera and time alone, and is never twice in a row the same.
