@@ -40,22 +40,10 @@ class SuggestedStep:
     """The world that it starts from; None if a step before it is infeasible."""
     assessment: CandidateResult | None
     """Of its best candidate, or of the first if none is feasible."""
-
-    @classmethod
-    def of(cls, candidate: Candidate, world: World | None, assessment: CandidateResult | None) -> SuggestedStep:
-        """The step of a candidate, assessed in a world."""
-        action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
-        return cls(candidate.task, str(action), world, assessment)
-
-    @property
-    def feasible(self) -> bool:
-        """Whether it is feasible after the steps before it."""
-        return self.assessment is not None and self.assessment.feasible
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why it is infeasible."""
-        return ("a step before it cannot be done",) if self.assessment is None else self.assessment.reasons
+    feasible: bool
+    """Whether it is feasible after the steps before it."""
+    reasons: tuple[str, ...]
+    """Why it is infeasible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +56,7 @@ class Suggestion:
     steps: tuple[SuggestedStep, ...] | None = None
     """The plan."""
     last: SuggestedStep | None = None
-    """The candidate itself, after the plan."""
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every step of a plan is feasible, the candidate itself included."""
-        return self.last is not None and self.last.feasible
+    """The candidate itself, after the plan; if it is feasible, every step is."""
 
     @property
     def words(self) -> str:
@@ -129,7 +112,7 @@ class Suggester:
                 elif world is not None:
                     assessment = RankJob(cell=self.cell, world=world).assess(candidate)
                 first = f"first do {', then '.join(map(str, steps))}"
-                last = SuggestedStep.of(candidate, world, assessment)
+                last = _suggested(candidate, world, assessment)
                 return Suggestion("plan", first, tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
@@ -144,11 +127,11 @@ class Suggester:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
             candidates = read_task(_text(steps[-1], self.cell.workspace), self.cell.workspace).candidates
             if world is None:
-                self._done[steps] = SuggestedStep.of(candidates[0], None, None), None
+                self._done[steps] = _suggested(candidates[0], None, None), None
             else:
                 job = RankJob(cell=self.cell, world=world, wanted=self.wanted)
                 best = rank(tuple(assess_all(job, candidates, self.jobs)), "q_eoi")[0]
-                step = SuggestedStep.of(best.candidate, world, best)
+                step = _suggested(best.candidate, world, best)
                 self._done[steps] = step, world_left(self.cell, best, world)
         return self._done[steps]
 
@@ -181,6 +164,15 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     names = [f"{name}={value}" for name, value in last.binding.items()]
     kept = [word for word in settings if word.split("=", 1)[0] not in last.binding]
     return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
+
+
+def _suggested(candidate: Candidate, world: World | None, found: CandidateResult | None) -> SuggestedStep:
+    """The step of a candidate, assessed in a world; neither is there after a step that cannot be done."""
+    action = str(PlanStep(candidate.skill.action.name, tuple(candidate.binding.values())))
+    feasible, reasons = (
+        (False, ("a step before it cannot be done",)) if found is None else (found.feasible, found.reasons)
+    )
+    return SuggestedStep(candidate.task, action, world, found, feasible, reasons)
 
 
 def _text(step: PlanStep, workspace: Workspace) -> str:
@@ -230,8 +222,8 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
         job = RankJob(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
         done = job.steps_done(best.candidate) or [(best, suggester.world)]
-        return tuple(SuggestedStep.of(one.candidate, world, one) for one, world in done)
-    suggestions = [one.suggestion for one in found if one.suggestion.feasible]
+        return tuple(_suggested(one.candidate, world, one) for one, world in done)
+    suggestions = [one.suggestion for one in found if one.suggestion.last and one.suggestion.last.feasible]
     fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
     if fastest:
         of_plan, numbers = Counter[object](), list[int]()

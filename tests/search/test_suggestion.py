@@ -83,7 +83,7 @@ def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_ha
     suggester = Suggester(cell, cell.initial_world, candidates=21)
     some = read_task("place g2 crate", tabletop).candidates[:3]
     checked = [check_candidate(one, suggester) for one in some]
-    found = [one.suggestion for one in checked if one.suggestion.feasible]
+    found = [one.suggestion for one in checked if one.suggestion.last and one.suggestion.last.feasible]
     assert found
     assert all(one.last and one.last.assessment and one.last.assessment.q_eoi is None for one in found)
     *_, best = best_suggestion(checked, suggester)
