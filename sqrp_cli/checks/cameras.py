@@ -70,7 +70,8 @@ def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
     """Cameras with a distortion that folds back inside the image, or bends or shifts its sides far too much."""
     for camera in workspace.cameras.values():
-        if camera.distortion_model != "none" and (message := _why_implausible(camera)) is not None:
+        message = None if camera.distortion_model == "none" else _why_implausible(camera)
+        if message is not None:
             mend = "compare the coefficients and their order with the calibration"
             yield warning("implausible-lens", message, workspace, f"cameras.{camera.name}", mend)
 
@@ -168,13 +169,10 @@ def _why_implausible(camera: Camera) -> str | None:
         """Where the four points on the axes at a radius go: right, left, bottom, top, shape (4, 2)."""
         return projection.bent(radius * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]))[0]
 
-    def moved_out(radius: float) -> float:
-        """How far from the middle points at a radius go, without the tangential terms."""
-        right, left, _, _ = bent(radius)
-        return 0.5 * float(right[0] - left[0])
-
+    # How far from the middle points at a radius go: right and left together, so without the tangential terms.
     widest = min(projection.radius * (1 - 1e-9), _WIDEST)
-    largest = moved_out(widest)
+    right, left, _, _ = bent(widest)
+    largest = 0.5 * float(right[0] - left[0])
     if largest < nearest:
         return (
             f"with its distortion, camera `{camera.name}` shows nothing further than {focal * largest:.0f} pixels from "
@@ -185,7 +183,8 @@ def _why_implausible(camera: Camera) -> str | None:
     side, high = 0.0, widest  # the radius that is mapped to the middle of a side, by bisection
     for _ in range(60):
         middle = 0.5 * (side + high)
-        side, high = (middle, high) if moved_out(middle) < min(across, largest) else (side, middle)
+        right, left, _, _ = bent(middle)
+        side, high = (middle, high) if 0.5 * float(right[0] - left[0]) < min(across, largest) else (side, middle)
     if not largest < across and not 1 / MOST_BENT <= side / across <= MOST_BENT:
         with_it, without = (np.degrees(2 * np.arctan(half)) for half in (side, across))
         return (

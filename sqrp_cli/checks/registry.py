@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.errors import bad_input, expected_names
 from sqrp_cli.records import dataclass
 
 FINDINGS = Path(__file__).with_name("findings.yaml")
@@ -51,10 +50,3 @@ def rules() -> Mapping[str, RuleEntry]:
         severity = entry.get("severity", "error").split(" or ")
         found[code] = RuleEntry(code=code, subject=subject, severity=severity, file=entry.get("in"), **texts)
     return found
-
-
-def rule_of(code: str) -> RuleEntry:
-    """The rule of a code. Raises InputError, with the nearest code, if there is none."""
-    if code not in rules():
-        raise bad_input("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}")
-    return rules()[code]

@@ -44,20 +44,6 @@ class ChangedCandidate(Record):
     worse: tuple[str, ...]
     """The figures that get worse by as much as rankings tell apart; `feasible` if it can no longer be done."""
 
-    def __str__(self) -> str:
-        """What gets worse, such as `g4 Q_eoi 63.4 % to 12.8 %`."""
-        shifts = ["can no longer be done"] if "feasible" in self.worse else []
-        for name, label, scale, pattern in _SHOWN:
-            if name in self.worse:
-                old, new = (
-                    "never"
-                    if figures.unseen and name == "delay_worst"
-                    else pattern.format(scale * getattr(figures, name))
-                    for figures in (self.before, self.after)
-                )
-                shifts.append(f"{label} {old} to {new}")
-        return f"{self.candidate} {', '.join(shifts)}"
-
 
 _SHOWN = (
     ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
@@ -92,27 +78,26 @@ class TaskEffect(Record):
         for some in zip(*candidates, strict=True):
             ranking = rank(some, "q_eoi")
             firsts.append(ranking[0].candidate.name if ranking[0].rank is not None else None)
-        for pair in candidates:
-            better, worse = _what_falls(pair[1], pair[0]), _what_falls(*pair)
+        for before, after in candidates:
+            better, worse = list[str](), list[str]()
+            for one, other, names in ((after, before, better), (before, after, worse)):
+                # The figures in which the other is worse than the one, by as much as rankings tell apart.
+                if one.feasible and not other.feasible:
+                    names.append("feasible")
+                    continue
+                for name, sign, step in _COMPARED:
+                    first, second = getattr(one, name), getattr(other, name)
+                    known = first is not None and second is not None
+                    if known and np.round(sign * second / step) < np.round(sign * first / step):
+                        names.append("delay_worst" if name == "latest" else name)
             if better or worse:
-                before, after = map(AdvisedFigures.of, pair)
-                name = pair[0].candidate.name
-                changed.append(ChangedCandidate(candidate=name, before=before, after=after, worse=worse))
+                figures = AdvisedFigures.of(before), AdvisedFigures.of(after)
+                name = before.candidate.name
+                changed.append(
+                    ChangedCandidate(candidate=name, before=figures[0], after=figures[1], worse=tuple(worse))
+                )
         first_before, first_after = firsts or (None, None)
         return cls(task=task, first_before=first_before, first_after=first_after, candidates=tuple(changed))
-
-
-def _what_falls(one: CandidateResult, other: CandidateResult) -> tuple[str, ...]:
-    """The figures in which the other is worse than the one, by as much as rankings tell apart."""
-    if one.feasible and not other.feasible:
-        return ("feasible",)
-    names = []
-    for name, sign, step in _COMPARED:
-        first, second = getattr(one, name), getattr(other, name)
-        known = first is not None and second is not None
-        if known and np.round(sign * second / step) < np.round(sign * first / step):
-            names.append("delay_worst" if name == "latest" else name)
-    return tuple(names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +153,19 @@ class AdviceFound(ChangeFound):
         """
         told, costs = set[str](), list[str]()
         for task in self.tasks:
-            worse = [words for one in task.candidates if one.worse and (words := str(one)) not in told]
+            worse = []
+            for one in task.candidates:
+                shifts = ["can no longer be done"] if "feasible" in one.worse else []
+                for name, label, scale, pattern in (shown for shown in _SHOWN if shown[0] in one.worse):
+                    old, new = (
+                        "never"
+                        if figures.unseen and name == "delay_worst"
+                        else pattern.format(scale * getattr(figures, name))
+                        for figures in (one.before, one.after)
+                    )
+                    shifts.append(f"{label} {old} to {new}")
+                words = f"{one.candidate} {', '.join(shifts)}"
+                worse += [words] if shifts and words not in told else []
             told.update(worse)
             costs += [f"in {task.task}: {'; '.join(worse)}"] if worse else []
         return costs

@@ -6,7 +6,6 @@ That is clear of everything solid and of the robot's sweep, and not below a tabl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 
@@ -117,14 +116,9 @@ def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
     units = X_FP[:, :3, :3] @ solid.half_axes.T / half  # columns
     along = places[near] @ units.swapaxes(0, 1).reshape(3, -1) - (center[:, None] @ units).reshape(-1)  # all at once
     gap = np.abs(along).reshape(len(near), len(X_FP), 3) - half
-    ball = _ball(radius)
+    ball = load_solid(Part("camera", WORLD, Sphere(radius), pose()))
     for index, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
         if not found[place := near[index]]:
             inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
             found[place] = inside or distance(ball, pose(position=places[place]), solid, X_FP[state], 0.0) is not None
     return found
-
-
-@cache
-def _ball(radius: float) -> Solid:
-    return load_solid(Part("camera", WORLD, Sphere(radius), pose()))

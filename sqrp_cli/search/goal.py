@@ -92,12 +92,6 @@ class Goal(Record):
         """Whether it is about Q_eoi and, at most, the duration."""
         return self.q_eoi is not None and self.q_avg is None and self.delay is None
 
-    @property
-    def thresholds(self) -> dict[str, float]:
-        """The same as thresholds of a task in a workspace."""
-        keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
-        return {keys[name]: value for name, value, _ in self._stated(NAMES)}
-
     def missed(self, found: CandidateResult) -> tuple[str, ...]:
         """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
         if not found.feasible:

@@ -174,37 +174,34 @@ class Problem:
             site for of_one in self.candidates for site in set.intersection(*(of_way[number] for number in of_one))
         )
 
-    def covered(self, options: Sequence[int]) -> Mask:
-        """Which rows some options and those that stay cover, shape (rows,)."""
-        together = [*options, *sorted(self.kept)]
+    def figures(self, selection: Selection) -> list[tuple[float | None, float | None, float]]:
+        """Q_eoi and Q_avg at most, and the longest delay of a fault at least [s], of each way of a selection.
+
+        The delay is 0 without faults.
+        """
+        together, found = [*selection.options, *sorted(self.kept)], list[tuple[float | None, float | None, float]]()
         seen = np.array(self.rows.sees, dtype=bool).reshape(-1, len(self.site))[:, together].sum(axis=1)
         covered: Mask = seen >= np.array(self.rows.needed)
-        return covered
-
-    def qualities(self, way: int, covered: Mask) -> tuple[float | None, float | None]:
-        """Q_eoi and Q_avg of a way at most, if these rows are covered, shape (rows,)."""
-        seen = [times for rows, times in self.ways[way].groups.items() if all(covered[row] for row in rows)]
-        q_eoi, q_avg = (
-            min(1.0, sum(times[which] for times in seen) / total) if total > 0 else None
-            for which, total in enumerate(self.ways[way].times)
-        )
-        return q_eoi, q_avg
-
-    def delay(self, way: int, covered: Mask) -> float:
-        """The longest delay of a fault of a way at least, if these rows are covered [s]; 0 without faults."""
-        longest = 0.0
-        for fault in self.ways[way].faults:
-            response = np.full(len(fault.begin), np.inf)
-            for tier, of_tier in zip(reversed(self.tiers), reversed(fault.rows), strict=True):
-                response[[rows is not None and bool(covered[list(rows)].all()) for rows in of_tier]] = tier
-            longest = max(longest, float(fault.least(response).min(axis=1, initial=np.inf).max(initial=0.0)))
-        return longest
+        for way in (self.ways[number] for number in selection.ways):
+            known = [times for rows, times in way.groups.items() if all(covered[row] for row in rows)]
+            q_eoi, q_avg = (
+                min(1.0, sum(times[which] for times in known) / total) if total > 0 else None
+                for which, total in enumerate(way.times)
+            )
+            longest = 0.0
+            for fault in way.faults:
+                response = np.full(len(fault.begin), np.inf)
+                for tier, of_tier in zip(reversed(self.tiers), reversed(fault.rows), strict=True):
+                    response[[rows is not None and bool(covered[list(rows)].all()) for rows in of_tier]] = tier
+                longest = max(longest, float(fault.least(response).min(axis=1, initial=np.inf).max(initial=0.0)))
+            found.append((q_eoi, q_avg, longest))
+        return found
 
     def worth(self, requirements: Requirements, selection: Selection) -> tuple[float, float]:
         """The quality that counts first at most, and the longest delay at least [s], of a selection."""
-        covered = self.covered(selection.options)
-        value = requirements.value((self.qualities(way, covered) for way in selection.ways), self.weights)
-        return value, max((self.delay(way, covered) for way in selection.ways), default=0.0)
+        found = self.figures(selection)
+        value = requirements.value(((q_eoi, q_avg) for q_eoi, q_avg, _ in found), self.weights)
+        return value, max((delay for *_, delay in found), default=0.0)
 
 
 def covered_way(

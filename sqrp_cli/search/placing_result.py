@@ -65,7 +65,7 @@ class CameraPlaced(Record):
             frame=camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
             moved=0.0,
-            price=place.price,
+            price=place.spot.entry.price + place.lens.price,
             alone=alone,
             loss=loss,
             place=place,

@@ -111,11 +111,6 @@ class Installation:
             Camera, self.lens, self.lens.image.intrinsics(), name=name, frame=self.spot.frame, X_FC=self.X_FC
         )
 
-    @property
-    def price(self) -> float:
-        """Of the camera and of mounting it there."""
-        return self.spot.entry.price + self.lens.price
-
 
 def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Iterator[Installation]:
     """Every pose at a place with every lens that fits its mount.

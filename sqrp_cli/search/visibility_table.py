@@ -179,7 +179,8 @@ class VisibilityTable:
         best = [np.max([each[way] for way in of_one], axis=0) for of_one in self.candidates]
         responses = np.array([option.lens.response for option in self.options])
         tiers, rows = tuple(np.unique(responses).tolist()), Rows()
-        prices = [0.0 if number in self.kept else option.price for number, option in enumerate(self.options)]
+        prices = np.array([option.spot.entry.price + option.lens.price for option in self.options])
+        prices[self.kept] = 0.0
         return Problem(
             ways=tuple(
                 covered_way(way, sees, responses, tiers, failure_tolerance, rows)
@@ -190,7 +191,7 @@ class VisibilityTable:
             candidates=tuple(self.candidates),
             weights=self.weights,
             site=self.site,
-            price=np.array(prices),
+            price=prices,
             alone=np.mean(best, axis=0) if best else np.zeros(len(self.options)),
             kept=frozenset(self.kept),
             apart=frozenset(touching_pairs(self.question.mounts.spots)),

@@ -142,14 +142,11 @@ def key(problem: Problem, wanted: Requirements, one: Selection) -> tuple[float, 
 
 
 def meets(problem: Problem, goal: Goal, one: Selection) -> bool:
-    covered = problem.covered(one.options)
-    pairs = [
-        pair for way in one.ways for pair in zip((goal.q_eoi, goal.q_avg), problem.qualities(way, covered), strict=True)
-    ]
-    delays = [problem.delay(way, covered) for way in one.ways]
+    found = problem.figures(one)
+    pairs = [pair for of_way in found for pair in zip((goal.q_eoi, goal.q_avg), of_way[:2], strict=True)]
     least = problem.least_delays[np.ix_(one.ways, [*one.options, *problem.kept])].max(initial=0.0)
     enough = all(least is None or quality is None or quality >= least - 1e-9 for least, quality in pairs)
-    return enough and (goal.delay is None or max(*delays, least) <= goal.delay + 1e-9)
+    return enough and (goal.delay is None or max(*(delay for *_, delay in found), least) <= goal.delay + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -164,7 +161,7 @@ def test_the_best_of_all_selections_is_chosen_in_every_aim_in_the_stated_order(s
     known = list(every_selection(problem, wanted))
     if known and seed % 3:  # a goal that the best just meets, or that is hard
         best = min(known, key=lambda one: key(problem, wanted, one))
-        q_avg = min(problem.qualities(way, problem.covered(best.options))[1] or 0.0 for way in best.ways)
+        q_avg = min(q_avg or 0.0 for _, q_avg, _ in problem.figures(best))
         goal = Goal(q_avg=q_avg) if seed % 3 == 1 else Goal(q_avg=0.5 * q_avg, delay=float(rng.uniform(0.5, 3.0)))
         wanted = replace(wanted, goal=goal)
         known = [one for one in known if meets(problem, goal, one)]

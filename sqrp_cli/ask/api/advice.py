@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from sqrp_cli.skill.settings import MotionValue
 
 
+_THRESHOLDS = ("min_q_eoi", "min_q_avg", "max_time", "max_delay")  # of a task in a workspace
+
+
 @dataclass(frozen=True, eq=False)
 class AdvisedCell:
     """A cell whose workspace file changes may be written into."""
@@ -81,7 +84,10 @@ class AdvisedCell:
             own = _key(self.candidate)
             listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
             alone = next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
-            return with_task(self.file, self._task(change.parameters), self.goal.thresholds, instead_of=alone)
+            goal = self.goal
+            figures = zip(_THRESHOLDS, (goal.q_eoi, goal.q_avg, goal.time, goal.delay), strict=True)
+            thresholds = {name: value for name, value in figures if value is not None}
+            return with_task(self.file, self._task(change.parameters), thresholds, instead_of=alone)
         if change.X_WO is not None:
             stated = workspace.objects[change.target]
             now = self.session.assignment.world.X_WO.get(change.target)

@@ -14,7 +14,7 @@ from sqrp_cli.ask.api.results import is_result, read_result
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
 from sqrp_cli.cli.options import answer, check_needed, open_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option
+from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, expected_names
 
 
 @command("show")
@@ -158,10 +158,12 @@ def _rules(
 
     With CODE, show one finding in full, with an example that passes and one that fails.
     """
-    from sqrp_cli.checks.registry import rule_of, rules
+    from sqrp_cli.checks.registry import rules
     from sqrp_cli.show.documents.checks import RulesDocument
 
-    answer(RulesDocument(rules=list(rules().values()) if code is None else [rule_of(code)]), as_json=json)
+    if code is not None and code not in rules():
+        raise bad_input("unknown-rule", f"there is no finding `{code}`; {expected_names(code, rules())}")
+    answer(RulesDocument(rules=list(rules().values()) if code is None else [rules()[code]]), as_json=json)
     return ExitCode.OK
 
 
