@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Step
 from sqrp_cli.ros.dds import DdsTransport
-from sqrp_cli.ros.messages import Inbox, Message, MessageError, Send, Topic, nanoseconds, transform_message
+from sqrp_cli.ros.messages import Message, MessageError, Topic, nanoseconds, transform_message
 from sqrp_cli.run.arm_motion import JointStates
 from sqrp_cli.run.cell.robot_file import ImageTopicEntry, RobotFile, ToolTopicEntry, TrajectoryEntry
 from sqrp_cli.run.cell.ros_cell import CLOCK
@@ -75,15 +74,16 @@ class CellServer:
         """file: what is published where. faults: that are to happen. tell: says what happens."""
         self._cell, self._file, self._transport, self._tell = cell, file, transport, tell
         self._workspace, self._faults, self._types = workspace, faults, transport.types
-        joints = file.joints or {}
+        self._force, joints = file.force or "/wrench", file.joints or {}
         at = cell.measured_joints()
         fixed = {} if workspace.robot.fingers is None else dict(workspace.robot.fingers.open)
         self.reference = FollowedTrajectory({wire: name for name, wire in joints.items()}, at, fixed)
         self._origin = time.time_ns()
         tell(f"time 0 is {self._origin * 1e-9:.6f} s of `/clock`")
-        self._steps = 0
+        self._steps, self.t, self._stamp = 0, 0.0, self._origin
+        """Steps, and time [s] of the simulation; the same time on the clock that is published [ns]."""
         self._exposures = dict.fromkeys(workspace.cameras, 0)
-        self._later: list[tuple[float, int, Callable[[], None]]] = []  # messages on their way, by the time of sending
+        self._later: list[tuple[float, int, str, Message]] = []  # messages on their way, by the time of sending
         self._numbers = count()
         self._last: dict[str, ImageArray] = {}
         self._frozen: Mapping[str, float] | None = None
@@ -91,34 +91,22 @@ class CellServer:
         self._stood, self._still = True, STILL_FOR
         self._complaint, self._complained = "", 0.0
 
-        def sender(name: str | None, kind: str, depth: int, *, latched: bool = False) -> Send:
-            return transport.publish(Topic(name=name or "", type=kind, depth=depth, reliable=True, latched=latched))
-
-        subscribe = transport.subscribe
         assert file.tool is not None  # noqa: S101 - as `served_file` makes it
-        self._clock = sender(CLOCK.name, CLOCK.type, 10)
-        self._joints = sender(file.joint_states, _JOINT_STATE, 50)
-        self._wrench = sender(file.force or "/wrench", _WRENCH, 10)
-        self._images = {name: sender(one.image, _IMAGE, 4) for name, one in file.cameras.items()}
-        self._infos = {name: sender(one.info, _INFO, 4) for name, one in file.cameras.items()}
-        self._tf = sender("/tf_static", _TF, 1, latched=True)
-        self._tool: Inbox = subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
-        self._trajectories = subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
+        topics = [(CLOCK.name, CLOCK.type, 10), (file.joint_states, _JOINT_STATE, 50), (self._force, _WRENCH, 10)]
+        for one in file.cameras.values():
+            topics += [(one.image or "", _IMAGE, 4), (one.info or "", _INFO, 4)]
+        self._send = {
+            name: transport.publish(Topic(name=name, type=kind, depth=depth, reliable=True))
+            for name, kind, depth in topics
+        }
+        self._tool = transport.subscribe(Topic(name=file.tool.topic, type=_BOOL, reliable=True))
+        self._trajectories = transport.subscribe(Topic(name=file.trajectory.topic, type=_TRAJECTORY, reliable=True))
         transforms = [
             transform_message(self._types, self._origin, camera.frame, optical_frame(name), camera.X_FC)
             for name, camera in workspace.cameras.items()
         ]
-        self._tf(self._types.make(_TF, transforms=transforms))
-
-    @property
-    def t(self) -> float:
-        """Time of the simulation [s]."""
-        return self._steps * STEP
-
-    @property
-    def stamp(self) -> int:
-        """The same on the clock that is published [ns]."""
-        return self._origin + round(self.t * 1e9)
+        tell_frames = transport.publish(Topic(name="/tf_static", type=_TF, depth=1, reliable=True, latched=True))
+        tell_frames(self._types.make(_TF, transforms=transforms))
 
     def serve(self, until: Callable[[], bool], factor: float = 1.0) -> None:
         """Let time pass until something is so; factor: at most so fast as that of the world."""
@@ -151,6 +139,8 @@ class CellServer:
                 case "joints-frozen":
                     self._frozen = self._cell.measured_joints()
         self._steps += 1
+        self.t = self._steps * STEP
+        self._stamp = self._origin + round(self.t * 1e9)
         self._cell.advance(self.t, self.reference)
         # Say when the arm begins to move, and when it stands.
         found = self._cell.measured_joints()
@@ -163,7 +153,7 @@ class CellServer:
         elif self._still == STILL_FOR:
             self._tell(f"{self.t - STILL_FOR * STEP:.3f} s: the arm stands")
         self._stood = not moves and (self._stood or self._still >= STILL_FOR)
-        self._clock(self._types.make(CLOCK.type, clock=self._types.time(self.stamp)))
+        self._send[CLOCK.name](self._types.make(CLOCK.type, clock=self._types.time(self._stamp)))
         self._publish()
 
     def follow(self, message: Message) -> None:
@@ -184,47 +174,44 @@ class CellServer:
 
     def _publish(self) -> None:
         """Joint states and force, images that are due, and what was on its way until now."""
-        if self._steps % JOINTS_EVERY == 0 and not self._faults.has("joints-loss"):
-            found = self._frozen if self._faults.has("joints-frozen") and self._frozen else self._cell.measured_joints()
+        sending: list[tuple[float, str, Message]] = []  # how late each message is [s], and its topic
+        header = self._types.header(self._stamp)
+        if self._steps % JOINTS_EVERY == 0 and not self._faults.happened("joints-loss"):
+            frozen = self._frozen if self._faults.happened("joints-frozen") else None
+            found = frozen or self._cell.measured_joints()
             names = {**dict.fromkeys(found, ""), **(self._file.joints or {})}
-            message = self._types.make(
-                _JOINT_STATE,
-                header=self._types.header(self.stamp),
-                name=[names[name] or name for name in found],
-                position=np.array(list(found.values())),
-            )
-            self._after(self._faults.delay("joints-latency"), partial(self._joints, message))
+            wire_names, position = [names[name] or name for name in found], np.array(list(found.values()))
+            message = self._types.make(_JOINT_STATE, header=header, name=wire_names, position=position)
+            late = max((fault.delay for fault in self._faults.happened("joints-latency")), default=0.0)
+            sending.append((late, self._file.joint_states, message))
             wrench = {"force": {"z": self._cell.tool_force()}}
-            self._wrench(self._types.make(_WRENCH, header=self._types.header(self.stamp), wrench=wrench))
+            sending.append((0.0, self._force, self._types.make(_WRENCH, header=header, wrench=wrench)))
         cameras = self._workspace.cameras
         due = [name for name, camera in cameras.items() if self._exposures[name] / camera.rate <= self.t + 1e-9]
         for name in due:
             self._exposures[name] += 1
-        wanted = [name for name in due if not self._faults.has("camera-loss", name)]
+        wanted = [name for name in due if not self._faults.happened("camera-loss", name)]
         for name, frame in self._cell.frames(wanted).items() if wanted else ():
-            image = self._last.get(name, frame.image) if self._faults.has("frozen", name) else frame.image
+            image = self._last.get(name, frame.image) if self._faults.happened("frozen", name) else frame.image
             self._last[name] = image
-            late = cameras[name].lag + self._faults.delay("latency", name)
+            late = max((fault.delay for fault in self._faults.happened("latency", name)), default=0.0)
             height, width, _ = image.shape
             message = self._types.make(
                 _IMAGE,
-                header=self._types.header(self.stamp, optical_frame(name)),
+                header=self._types.header(self._stamp, optical_frame(name)),
                 height=height,
                 width=width,
                 encoding="rgb8",
                 step=3 * width,
                 data=image.reshape(-1),
             )
-            self._after(late, partial(self._images[name], message))
-            self._infos[name](camera_info(self._types, cameras[name], self.stamp))
+            topics, info = self._file.cameras[name], camera_info(self._types, cameras[name], self._stamp)
+            sending += [(cameras[name].lag + late, topics.image or "", message), (0.0, topics.info or "", info)]
+        for late, topic, message in sending:
+            heapq.heappush(self._later, (self.t + late, next(self._numbers), topic, message))
         while self._later and self._later[0][0] <= self.t + 1e-9:
-            heapq.heappop(self._later)[2]()
-
-    def _after(self, seconds: float, send: Callable[[], None]) -> None:
-        if seconds <= 0:
-            send()
-        else:
-            heapq.heappush(self._later, (self.t + seconds, next(self._numbers), send))
+            _, _, topic, message = heapq.heappop(self._later)
+            self._send[topic](message)
 
 
 class FollowedTrajectory:
@@ -284,35 +271,28 @@ class FollowedTrajectory:
         span = np.maximum(self._times[following] - self._times[piece], 1e-9)[:, None]
         u = np.clip((t - self._times[piece])[:, None], 0.0, span)
         begin, end = (JointStates(*(values[i] for values in self._points)) for i in (piece, following))
-        found = between(begin, end, u, span, self._order)
+        (q0, v0, a0), (q1, v1, a1), x = begin, end, u / span
+        # The polynomial of the order that fits both ends.
+        c1, c2, c3, c4, c5 = v0 * span, *(np.zeros_like(q0) for _ in range(4))
+        if self._order == 1:
+            c1 = q1 - q0
+        elif self._order == 3:
+            c2, c3 = 3 * (q1 - q0) - span * (2 * v0 + v1), 2 * (q0 - q1) + span * (v0 + v1)
+        else:
+            c2 = 0.5 * a0 * span**2
+            c3 = 10 * (q1 - q0) - span * (6 * v0 + 4 * v1) - span**2 * (1.5 * a0 - 0.5 * a1)
+            c4 = -15 * (q1 - q0) + span * (8 * v0 + 7 * v1) + span**2 * (1.5 * a0 - a1)
+            c5 = 6 * (q1 - q0) - 3 * span * (v0 + v1) - 0.5 * span**2 * (a0 - a1)
+        found = (
+            q0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
+            (c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span,
+            (2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2,
+        )
         held = (piece == following)[:, None]
         still = np.zeros_like(end.positions)
         moved = [np.where(held, rest, one) for one, rest in zip(found, (end.positions, still, still), strict=True)]
         fixed = np.tile(self._fixed, (len(t), 1))
         return JointStates(*(np.hstack([a, b]) for a, b in zip(moved, (fixed, 0 * fixed, 0 * fixed), strict=True)))
-
-
-def between(begin: JointStates, end: JointStates, u: Array, span: Array, order: int) -> JointStates:
-    """The states a time u after the beginning of a span [s], (m, 1) each: the polynomial of an order that fits both."""
-    q0, v0, a0 = begin
-    q1, v1, a1 = end
-    x = u / span
-    if order == 1:
-        return JointStates(q0 + (q1 - q0) * x, (q1 - q0) / span + 0 * x, 0 * q0 * x)
-    if order == 3:
-        c2, c3 = 3 * (q1 - q0) - span * (2 * v0 + v1), 2 * (q0 - q1) + span * (v0 + v1)
-        c4 = c5 = np.zeros_like(c2)
-    else:
-        c2 = 0.5 * a0 * span**2
-        c3 = 10 * (q1 - q0) - span * (6 * v0 + 4 * v1) - span**2 * (1.5 * a0 - 0.5 * a1)
-        c4 = -15 * (q1 - q0) + span * (8 * v0 + 7 * v1) + span**2 * (1.5 * a0 - a1)
-        c5 = 6 * (q1 - q0) - 3 * span * (v0 + v1) - 0.5 * span**2 * (a0 - a1)
-    c1 = v0 * span
-    return JointStates(
-        q0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
-        (c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / span,
-        (2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5))) / span**2,
-    )
 
 
 class Faults:
@@ -353,10 +333,6 @@ class Faults:
         self._happened += found
         return found
 
-    def has(self, kind: str, camera: str | None = None) -> bool:
-        """Whether a fault has happened, to a camera if it is one of cameras."""
-        return any(fault.kind == kind and fault.camera == camera for fault in self._happened)
-
-    def delay(self, kind: str, camera: str | None = None) -> float:
-        """By how much something is late [s]."""
-        return max((one.delay for one in self._happened if one.kind == kind and one.camera == camera), default=0.0)
+    def happened(self, kind: str, camera: str | None = None) -> list[InjectedFault]:
+        """The faults of a kind that have happened, to a camera if it is one of cameras."""
+        return [fault for fault in self._happened if fault.kind == kind and fault.camera == camera]
