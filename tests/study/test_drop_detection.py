@@ -59,11 +59,11 @@ class Painted:
 
     def says_of_held(self, boxes: list[TargetBox], X_WO: Array, min_visible: float = 0.5) -> Truth:
         """What the detector says of the first of some boxes, that the part is in it, when it is at a pose."""
-        plain = np.full((*self.posed.whole.shape, 3), 128, dtype=np.uint8)
+        plain = np.full((self.eye.height, self.eye.width, 3), 128, dtype=np.uint8)
         image = plain.copy()
         image[filled(self.posed.whole, [self.projected(X_WO).box.corners])] = (0, 200, 0)
         image[pieces_mask(self.posed.whole, self._tool)] = 20
-        nothing = np.zeros(self.posed.whole.shape, dtype=bool)
+        nothing = np.zeros(plain.shape[:2], dtype=bool)
         view: Any = SimpleNamespace(
             image=image, whole=self.posed.whole, camera=self.eye, X_WC=self.posed.X_WC, robot=self._tool,
             believed=SimpleNamespace(holding=True, X_WO={}), pose=lambda box: box.X_FB,

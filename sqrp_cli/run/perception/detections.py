@@ -184,18 +184,14 @@ def load_detector(kind: str) -> MakeDetector:
 
 @contextmanager
 def plugin_errors(kind: str, what: str) -> Iterator[None]:
-    """Turn any exception of somebody else's code into an SqrpError."""
+    """Turn any exception of a package's code into an SqrpError that names it; one of ours says what is wrong itself."""
     try:
         yield
     except Exception as error:
-        raise SqrpError(complaint(kind, f"{what}: {type(error).__name__}: {error}")) from error
-
-
-def complaint(kind: str, what: str) -> str:
-    """What is wrong with a kind of detector, with the package that brings it."""
-    entry = installed_detectors().get(kind)
-    package = "" if entry is None else entry.dist.name if entry.dist else entry.module
-    return f"the detector `{kind}` of the package {package} {what}"
+        entry = installed_detectors().get(kind)
+        said = str(error) if isinstance(error, SqrpError) else f"{what}: {type(error).__name__}: {error}"
+        package = "" if entry is None else entry.dist.name if entry.dist else entry.module
+        raise SqrpError(f"the detector `{kind}` of the package {package} {said}") from error
 
 
 @dataclass(frozen=True)

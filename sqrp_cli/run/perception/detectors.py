@@ -32,7 +32,6 @@ from sqrp_cli.run.perception.vision import (
     inpainted,
     largest_blob,
     same_color,
-    shade_of,
 )
 from sqrp_cli.run.robot_body import OPEN_SHARE
 from sqrp_cli.skill.target_box import TargetBox
@@ -70,47 +69,37 @@ class Background:
         objects, self._shadows = sought | movables, shadows
         self._palette = _palette(image[robot & ~dilated(objects, 2)])
         self._surroundings = _palette(image[~(robot | objects)]) if moving else None
-        self._unknown = dilated(robot | sought, 3)
-        self._picture = image if moving else inpainted(image, self._unknown)
-        self._news = np.zeros_like(self._unknown)
+        self.unknown: Mask = dilated(robot | sought, 3) & (not moving)
+        """What is still to be learned."""
+        self._picture = image if moving else inpainted(image, self.unknown)
+        self._news = np.zeros_like(self.unknown)
 
     def learn(self, image: ImageArray, covered: Mask) -> None:
         """Take from an image what was still unknown and is not covered in it."""
-        if self._surroundings is not None:
-            return
-        fresh: Mask = self._unknown & ~covered
+        fresh: Mask = self.unknown & ~covered
         self._picture[fresh] = image[fresh]
-        self._unknown &= covered
+        self.unknown &= covered
         self._news |= fresh
-
-    def guess_again(self, crop: Crop) -> None:
-        """Guess what is still unknown in a crop by what was learned there since it was guessed last."""
-        if self._news[crop].any() and self._unknown[crop].any():
-            self._picture[crop] = inpainted(self._picture[crop], self._unknown[crop])
-            self._news[crop] = False
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether nothing is left to learn."""
-        return self._surroundings is not None or not self._unknown.any()
 
     def matches(self, image: ImageArray, crop: Crop) -> Mask:
         """Which pixels of a crop show the background."""
         part = image[crop]
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
-        same = same_color(part, self._picture[crop], TOLERANCE)
-        return same | shade_of(part, self._picture[crop], SHADE_TOLERANCE, TOLERANCE / 4) if self._shadows else same
+        return same_color(part, self._picture[crop], TOLERANCE, SHADE_TOLERANCE if self._shadows else None)
 
-    def has_hue(self, image: ImageArray, crop: Crop, color: str) -> Mask:
-        """Where, in a crop, the background has the hue of a colour: a shade of it there may be the background's own."""
-        if self._surroundings is not None:
-            return self.matches(image, crop) & color_mask(image[crop], color)
-        return color_mask(self._picture[crop], color)
+    def compared(self, image: ImageArray, crop: Crop, color: str) -> tuple[Mask, Mask, Mask]:
+        """Which pixels of a crop show the background, which have a colour of it, and which have one of the robot.
 
-    def robot_colored(self, image: ImageArray, crop: Crop) -> Mask:
-        """Which pixels of a crop have a colour of the robot."""
-        return self._palette[_coarse(image[crop])]
+        Where the background has the hue of the colour, a shade of it may be the background's own. What is unknown there
+        is guessed again first, by what was learned there since it was guessed last.
+        """
+        if self._news[crop].any() and self.unknown[crop].any():
+            self._picture[crop] = inpainted(self._picture[crop], self.unknown[crop])
+            self._news[crop] = False
+        shown, part = self.matches(image, crop), image[crop]
+        same = color_mask(self._picture[crop], color) if self._surroundings is None else shown & color_mask(part, color)
+        return shown, same, self._palette[_coarse(part)]
 
 
 def _coarse(pixels: ImageArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
@@ -234,12 +223,10 @@ def _place(view: ExpectedView, background: Background, obj: SceneObject, colored
     if crop is None or projected.area <= 0.0:
         return _Place(projected)
     silhouette = projected.mask(crop)
-    background.guess_again(crop)
-    shown = background.matches(view.image, crop)
     # Where the background has the object's own colour, the image cannot tell the two apart: a shade is no object.
-    same = background.has_hue(view.image, crop, obj.color or "")
+    shown, same, robot_colored = background.compared(view.image, crop, obj.color or "")
     own = colored[crop] & ~shown & ~same
-    behind = pieces_mask(crop, view.robot, outlined, behind=True) & background.robot_colored(view.image, crop)
+    behind = pieces_mask(crop, view.robot, outlined, behind=True) & robot_colored
     # What of the robot, without some links, and of other objects is before the object.
     before = pieces_mask(crop, view.robot, outlined, without=box.encloses)
     steps = np.linspace(-0.45, 0.45, 3)
@@ -292,18 +279,19 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
     if len(centers) == 2:
         opened, step = centers[0], centers[1] - centers[0]
 
-    def closure(marker: FoundMarker) -> float:
-        """How far the fingers are closed by a marker that they carry: 0 open, 1 closed."""
-        return float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
+    def nearest(markers: Iterable[FoundMarker]) -> tuple[FoundMarker, float] | None:
+        """The marker of the box among several, and how far it says that the fingers are closed: 0 open, 1 closed.
 
-    def nearest(markers: Iterable[FoundMarker]) -> FoundMarker | None:
-        """The marker of the box among several: that on a finger lies where the fingers can carry it."""
-        found = [marker for marker in markers if wanted is not None and marker.id == wanted.id]
-        if on_finger:  # to half the size of the outline
-            ways = [opened + np.clip(closure(marker), 0.0, 1.0) * step for marker in found]
-            off = [np.hypot(*(marker.center - way)) for marker, way in zip(found, ways, strict=True)]
-            found = [marker for marker, far in zip(found, off, strict=True) if far <= 0.5 * outline.area**0.5]
-        return min(found, key=lambda marker: np.hypot(*(marker.center - outline.center)), default=None)
+        That on a finger lies where the fingers can carry it, to half the size of the outline.
+        """
+        found = list[tuple[float, FoundMarker, float]]()
+        for marker in markers:
+            closure = float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
+            off = np.hypot(*(marker.center - opened - np.clip(closure, 0.0, 1.0) * step))
+            if wanted is None or marker.id != wanted.id or (on_finger and off > 0.5 * outline.area**0.5):
+                continue
+            found.append((float(np.hypot(*(marker.center - outline.center))), marker, closure))
+        return min(found, key=lambda one: one[0])[1:] if found else None
 
     found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
     crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
@@ -322,10 +310,10 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
         if found is not None and (about_object or robot.fingers is None):
             evidence = Truth.TRUE
         elif found is not None and np.hypot(*step) * OPEN_SHARE >= 1.0:  # else too small to tell open from closed
-            is_open = closure(found) <= OPEN_SHARE
+            is_open = found[1] <= OPEN_SHARE
             evidence = Truth.TRUE if is_open == view.sought.when_open[atom] else Truth.FALSE
     elif found is not None:
-        near = np.hypot(*(found.center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
+        near = np.hypot(*(found[0].center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
         evidence = Truth.TRUE if near else Truth.FALSE
     else:
         # The share of the outline in which the background is seen and the robot is not.

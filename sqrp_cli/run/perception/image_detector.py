@@ -21,7 +21,7 @@ from sqrp_cli.errors import SqrpError
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.platform.processes import Context, Worker, WorkerDied, fresh
+from sqrp_cli.platform.processes import Worker, WorkerDied, fresh
 from sqrp_cli.run.image import NEEDED, CameraImage, ImageArray
 from sqrp_cli.run.perception.detections import (
     NO_OUTLINE,
@@ -31,7 +31,6 @@ from sqrp_cli.run.perception.detections import (
     CellModel,
     Detection,
     DetectionTargets,
-    complaint,
     load_detector,
     plugin_errors,
 )
@@ -86,7 +85,7 @@ class ImageDetector:
             moving = self._camera.frame != WORLD
             background = Background(view.image, *masks, moving=moving, shadows=self._cell.shadows)
             self._background = background
-        elif not background.is_complete:
+        elif background.unknown.any():
             robot = filled(view.whole, [part.hull for part in view.robot])  # all of it, and a little more
             background.learn(view.image, dilated(robot | view.sought_mask(), 3))
         boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
@@ -127,41 +126,39 @@ def plugin_detections(
 
     Raises SqrpError where the package's code fails.
     """
-    questions = [question_about(view, atom, box) for atom, box in asked]
+    questions = list[BoxQuestion | None]()  # None: the box is not in the image
+    for atom, box in asked:
+        outline, obj = view.outline(view.pose(box), box.size), view.object_of(atom, box)
+        if outline is None or view.crop(outline.polygon, 0) is None:
+            questions.append(None)
+            continue
+        robot = pieces_mask(view.whole, view.robot, outline, without=box.encloses)
+        question = BoxQuestion(
+            atom=atom,
+            box=box.name,
+            object=None if obj is None else obj.name,
+            color=None if obj is None else obj.color,
+            marker=view.marker(atom, box),
+            size=box.size,
+            X_CB=inverse(view.X_WC) @ view.pose(box),
+            outline=outline.polygon,
+            clear=filled(view.whole, [outline.corners]) & ~robot,
+        )
+        questions.append(question)
     put = [question for question in questions if question is not None]
     with plugin_errors(kind, "failed"):
         said: object = plugin.look(view.image.copy(), put)
-    answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
-    if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
-        message = f"answered {len(put)} questions with {said!r:.80}; expected one True, False or None for each"
-        raise SqrpError(complaint(kind, message))
+        answers = list(said) if isinstance(said, Sequence | np.ndarray) else None
+        if answers is None or len(answers) != len(put) or not all(isinstance(one, _ANSWER) for one in answers):
+            problem = f"answered {len(put)} questions with {said!r:.80}"
+            raise SqrpError(f"{problem}; expected one True, False or None for each")
     left, found = iter(answers), list[BoxDetection]()
-    for (_, box), question in zip(asked, questions, strict=True):
-        answer = None if question is None else next(left)
+    for (_, box), asked_of in zip(asked, questions, strict=True):
+        answer = None if asked_of is None else next(left)
         evidence = Truth.UNKNOWN if answer is None else Truth.TRUE if answer else Truth.FALSE
-        outline = NO_OUTLINE if question is None else question.outline
-        found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), outline))
+        polygon = NO_OUTLINE if asked_of is None else asked_of.outline
+        found.append(BoxDetection(box.name, evidence, float(evidence is not Truth.UNKNOWN), polygon))
     return found
-
-
-def question_about(view: ExpectedView, atom: str, box: TargetBox) -> BoxQuestion | None:
-    """The question about a box; None where it is not in the image."""
-    outline = view.outline(view.pose(box), box.size)
-    if outline is None or view.crop(outline.polygon, 0) is None:
-        return None
-    obj = view.object_of(atom, box)
-    robot = pieces_mask(view.whole, view.robot, outline, without=box.encloses)
-    return BoxQuestion(
-        atom=atom,
-        box=box.name,
-        object=None if obj is None else obj.name,
-        color=None if obj is None else obj.color,
-        marker=view.marker(atom, box),
-        size=box.size,
-        X_CB=inverse(view.X_WC) @ view.pose(box),
-        outline=outline.polygon,
-        clear=filled(view.whole, [outline.corners]) & ~robot,
-    )
 
 
 _Task: TypeAlias = DetectionTargets | tuple[CameraImage, BelievedState]
@@ -178,77 +175,76 @@ class DetectorPool(AbstractContextManager["DetectorPool"]):
         """processes: at most one per camera; by default one per core."""
         context, names = fresh(NEEDED), list(cell.cameras)
         count = max(1, min(processes or os.cpu_count() or 1, len(names)))
-        self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
-        self._of_camera = {name: worker for worker in self._workers for name in worker.ready}
+        self._processes = [
+            Worker[_Task, Detection | None](context, _detectors, cell, names[i::count]) for i in range(count)
+        ]
+        self._unanswered = [0] * count
+        self._of_camera = {name: i % count for i, name in enumerate(names)}
+        self._ready = {name: deque[Detection]() for name in names}
 
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets in all images from now on."""
-        for worker in self._workers:
-            worker.send(sought)
+        for number in range(len(self._processes)):
+            self._send(number, sought)
 
     def submit(self, image: CameraImage, believed: BelievedState) -> None:
         """Have an image looked at, with what was believed when it was taken."""
-        self._of_camera[image.camera].send((image, believed))
+        self._send(self._of_camera[image.camera], (image, believed))
 
     def get_ready(self) -> None:
         """Wait until all processes have answered what they were asked."""
-        for worker in self._workers:
-            worker.take(lambda one: one.unanswered == 0)
+        for number in range(len(self._processes)):
+            while self._unanswered[number]:
+                self._receive(number)
 
     def is_free(self, camera: str) -> bool:
         """Whether the process that looks through a camera has nothing to do, so that `submit` returns at once."""
-        worker = self._of_camera[camera]
-        worker.take()
-        return not worker.unanswered
+        self.is_ready(camera)
+        return not self._unanswered[self._of_camera[camera]]
 
     def is_ready(self, camera: str) -> bool:
         """Whether `collect` would answer at once."""
-        worker = self._of_camera[camera]
-        worker.take()
-        return bool(worker.ready[camera])
+        number = self._of_camera[camera]
+        while self._processes[number].pipe.poll():
+            self._receive(number)
+        return bool(self._ready[camera])
 
     def collect(self, camera: str) -> Detection:
         """What the oldest image of a camera that has not been collected shows; waits until it is known."""
-        worker = self._of_camera[camera]
-        worker.take(lambda one: bool(one.ready[camera]))
-        return worker.ready[camera].popleft()
+        while not self._ready[camera]:
+            self._receive(self._of_camera[camera])
+        return self._ready[camera].popleft()
 
     def crash(self, camera: str) -> None:
         """Kill the process that looks through a camera, for trials."""
-        self._of_camera[camera].process.kill()
+        self._processes[self._of_camera[camera]].kill()
 
     def __exit__(self, *_: object) -> None:
         """End the processes."""
-        for worker in self._workers:
-            worker.process.close()
+        for process in self._processes:
+            process.close()
 
+    def _send(self, number: int, task: _Task) -> None:
+        """Send a process a task; it has been listened to before: else both could wait for the other to read."""
+        while self._processes[number].pipe.poll():
+            self._receive(number)
+        self._processes[number].send(task)
+        self._unanswered[number] += 1
 
-class _Worker:
-    """A process that looks through some of the cameras."""
-
-    def __init__(self, context: Context, cell: CellModel, cameras: list[str]) -> None:
-        self.process = Worker[_Task, Detection | None](context, _detectors, cell, cameras)
-        self.unanswered, self.ready = 0, {name: deque[Detection]() for name in cameras}
-
-    def send(self, message: _Task) -> None:
-        self.take()  # else both ends could wait for the other to read
-        self.process.send(message)
-        self.unanswered += 1
-
-    def take(self, until: Callable[[_Worker], bool] | None = None) -> None:
-        """Receive what has been answered; or wait until something is so."""
-        while self.process.pipe.poll() if until is None else not until(self):
-            try:
-                detection = self.process.receive(ANSWER_WITHIN)
-            except Exception as error:  # it died, or found what it cannot cope with
-                self.process.kill()
-                why = str(error) if isinstance(error, WorkerDied) else "has ended"
-                why += f": {error}" if isinstance(error, SqrpError) and not isinstance(error, WorkerDied) else ""
-                names = ", ".join(self.ready)
-                raise Stopped(f"the process that looks at {names} {why}", "perception-crash", self.ready) from error
-            self.unanswered -= 1
-            if detection is not None:
-                self.ready[detection.camera].append(detection)
+    def _receive(self, number: int) -> None:
+        """Wait for the next answer of a process."""
+        try:
+            detection = self._processes[number].receive(ANSWER_WITHIN)
+        except Exception as error:  # it died, or found what it cannot cope with
+            self._processes[number].kill()
+            why = str(error) if isinstance(error, WorkerDied) else "has ended"
+            why += f": {error}" if isinstance(error, SqrpError) and not isinstance(error, WorkerDied) else ""
+            cameras = [name for name, of in self._of_camera.items() if of == number]
+            message = f"the process that looks at {', '.join(cameras)} {why}"
+            raise Stopped(message, "perception-crash", cameras) from error
+        self._unanswered[number] -= 1
+        if detection is not None:
+            self._ready[detection.camera].append(detection)
 
 
 def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[_Task], Detection | None]:

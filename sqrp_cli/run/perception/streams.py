@@ -50,12 +50,26 @@ class _CameraStreams:
     def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool, mend: str = "") -> None:
         """detectors: the processes that look at the images. mend: what may help, for the reasons of failures."""
         self.cameras, self.detectors, self._mend = cameras, detectors, mend
-        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
+        self._streams = {name: _Stream(camera, OVERDUE_PERIODS / camera.rate) for name, camera in cameras.items()}
+        self._arrivals: list[tuple[float, float, str]] = []  # of simulated images: when they come, from when, and whose
         self.seconds, self.images = 0.0, 0
         self.period = max(1.0 / camera.rate for camera in cameras.values())
         """Time between two images of the slowest camera [s]."""
         self.latency = max(camera.lag for camera in cameras.values())
         """From an exposure to the image being available, for the slowest camera [s]."""
+
+    @property
+    def settled(self) -> float:
+        """Before when no image is under way that nobody knows of [s]."""
+        return float("inf")
+
+    def has_arrival_from(self, end: float) -> bool:
+        """Whether an image that was taken by a time [s] is still under way."""
+        return self.settled <= end or any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
+
+    def present(self, t: float, *, resume: bool = False) -> float:  # noqa: ARG002 - no time passes in simulation
+        """The time now, if the last event was at time t [s]; resume: images count from now on, as nobody has looked."""
+        return t
 
     def _collected(self, detections: list[Detection]) -> list[Detection]:
         """Detections in the order of their exposure. Raises Stopped for an image that is the one before it."""
@@ -85,6 +99,8 @@ class _Stream:
     """A camera and its images; times of exposure on the cell's clock [s]."""
 
     camera: Camera
+    overdue: float
+    """How long after its latency an image is missed [s]."""
     newest: float = 0.0
     """Exposure of the newest image that came."""
     exposures: int = 0
@@ -104,28 +120,15 @@ class _Stream:
     looked_at: int = 0
     """How many are being looked at."""
 
-    @property
-    def fails_at(self) -> float:
-        """When a simulated one fails if no image comes [s]."""
-        return self.newest + self.camera.lag + OVERDUE_PERIODS / self.camera.rate
-
 
 class ImageStreams(_CameraStreams):
     """The images of simulated cameras: taken when they are due, and late as each camera is."""
-
-    settled = float("inf")
-    """Before when no image is under way that nobody knows of [s]."""
-
-    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
-        """detectors: the processes that look at the images."""
-        super().__init__(cameras, detectors)
-        self._arrivals: list[tuple[float, float, str]] = []
 
     @property
     def next_event(self) -> float:
         """When an image is taken or arrives next, or a stream fails if none does [s]."""
         coming = [one.exposures / one.camera.rate for one in self._streams.values()]
-        coming += [one.fails_at + 1e-6 for one in self._streams.values()]
+        coming += [one.newest + one.camera.lag + one.overdue + 1e-6 for one in self._streams.values()]
         return min([*coming, self._arrivals[0][0]] if self._arrivals else coming)
 
     def has_arrival_from(self, end: float) -> bool:
@@ -180,13 +183,13 @@ class ImageStreams(_CameraStreams):
 
     def failure(self, t: float) -> Stopped | None:
         """The streams that have failed by time t [s], and how; of lost and of late ones, it names the lost."""
-        failed = {name: t - one.newest for name, one in self._streams.items() if t > one.fails_at + 1e-9}
+        failed = {
+            name: t - one.newest
+            for name, one in self._streams.items()
+            if t > one.newest + one.camera.lag + one.overdue + 1e-9
+        }
         under_way = {camera for _, _, camera in self._arrivals}
         return self._worst({name: age for name, age in failed.items() if name not in under_way}, failed)
-
-    def present(self, t: float, *, resume: bool = False) -> float:  # noqa: ARG002 - no time passes meanwhile
-        """The time now, if the last event was at time t [s]."""
-        return t
 
 
 class ReceivedStreams(_CameraStreams):
@@ -203,15 +206,11 @@ class ReceivedStreams(_CameraStreams):
 
     @property
     def settled(self) -> float:
-        """Before when no image is under way, as far as cameras keep their rates [s]."""
+        """As far as cameras keep their rates."""
         return min(stream.seen + 1.0 / stream.camera.rate for stream in self._streams.values())
 
-    def has_arrival_from(self, end: float) -> bool:
-        """Whether an image that was taken by a time [s] is still under way."""
-        return self.settled <= end
-
     def present(self, t: float, *, resume: bool = False) -> float:
-        """The time now, if the last event was at time t [s]; resume: images count from now on, as nobody has looked."""
+        """As in simulation, but time goes on."""
         now = max(t, self._clock())
         for stream in self._streams.values() if resume else ():
             stream.came, stream.newest, stream.seen = now, max(stream.newest, now), max(stream.seen, now)
@@ -260,7 +259,7 @@ class ReceivedStreams(_CameraStreams):
         """The streams that have failed by time t [s]: no images, then old ones, then nobody who looks at them."""
         waited, lost, late, slow = self._pauses.waited, dict[str, float](), dict[str, float](), dict[str, float]()
         for name, one in self._streams.items():
-            overdue = OVERDUE_PERIODS / one.camera.rate + (0.0 if one.begun else FIRST)
+            overdue = one.overdue + (0.0 if one.begun else FIRST)
             patience = one.camera.lag + overdue
             if waited(one.newest) > patience + SLACK or waited(one.came) > overdue + SLACK:
                 late[name] = t - one.newest

@@ -51,21 +51,18 @@ def color_mask(image: ImageArray, color: str) -> Mask:
     return mask
 
 
-def same_color(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
-    """Where two images of the same size differ by at most a tolerance in every channel."""
-    same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
-    return same
+def same_color(first: ImageArray, second: ImageArray, tolerance: int, share: float | None = None) -> Mask:
+    """Where two images of the same size differ by at most a tolerance in every channel.
 
-
-def shade_of(first: ImageArray, second: ImageArray, share: float, values: float) -> Mask:
-    """Where the first image shows what the second does in brighter or darker light: every channel in proportion.
-
-    It may differ by a share of its brightest channel and some values more.
+    With a share also where the first shows what the second does in brighter or darker light, every channel in
+    proportion: it may then differ by a share of its brightest channel and a quarter of the tolerance.
     """
-    one, other = first.astype(np.float32), second.astype(np.float32)
-    factor = (one * other).sum(axis=2) / np.maximum((other * other).sum(axis=2), 1.0)
-    off = np.abs(one - factor[..., None] * other).max(axis=2)
-    same: Mask = off <= share * one.max(axis=2) + values
+    same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
+    if share is not None:
+        one, other = first.astype(np.float32), second.astype(np.float32)
+        factor = (one * other).sum(axis=2) / np.maximum((other * other).sum(axis=2), 1.0)
+        off = np.abs(one - factor[..., None] * other).max(axis=2)
+        same |= off <= share * one.max(axis=2) + tolerance / 4
     return same
 
 
@@ -104,11 +101,6 @@ class Crop(NamedTuple):
         return cls(slice(0, height), slice(0, width))
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """How many rows and columns it has."""
-        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
-
-    @property
     def origin(self) -> NDArray[np.int32]:
         """Its first pixel (x, y), shape (2,)."""
         return np.array([self.columns.start, self.rows.start], dtype=np.int32)
@@ -123,7 +115,8 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
 
     polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
     """
-    canvas = np.zeros(crop.shape, dtype=np.uint8)
+    shape = (crop.rows.stop - crop.rows.start, crop.columns.stop - crop.columns.start)
+    canvas = np.zeros(shape, dtype=np.uint8)
     first = crop.origin << _SUBPIXEL
     for corners in polygons:
         if corners.ndim == 2:

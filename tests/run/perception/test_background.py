@@ -37,7 +37,8 @@ def painted() -> ImageArray:
 @pytest.mark.parametrize("moving", [False, True])
 def test_what_stands_before_the_robot_does_not_colour_it(*, moving: bool) -> None:
     image = painted()
-    robot_colored = Background(image, ROBOT, WATCHED, OTHER, moving=moving).robot_colored(image, EVERYWHERE)
+    background = Background(image, ROBOT, WATCHED, OTHER, moving=moving)
+    _, _, robot_colored = background.compared(image, EVERYWHERE, "red")
     assert (robot_colored == ROBOT & ~WATCHED & ~OTHER).all()
 
 
@@ -62,13 +63,13 @@ def test_a_shade_on_a_background_of_its_colour_has_its_hue(*, moving: bool) -> N
     image[50:60, 0:10] = RED
     background = Background(image, ROBOT, WATCHED, OTHER, moving=moving)
     red = area(slice(50, 60), slice(0, 10))
-    assert (background.has_hue(image, EVERYWHERE, "red") >= red).all()
+    assert (background.compared(image, EVERYWHERE, "red")[1] >= red).all()
     shaded = image.copy()
     shaded[50:60, 0:5] = (120, 18, 18)
-    told = background.has_hue(shaded, EVERYWHERE, "red")
+    told = background.compared(shaded, EVERYWHERE, "red")[1]
     assert told[50:60, 5:10].all()
     assert told[50:60, 0:5].all() != moving  # of a moving camera only the colours themselves are known
-    assert not background.has_hue(shaded, EVERYWHERE, "blue")[~OTHER].any()
+    assert not background.compared(shaded, EVERYWHERE, "blue")[1][~OTHER].any()
 
 
 def test_what_a_watched_thing_covers_is_guessed_again_once_the_robot_has_left_its_surroundings() -> None:
@@ -79,6 +80,5 @@ def test_what_a_watched_thing_covers_is_guessed_again_once_the_robot_has_left_it
     gone[WATCHED] = RED
     background.learn(gone, WATCHED)
     assert not background.matches(wall, crop)[5:15, 5:15].any()
-    background.guess_again(crop)
-    assert background.matches(wall, crop).all()
+    assert background.compared(wall, crop, "red")[0].all()
     assert not background.matches(gone, crop)[5:15, 5:15].any()

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import Array, look_at, pose
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.perception.detections import BelievedState, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, question_about
+from sqrp_cli.run.perception.detections import BelievedState, BoxQuestion, DetectionTargets
+from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, plugin_detections
 from sqrp_cli.run.perception.projected import ExpectedView
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.skill.target_box import TargetBox
@@ -134,8 +135,10 @@ def test_a_question_says_what_the_robot_does_not_cover() -> None:
     image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
     view = ExpectedView(stage.knowledge, Projection(EYE), sought(), image, believed)
     stage.close()
-    found = question_about(view, "placed(plate)", sought().targets["placed(plate)"].boxes[0])
-    assert found is not None
+    asked: list[BoxQuestion] = []
+    plugin = SimpleNamespace(look=lambda _, questions: [asked.append(one) for one in questions])
+    plugin_detections("mine", plugin, view, [("placed(plate)", sought().targets["placed(plate)"].boxes[0])])
+    (found,) = asked
     assert (found.object, found.marker) == ("plate", TAG.on((0.1, 0.1, 0.02)))
     assert np.allclose(found.X_CB, np.linalg.inv(EYE.X_FC) @ PLACE)
     assert found.clear.sum() == pytest.approx(_area(found.outline), rel=0.1)
