@@ -17,7 +17,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.study.assessment import Analysis, study
 from sqrp_cli.study.find import Plans, WantedWay, find_way
 from sqrp_cli.study.program_update import world_after
-from sqrp_cli.study.ranking import winners
+from sqrp_cli.study.ranking import rank, winners
 from sqrp_cli.study.result import (
     CandidateResult,
     Criterion,
@@ -69,6 +69,8 @@ class RankJob:
     """That every candidate starts from."""
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
+    last: list[CandidateResult] | None = None
+    """If only the candidate that comes out last needs a verdict: the last one so far; others may have none."""
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
@@ -79,15 +81,19 @@ class RankJob:
             ways = WaysFound(tried=found.tried, feasible=0, pareto=())
             return CandidateResult.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
         study, errors = found.study, self.calibration
-        return replace(
+        result = replace(
             found.assessment,
-            verdict=verdict(self.cell, study),
             candidate=candidate,
             best_way=study.candidate,
             ways=found.ways,
             q_expected=expected_quality(self.cell, study),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, study, self.sampling, errors),
         )
+        if self.last is not None:
+            if rank([*self.last, result], self.wanted.by)[-1].candidate is not candidate:
+                return result
+            self.last[:] = [result]
+        return replace(result, verdict=verdict(self.cell, study))
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.

@@ -70,6 +70,11 @@ class Session:
         drawn = None
         if assignment.calibration is not None:
             drawn = recalibrated(found, ask.by, assignment.calibration)
+        ranked = list(rank(found, ask.by))
+        place = sum(one.feasible for one in ranked) - 1
+        if place >= 0 and not ranked[place].verdict:  # others were last before a figure was known not to be compared
+            said = replace(assignment, last=None).assess(ranked[place].candidate).verdict
+            ranked[place] = replace(ranked[place], verdict=said)
         return Ranking(
             workspace=self.cell.workspace.name,
             task=self.task.text,
@@ -80,7 +85,7 @@ class Session:
             interrupted=interrupted or None,
             of=len(self.task.candidates),
             assumed=assumed_latency(self.cell.observer.cameras),
-            candidates=tuple(map(described, rank(found, ask.by))),
+            candidates=tuple(map(described, ranked)),
             session=self,
         )
 
