@@ -33,7 +33,7 @@ def read(text: str, folder: Path) -> Intrinsics:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_files_are_read_as_their_programs_write_them(name: str) -> None:
+def test_files_are_read_as_their_programs_write_them(name):
     camera, (size, (fx, fy, cx, cy), model, coefficients) = read_calibration(CAMERAS / name)[0], FILES[name]
     assert [camera.width, camera.height] == size
     np.testing.assert_allclose(camera.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=1e-12)
@@ -41,18 +41,18 @@ def test_files_are_read_as_their_programs_write_them(name: str) -> None:
     np.testing.assert_allclose(camera.distortion, coefficients, rtol=1e-12)
 
 
-def test_every_file_is_tried() -> None:
+def test_every_file_is_tried():
     intrinsic = {path.name for path in CAMERAS.iterdir() if not path.name.startswith("easy_")}
     assert intrinsic == set(FILES)
 
 
-def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path) -> None:
+def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path):
     assert read(FISHEYE, tmp_path).matrix[0, 0] == 300
 
 
 @pytest.mark.parametrize(("model", "right"), [("plumb_bob", 5), ("rational_polynomial", 8), ("equidistant", 4)])
 @pytest.mark.parametrize("count", [0, 2, 4, 5, 8, 12, 14])
-def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model: str, right: int, count: int) -> None:
+def test_only_the_right_number_of_coefficients_is_accepted(tmp_path, model, right, count):
     stated = f"{{rows: 1, cols: {count}, data: {[0.01] * count}}}"
     text = FISHEYE.replace("equidistant", model).replace(
         FISHEYE[FISHEYE.index("{rows: 4") : FISHEYE.index("\nproj")], stated
@@ -63,7 +63,7 @@ def test_only_the_right_number_of_coefficients_is_accepted(tmp_path: Path, model
         assert refused(read, text, tmp_path).place.line == 5
 
 
-def test_a_field_of_view_reaches_from_edge_to_edge(cell: Path) -> None:
+def test_a_field_of_view_reaches_from_edge_to_edge(cell):
     camera = load_workspace(cell).cameras["top"]
     left = np.linalg.inv(camera.matrix) @ [-0.5, 0.0, 1.0]
     right = np.linalg.inv(camera.matrix) @ [camera.width - 0.5, 0.0, 1.0]
@@ -71,7 +71,7 @@ def test_a_field_of_view_reaches_from_edge_to_edge(cell: Path) -> None:
     assert left[0] == pytest.approx(-right[0])
 
 
-def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell: Path) -> None:
+def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell):
     """All three describe a camera above the scene that looks straight down, its image's top towards +x."""
     down = {
         "look_at: [0.5, 0, 0], up: [1, 0, 0]",
@@ -87,7 +87,7 @@ def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell: Path) 
         assert X_WC[:3, 3].tolist() == [0.5, 0.0, 1.5]
 
 
-def test_body_axes_are_forward_left_up(cell: Path) -> None:
+def test_body_axes_are_forward_left_up(cell):
     """The side camera's body is turned by -90 deg about z: forward is -y, left is +x, up is +z of the world."""
     R_WC = load_workspace(cell).cameras["side"].X_FC[:3, :3]
     right, down, forward = R_WC.T
@@ -119,6 +119,6 @@ def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left
     assert tuple(camera.matrix[(0, 1, 0, 1), (0, 1, 2, 2)]) == pinhole
 
 
-def test_a_region_out_of_the_image_is_refused(tmp_path: Path) -> None:
+def test_a_region_out_of_the_image_is_refused(tmp_path):
     with pytest.raises(InputError, match="`roi`: reaches out of the image of 1280x720"):
         read(INFO.format(x=0, y=0, left=700, top=0, width=640, height=360), tmp_path)

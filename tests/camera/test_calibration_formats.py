@@ -165,7 +165,7 @@ FILES: Mapping[str, tuple[Writer, str, tuple[float, ...], str]] = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
+def test_every_format_gives_the_same_camera(tmp_path, name):
     writer, model, coefficients, lens_file = FILES[name]
     wanted = writer(tmp_path)
     found = read_calibration(Path(wanted.file), wanted)[0]
@@ -215,7 +215,7 @@ SEEN_BY_COLMAP = (
 
 
 @pytest.mark.parametrize("number", range(1, 8))
-def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path: Path, number: int) -> None:
+def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path, number):
     wanted = typed(WRITTEN_BY_COLMAP, camera=str(number))(tmp_path)
     lens = read_calibration(Path(wanted.file), wanted)[0]
     camera = Camera(**vars(lens), name="c", frame="world", X_FC=np.eye(4), rate=10.0)
@@ -224,7 +224,7 @@ def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path: Path, num
 
 
 @pytest.mark.parametrize("case", CASES["damaged"], ids=lambda case: case["case"])
-def test_damage_gives_one_message(tmp_path: Path, case: dict[str, Any]) -> None:
+def test_damage_gives_one_message(tmp_path, case):
     text = CASES["texts"].get(case["text"], case["text"])
     for old, new in case.get("replace", {}).items():
         assert old in text
@@ -243,7 +243,7 @@ def test_damage_gives_one_message(tmp_path: Path, case: dict[str, Any]) -> None:
     assert (problem.place.file, problem.place.line) == (path, case.get("line"))
 
 
-def test_a_workspace_says_which_camera_and_how_large_the_image_is(cell: Path) -> None:
+def test_a_workspace_says_which_camera_and_how_large_the_image_is(cell):
     (cell / "side.yaml").write_text(yaml.safe_dump(KALIBR), encoding="utf-8")
     workspace = cell / "workspace.yaml"
     text = workspace.read_text(encoding="utf-8")

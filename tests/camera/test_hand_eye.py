@@ -24,7 +24,7 @@ def with_hand_eye(cell: Path, file: str, extra: str = "") -> Path:
     return cell
 
 
-def test_an_eye_in_hand_sits_on_the_effector(cell: Path) -> None:
+def test_an_eye_in_hand_sits_on_the_effector(cell):
     camera = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml")).cameras["hand"]
     assert camera.frame == "wrist"
     np.testing.assert_allclose(
@@ -32,36 +32,36 @@ def test_an_eye_in_hand_sits_on_the_effector(cell: Path) -> None:
     )
 
 
-def test_an_eye_on_base_sits_on_the_base_link_and_looks_down(cell: Path) -> None:
+def test_an_eye_on_base_sits_on_the_base_link_and_looks_down(cell):
     camera = load_workspace(with_hand_eye(cell, "easy_handeye2_on_base.calib")).cameras["hand"]
     assert camera.frame == "base"
     np.testing.assert_allclose(camera.X_FC, [[1, 0, 0, 0.5], [0, -1, 0, 0], [0, 0, -1, 1.4], [0, 0, 0, 1]], atol=1e-12)
 
 
-def test_a_frame_that_is_not_optical_is_doubted_until_the_axes_are_stated(cell: Path) -> None:
+def test_a_frame_that_is_not_optical_is_doubted_until_the_axes_are_stated(cell):
     doubted = load_workspace(with_hand_eye(cell, "easy_handeye_early.yaml"))
     assert [warning.code for warning in doubted.warnings if warning.code == "doubtful-axes"] == ["doubtful-axes"]
     np.testing.assert_allclose(doubted.cameras["hand"].X_FC[:3, 3], [-0.2, 0.4, 0.3])
 
 
-def test_body_axes_are_turned_into_optical_ones(cell: Path) -> None:
+def test_body_axes_are_turned_into_optical_ones(cell):
     workspace = load_workspace(with_hand_eye(cell, "easy_handeye_early.yaml", "    convention: body\n"))
     np.testing.assert_allclose(workspace.cameras["hand"].X_FC[:3, 2], [1, 0, 0])
     assert [warning for warning in workspace.warnings if warning.code == "doubtful-axes"] == []
 
 
-def test_the_workspace_may_name_another_link_than_the_file(cell: Path) -> None:
+def test_the_workspace_may_name_another_link_than_the_file(cell):
     workspace = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    frame: lower\n"))
     assert workspace.cameras["hand"].frame == "lower"
 
 
-def test_pose_and_calibration_exclude_each_other(cell: Path) -> None:
+def test_pose_and_calibration_exclude_each_other(cell):
     path = with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    pose: {position: [0, 0, 1]}\n")
     with pytest.raises(InputError, match="exactly one of the keys `pose`, `hand_eye`"):
         load_workspace(path)
 
 
-def test_a_frame_that_the_robot_lacks_is_refused_in_the_calibration_itself(cell: Path) -> None:
+def test_a_frame_that_the_robot_lacks_is_refused_in_the_calibration_itself(cell):
     text = (CAMERAS / "easy_handeye_in_hand.yaml").read_text(encoding="utf-8")
     (cell / "wrist.yaml").write_text(text.replace("frame: wrist", "frame: wirst"), encoding="utf-8")
     problem = refused(load_workspace, with_hand_eye(cell, str(cell / "wrist.yaml")))

@@ -17,7 +17,7 @@ CELL = Path(__file__).parents[1] / "cases" / "contact" / "wipe.yaml"
 
 
 @pytest.mark.parametrize("name", DICTIONARIES)
-def test_sizes_and_counts_are_those_of_opencv(name: str) -> None:
+def test_sizes_and_counts_are_those_of_opencv(name):
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, opencv_name(name)))
     assert DICTIONARIES[name].modules == dictionary.markerSize + 2
     assert DICTIONARIES[name].ids == len(dictionary.bytesList)
@@ -28,7 +28,7 @@ def cell_with(marker: str) -> ObjectMarker | None:
     return load_workspace(CELL, text.encode()).objects["sponge"].marker
 
 
-def test_a_marker_is_its_id_or_a_mapping_with_dictionary_and_side() -> None:
+def test_a_marker_is_its_id_or_a_mapping_with_dictionary_and_side():
     assert cell_with("7") == ObjectMarker(id=7)
     assert cell_with("{id: 7, dictionary: DICT_APRILTAG_36h11, side: 3 cm}") == ObjectMarker(
         id=7, dictionary="apriltag_36h11", side=0.03
@@ -42,13 +42,13 @@ def test_a_marker_is_its_id_or_a_mapping_with_dictionary_and_side() -> None:
         ("{id: 50, dictionary: 4x4_50}", "found id 50, expected one of `4x4_50`: 0 to 49"),
         ("1024", "found id 1024, expected one of `aruco_original`: 0 to 1023"),
 ])  # fmt: skip
-def test_a_marker_that_is_none_is_refused(marker: str, message: str) -> None:
+def test_a_marker_that_is_none_is_refused(marker, message):
     with pytest.raises(InputError) as caught:
         cell_with(marker)
     assert message in str(caught.value)
 
 
-def test_markers_that_no_camera_can_read_have_an_empty_range() -> None:
+def test_markers_that_no_camera_can_read_have_an_empty_range():
     lens = ImageEntry(width=8, height=8, horizontal_fov=1.0).intrinsics()
     entry, marker = DetectorEntry(kind="aruco", max_incidence=0.5), ObjectMarker(id=1).on((0.1, 0.1, 0.1))
     near, far = Detector.of(entry, {"c": lens}, {"m": marker}).distance

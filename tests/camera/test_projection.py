@@ -59,7 +59,7 @@ def searched_radius(camera: Camera, radii: Array) -> float:
 
 @pytest.mark.parametrize("model", MODELS)
 @given(units=st.lists(st.floats(-1, 1), min_size=8, max_size=8), seed=st.integers(0, 2**32 - 1))
-def test_pixels_are_those_of_opencv(model: str, units: list[float], seed: int) -> None:
+def test_pixels_are_those_of_opencv(model, units, seed):
     camera = lens(model, np.array(units))
     projection = Projection(camera)
     rng = np.random.default_rng(seed)
@@ -77,7 +77,7 @@ def test_pixels_are_those_of_opencv(model: str, units: list[float], seed: int) -
 
 @pytest.mark.parametrize("model", MODELS)
 @given(units=st.lists(st.floats(-1, 1), min_size=8, max_size=8))
-def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(model: str, units: list[float]) -> None:
+def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(model, units):
     assume(model != "rational_polynomial" or (units[:2] + units[4:5]) != units[5:])  # the identity, over its own poles
     camera = lens(model, np.array(units))
     radius = Projection(camera).radius
@@ -97,11 +97,11 @@ def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(mode
         ("plumb_bob", (0.0, 0.0, 0.01, 0.01, 0.0), np.inf), ("rational_polynomial", (0, 0, 0, 0, 0, -0.25, 0, 0), 2.0),
         ("equidistant", (-1 / 3, 0, 0, 0), np.tan(1.0)), ("equidistant", (0, 0, 0, 0), np.inf), ("none", (), np.inf),
 ])  # fmt: skip
-def test_radius_worked_out_by_hand(model: str, distortion: tuple[float, ...], radius: float) -> None:
+def test_radius_worked_out_by_hand(model, distortion, radius):
     assert Projection(make_camera(model=model, distortion=distortion)).radius == pytest.approx(radius)
 
 
-def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side() -> None:
+def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side():
     projection = Projection(make_camera(model="plumb_bob", distortion=(-0.3, 0, 0, 0, 0), focal=(200.0, 200.0)))
     assert projection.radius == pytest.approx(np.sqrt(1 / 0.9))
     # The lens folds this point back to u = r (1 - 0.3 r^2) = 0: right in the middle of the image.

@@ -88,7 +88,7 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path: Path, name: str) -> None:
+def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path, name):
     path = tmp_path / name
     path.write_text(TEXTS[name], encoding="utf-8")
     found = read_hand_eye(path, carriers=LINKS)
@@ -97,13 +97,13 @@ def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path: Path, name: str)
 
 
 @pytest.mark.parametrize("kind", ["type", "exec"])
-def test_launch_files_in_xml_are_read(tmp_path: Path, kind: str) -> None:
+def test_launch_files_in_xml_are_read(tmp_path, kind):
     path = tmp_path / "camera_pose.launch"
     path.write_text(launch_xml(kind, IN_HAND), encoding="utf-8")
     np.testing.assert_allclose(read_hand_eye(path).X_PC, matrix(IN_HAND), atol=1e-9)
 
 
-def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path: Path) -> None:
+def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path):
     path = tmp_path / "start.sh"
     expected = pose(rpy_to_matrix((0.1, 0.2, 0.3)), (1, 2, 3))
     older, named = "1 2 3 0.3 0.2 0.1 /wrist /cam 100", "--yaw 0.3 --x 1 --y=2 --z 3 --frame-id wrist"
@@ -114,7 +114,7 @@ def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path: Path
         np.testing.assert_allclose(found.X_PC, expected, atol=1e-12)
 
 
-def test_a_launch_file_is_not_executed(tmp_path: Path) -> None:
+def test_a_launch_file_is_not_executed(tmp_path):
     path, trap = tmp_path / "camera_pose.launch.py", tmp_path / "trap"
     path.write_text(f"open({str(trap)!r}, 'w')\n" + launch_py(IN_HAND), encoding="utf-8")
     assert read_hand_eye(path).parent == "wrist"
@@ -123,7 +123,7 @@ def test_a_launch_file_is_not_executed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
 @pytest.mark.parametrize("whole", [True, False])
-def test_recordings_are_read_as_rosbags_writes_them(tmp_path: Path, kind: str, whole: bool) -> None:
+def test_recordings_are_read_as_rosbags_writes_them(tmp_path, kind, whole):
     path = bag(tmp_path, kind, [IN_HAND, IN_CAMERA, OTHER])
     if path.is_dir():
         path = path / "metadata.yaml" if whole else next(file for file in path.iterdir() if file.suffix != ".yaml")
@@ -190,7 +190,7 @@ def test_a_damaged_recording_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("frame", "expected"), [("", X_HC), ("    frame: wrist\n", X_HC)])
-def test_a_workspace_takes_the_pose_from_a_recording_in_a_folder(cell: Path, frame: str, expected: Array) -> None:
+def test_a_workspace_takes_the_pose_from_a_recording_in_a_folder(cell, frame, expected):
     bag(cell, "mcap", [IN_HAND, IN_CAMERA, OTHER])
     workspace = cell / "workspace.yaml"
     text = workspace.read_text(encoding="utf-8")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 
@@ -41,7 +39,7 @@ def test_bad_input_is_refused_with_place_reason_and_remedy(case, damaged, positi
 
 
 @pytest.mark.parametrize("file", sorted(str(path.relative_to(CELL)) for path in CELL.rglob("*.*") if path.is_file()))
-def test_random_damage_loads_or_names_a_place(file: str, cell: Path) -> None:
+def test_random_damage_loads_or_names_a_place(file, cell):
     path = cell / file
     original, random = path.read_bytes(), Random(file)  # noqa: S311
     for _ in range(40):
@@ -53,7 +51,7 @@ def test_random_damage_loads_or_names_a_place(file: str, cell: Path) -> None:
             assert all(place is not None and cell in place.file.parents for place in places)
 
 
-def test_every_problem_of_a_file_is_reported_at_once(damaged: Callable[[dict[str, Any]], Path]) -> None:
+def test_every_problem_of_a_file_is_reported_at_once(damaged):
     edits = {"urdf: arm.urdf": "urfd: arm.urdf", "padding: 5 mm": "padding: 5 s", "rate: 30": "rate: -1"}
     with pytest.raises(InputError) as caught:
         load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))

@@ -54,7 +54,7 @@ def sentences(before: Workspace, now: Workspace) -> tuple[str, ...]:
         ("screws", "379bc610e2dd0600aa398d6aa13033328a15af497a14084dc1d1d2f35a22976d"),
         ("tower", "749a8aa2d1027426d60d6001c66a9600052e70ae966a231589202ad343a9bbda"),
 ])  # fmt: skip
-def test_programs_and_baselines_of_before_stay_valid_while_their_cells_do_not_change(name: str, digest: str) -> None:
+def test_programs_and_baselines_of_before_stay_valid_while_their_cells_do_not_change(name, digest):
     workspace = load_workspace(Path(__file__).parents[2] / "workspaces" / name)
     assert digest_of_values(canonical_values(workspace, defaultdict(str))) == digest  # whatever its meshes
 

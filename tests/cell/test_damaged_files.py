@@ -6,7 +6,6 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -34,7 +33,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{case['file']}-{index}" for index, case in enumerate(CASES)])
-def test_a_damaged_file_has_one_good_message(case: dict[str, Any], tmp_path: Path) -> None:
+def test_a_damaged_file_has_one_good_message(case, tmp_path):
     folder = Path(shutil.copytree(FILES, tmp_path / "files"))
     path = folder / case["file"]
     text = case.get("text", path.read_text(encoding="utf-8")) + case.get("append", "")

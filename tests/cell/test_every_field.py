@@ -119,7 +119,7 @@ WAITING = {
 USES = [use for file in FILES for use in uses(file)]
 
 
-def test_the_files_use_the_fields_of_every_model() -> None:
+def test_the_files_use_the_fields_of_every_model():
     """A new field belongs into tests/cases/every_field."""
     models = set().union(*(models_in(model, set()) for model in FILES.values()))
     assert len(models) >= 35
@@ -136,7 +136,7 @@ def test_the_files_use_the_fields_of_every_model() -> None:
     [(skill.Waypoint, "waypoints"), (skill.PrimitiveAction, "primitives")],
     ids=["waypoints", "primitives"],
 )
-def test_the_skill_has_waypoints_and_primitives_of_every_kind(union: Any, key: str) -> None:
+def test_the_skill_has_waypoints_and_primitives_of_every_kind(union, key):
     stated = document("skill.yaml").data[key]
     entries = stated.values() if isinstance(stated, dict) else stated
     tags = {mark.tag for option in get_args(get_args(union)[0]) for mark in get_args(option) if isinstance(mark, Tag)}
@@ -151,7 +151,7 @@ def parts(hint: Any) -> Iterator[Any]:
         yield from parts(part)
 
 
-def test_every_name_and_setting_of_a_skills_motion_has_a_mark_that_is_read() -> None:
+def test_every_name_and_setting_of_a_skills_motion_has_a_mark_that_is_read():
     """One without a mark on the field or in its type would never be checked."""
     models = models_in(skill.Waypoint, set()) | models_in(skill.PrimitiveAction, set())
     count = 0

@@ -32,20 +32,18 @@ def loaded(files: Path, name: str, pose: str = "{}") -> Workspace:
     return load_workspace(files.parent)
 
 
-def test_a_scene_has_its_objects_where_it_puts_them(files: Path) -> None:
+def test_a_scene_has_its_objects_where_it_puts_them(files):
     objects = loaded(files, "shelf.scene", "{position: [0, 0, 5]}").objects
     shelf, ball = objects["shelf"], objects["ball_1"]
     assert [type(part.shape) for part in (*shelf.parts, *ball.parts)] == [Box, Cylinder, Sphere]
-    assert shelf.X_WO is not None
     np.testing.assert_allclose((shelf.X_WO @ shelf.parts[1].X_PG)[:3, 3], [1, 0, 5.25])
     assert (shelf.fixed, shelf.type, shelf.size) == (True, "obstacle", pytest.approx((0.4, 0.6, 0.51)))
     np.testing.assert_allclose(ball.X_WO[:3, 3], [2, 0, 6])
 
 
-def test_a_scene_of_newer_versions_has_poses_of_objects(files: Path) -> None:
+def test_a_scene_of_newer_versions_has_poses_of_objects(files):
     workspace = loaded(files, "poses.scene")
     shelf, wedge = workspace.objects["shelf"], workspace.objects["wedge"]
-    assert shelf.X_WO is not None
     np.testing.assert_allclose((shelf.X_WO @ shelf.parts[0].X_PG)[:3, 3], [1, 2.1, 3], atol=1e-6)
     assert wedge.size == pytest.approx((1, 2, 4))
     np.testing.assert_allclose(wedge.X_WO[:3, 3], [5.5, 1, 2])
@@ -53,25 +51,23 @@ def test_a_scene_of_newer_versions_has_poses_of_objects(files: Path) -> None:
     assert "mesh of `wedge` is taken as the box around it" in warning.message
 
 
-def test_a_world_in_sdf_has_the_shapes_of_its_models(files: Path) -> None:
+def test_a_world_in_sdf_has_the_shapes_of_its_models(files):
     (files / "door").rename(files / "elsewhere")
     workspace = loaded(files, "hall.sdf")
     bench = workspace.objects["bench"]
     assert "ground" not in workspace.objects
-    assert bench.X_WO is not None
     top, leg = (bench.X_WO @ part.X_PG for part in bench.parts)
     np.testing.assert_allclose(top[:3, 3], [3, 0.5, 0.72], atol=1e-12)
     np.testing.assert_allclose(leg[:3, 3], [3, 0, 0], atol=1e-12)
     assert any("`model://door` is left out" in warning.message for warning in workspace.warnings)
 
 
-def test_models_that_a_world_includes_stand_where_it_puts_them(files: Path) -> None:
+def test_models_that_a_world_includes_stand_where_it_puts_them(files):
     exit_too = "<include><name>exit</name><uri>model://door</uri><pose>1 0 0 0 0 0</pose></include></world>"
     (files / "hall.sdf").write_text((files / "hall.sdf").read_text().replace("</world>", exit_too))
     workspace = loaded(files, "hall.sdf")
     for name, at in (("door", [9, 9, 9]), ("exit", [1, 0, 0])):
         obj = workspace.objects[name]
-        assert obj.X_WO is not None
         panel, handle = ((obj.X_WO @ part.X_PG)[:3, 3] for part in obj.parts)
         np.testing.assert_allclose(panel, np.add(at, [0, 0, 1]), atol=1e-12)
         np.testing.assert_allclose(handle, np.add(at, [0.4, 0, 1]), atol=1e-12)
@@ -80,7 +76,7 @@ def test_models_that_a_world_includes_stand_where_it_puts_them(files: Path) -> N
         load_workspace(files.parent)
 
 
-def test_a_world_of_mujoco_is_as_mujoco_itself_has_it(files: Path) -> None:
+def test_a_world_of_mujoco_is_as_mujoco_itself_has_it(files):
     mujoco = pytest.importorskip("mujoco")
     workspace = loaded(files, "hall.xml")
     model = mujoco.MjModel.from_xml_path(str(files / "hall.xml"))
@@ -109,14 +105,14 @@ def test_a_world_of_mujoco_is_as_mujoco_itself_has_it(files: Path) -> None:
     assert any(isinstance(part.shape, Mesh) for part in workspace.objects["bench"].parts)
 
 
-def test_names_that_are_taken_are_numbered(files: Path) -> None:
+def test_names_that_are_taken_are_numbered(files):
     scene = files / "shelf.scene"
     scene.write_text(scene.read_text().replace("* shelf", "* table"))
     assert "table_2" in loaded(files, "shelf.scene").objects
 
 
 @pytest.mark.parametrize("order", ["world", "xy", ""])
-def test_an_order_of_angles_that_is_none_is_refused_with_its_line(tmp_path: Path, order: str) -> None:
+def test_an_order_of_angles_that_is_none_is_refused_with_its_line(tmp_path, order):
     path = tmp_path / "world.xml"
     body = '<body><geom type="box" size="1 1 1" euler="10 20 30"/></body>'
     path.write_text(f'<mujoco>\n<compiler eulerseq="{order}"/><worldbody>{body}</worldbody></mujoco>')

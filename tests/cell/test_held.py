@@ -40,7 +40,7 @@ def test_what_is_held_lies_before_the_tool_as_its_side_says(damaged, pose, cente
     assert "red" not in world.X_WO
 
 
-def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_warning(damaged: Damage) -> None:
+def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_warning(damaged):
     workspace = loaded(damaged, state="  - hold(red)")
     told = [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
     assert [warning.severity for warning in told] == ["warning"]
@@ -50,14 +50,14 @@ def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_war
     assert world.X_TO[:3, 3] == pytest.approx([0, 0, 0.02])
 
 
-def test_without_such_a_fact_nothing_is_held(cell: Path) -> None:
+def test_without_such_a_fact_nothing_is_held(cell):
     workspace = load_workspace(cell)
     assert workspace.stated_world.held is None
     assert not [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
 
 
 @pytest.mark.parametrize("facts", ["  - moved(red)", "  - moved(red)\n  - moved(blue)"])
-def test_a_fact_of_a_skill_that_lets_go_again_says_nothing_about_the_tool(damaged: Damage, facts: str) -> None:
+def test_a_fact_of_a_skill_that_lets_go_again_says_nothing_about_the_tool(damaged, facts):
     released = "- {name: a5, joint_move: home}\n  - {name: a6, release: 1 s}"
     action = {"(hand_empty))\n  (:a": "(hand_empty) (moved ?object - movable))\n  (:a", "(and (hold ?": "(and (moved ?"}
     edits = [
@@ -90,7 +90,7 @@ def test_only_the_literal_that_is_looked_for_in_the_tool_says_that_the_tool_hold
 
 @pytest.mark.parametrize("pose", ["pose: {position: [0.4, 0, 2 cm]}", "pose: {held: +z}"])
 @pytest.mark.parametrize("fact", ["on_table(red)", "hand_empty"])
-def test_facts_against_what_is_held_are_refused_where_they_stand(damaged: Damage, pose: str, fact: str) -> None:
+def test_facts_against_what_is_held_are_refused_where_they_stand(damaged, pose, fact):
     problem = refused(loaded, damaged, state=f"  - hold(red)\n  - {fact}", pose=pose)
     assert problem.code == "contradictory-facts"
     assert f"the state has `{fact}` and `hold(red)`, but `pickup`" in problem.message
@@ -125,7 +125,7 @@ def pinching(cell: Path, name: str, edits: dict[str, str]) -> None:
     skill.write_text(re.sub(r"\bhold\b", "pinched", skill.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def test_a_fact_that_a_skill_makes_true_of_what_is_held_contradicts_nothing(damaged: Damage) -> None:
+def test_a_fact_that_a_skill_makes_true_of_what_is_held_contradicts_nothing(damaged):
     seen = "(hand_empty) (seen ?object - movable))\n  (:a"
     unseen = {HANDLED[0]: seen, "(and (hold ?object)": "(and (not (seen ?object)) (hold ?object)"}
     facts = {"  - hand_empty\n  - on_table(red)": "  - hold(red)\n  - seen(red)"}
@@ -141,7 +141,7 @@ HELD_BY_ITS_SIDE = {"object: object, side: +z": "object: object, side: +x"}
 
 
 @pytest.mark.parametrize("facts", ["hold(red)", "pinched(red)\n  - hold(red)"])
-def test_how_an_object_is_held_is_asked_where_skills_hold_it_in_different_ways(damaged: Damage, facts: str) -> None:
+def test_how_an_object_is_held_is_asked_where_skills_hold_it_in_different_ways(damaged, facts):
     cell = damaged({"file": "workspace.yaml", "replace": {"hand_empty\n  - on_table(red)": facts}})
     if "pinched" in facts:
         pinching(cell, "pinch", HELD_BY_ITS_SIDE)
@@ -161,7 +161,7 @@ def test_how_an_object_is_held_is_asked_where_skills_hold_it_in_different_ways(d
     assert load_workspace(cell).stated_world.held == "red"
 
 
-def test_what_is_held_does_not_depend_on_the_order_of_facts_and_skills(damaged: Damage) -> None:
+def test_what_is_held_does_not_depend_on_the_order_of_facts_and_skills(damaged):
     cell = damaged(
         {"file": "workspace.yaml", "replace": {"hand_empty\n  - on_table(red)": "hold(red)\n  - pinched(red)"}}
     )

@@ -46,7 +46,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_a_yaml_file_cannot_unfold_without_end(bomb: str, cell: Path) -> None:
+def test_a_yaml_file_cannot_unfold_without_end(bomb, cell):
     prepend(cell / "workspace.yaml", BOMBS[bomb])
     problem = refusal(cell)
     assert problem.code in {"too-many-values", "nesting-too-deep", "not-finite", "file-too-large"}
@@ -54,7 +54,7 @@ def test_a_yaml_file_cannot_unfold_without_end(bomb: str, cell: Path) -> None:
     assert len(problem.message) < 300
 
 
-def test_an_xml_file_cannot_unfold_or_open_others(cell: Path) -> None:
+def test_an_xml_file_cannot_unfold_or_open_others(cell):
     entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(
         f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10)
     )
@@ -75,7 +75,7 @@ def binary_stl(path: Path, stated: int, present: int) -> Path:
     return path
 
 
-def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Path) -> None:
+def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path):
     for count, code in ((10_000_000, "file-too-large"), (3_900_000, "mesh-too-large")):
         with pytest.raises(InputError) as caught:
             read_mesh(binary_stl(tmp_path / "big.stl", count, count))
@@ -83,7 +83,7 @@ def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Pa
         assert caught.value.problems[0].mend == "simplify the mesh"
 
 
-def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None:
+def test_meshes_as_text_are_counted_without_loading_them(tmp_path):
     (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 600_000, encoding="ascii")
     geometry, numbers = dae(), re.search(rb"<p>(.*)</p>", dae())
     many = geometry.replace(numbers[1], (numbers[1] + b" ") * 65_536).replace(b'count="12"', b'count="786432"')
@@ -94,7 +94,7 @@ def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("file", ["workspace.yaml", "arm.urdf", "arm.srdf", "side.yaml", "cube.stl"])
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(file: str, cell: Path) -> None:
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(file, cell):
     (cell / file).unlink()
     os.mkfifo(cell / file)
     assert "expected a file" in refusal(cell).message
@@ -172,7 +172,7 @@ def with_links(cell: Path, text: str) -> None:
     path.write_text(path.read_text(encoding="utf-8").replace("</robot>", text + "</robot>"), encoding="utf-8")
 
 
-def test_two_thousand_links_in_a_row_are_read_in_a_moment(cell: Path) -> None:
+def test_two_thousand_links_in_a_row_are_read_in_a_moment(cell):
     """Looking for a circle from each link took time with the cube of their number."""
     with_links(cell, in_a_row(1950, 'type="fixed">'))
     before = time.process_time()
@@ -180,7 +180,7 @@ def test_two_thousand_links_in_a_row_are_read_in_a_moment(cell: Path) -> None:
     assert time.process_time() - before < 5.0
 
 
-def test_a_robot_of_thousands_of_shapes_is_refused_at_the_first_too_many(cell: Path) -> None:
+def test_a_robot_of_thousands_of_shapes_is_refused_at_the_first_too_many(cell):
     before = (cell / "arm.urdf").read_text(encoding="utf-8").count("\n")
     with_links(cell, f'<link name="many">{BOX * 20_000}</link>')
     problem = refusal(cell)

@@ -30,7 +30,7 @@ def new(cell: Path, entry: str) -> SceneObject:
     return load_workspace(with_entry(cell, entry)).objects["new"]
 
 
-def test_a_urdf_stands_where_its_root_is_put(cell: Path) -> None:
+def test_a_urdf_stands_where_its_root_is_put(cell):
     bench = new(cell, "{type: bench, urdf: bench.urdf, fixed: true, pose: {position: [5, 0, 1], rpy: [0, 0, 90 deg]}}")
     assert bench.size == pytest.approx((1.2, 0.8, 0.74))
     np.testing.assert_allclose(bench.X_WO[:3, 3], [5, 0.1, 1.37], atol=1e-12)
@@ -39,21 +39,21 @@ def test_a_urdf_stands_where_its_root_is_put(cell: Path) -> None:
     np.testing.assert_allclose(leg[:3, 3], [5, 0.1, 1.35], atol=1e-12)
 
 
-def test_a_mesh_without_a_size_has_its_own(cell: Path) -> None:
+def test_a_mesh_without_a_size_has_its_own(cell):
     part = new(cell, "{type: part, parts: [{mesh: corner.obj, scale: 0.1}], pose: {position: [4, 4, 4]}}")
     assert part.size == pytest.approx((0.2, 0.1, 0.3))
     np.testing.assert_allclose(part.X_WO[:3, 3], [4.1, 4.05, 4.15])
     np.testing.assert_allclose((part.X_WO @ part.parts[0].X_PG)[:3, 3], [4, 4, 4])
 
 
-def test_a_stated_size_leaves_the_mesh_where_it_is(cell: Path) -> None:
+def test_a_stated_size_leaves_the_mesh_where_it_is(cell):
     parts = "parts: [{mesh: corner.obj, scale: 0.1}]"
     part = new(cell, f"{{type: part, size: [1, 1, 1], {parts}, pose: {{position: [4, 4, 4]}}}}")
     np.testing.assert_allclose(part.X_WO[:3, 3], [4, 4, 4])
     np.testing.assert_allclose(part.parts[0].X_PG, np.eye(4))
 
 
-def test_a_moved_object_is_written_as_its_file_states_it(cell: Path) -> None:
+def test_a_moved_object_is_written_as_its_file_states_it(cell):
     part = new(cell, "{type: part, parts: [{mesh: corner.obj}], pose: {position: [4, 4, 4]}}")
     moved = part.X_WO.copy()
     moved[:3, 3] += [1, 0, 0]
@@ -68,7 +68,7 @@ def test_a_moved_object_is_written_as_its_file_states_it(cell: Path) -> None:
         ("{type: part, urdf: bensh.urdf, pose: unknown}", "did you mean `bench.urdf`"),
         ("{type: part, parts: [{mesh: part.step}], pose: unknown}", "found a mesh with the ending `.step`"),
 ])  # fmt: skip
-def test_what_has_no_size_is_named(cell: Path, entry: str, said: str) -> None:
+def test_what_has_no_size_is_named(cell, entry, said):
     (cell / "part.step").write_text("ISO-10303-21;")
     with pytest.raises(InputError) as caught:
         load_workspace(with_entry(cell, entry))

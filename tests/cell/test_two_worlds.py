@@ -92,7 +92,7 @@ def test_which_world_was_meant_is_said_where_the_two_differ(two_worlds, base, wa
     assert told(workspace) == (expected if warned else [])
 
 
-def test_a_link_called_tool_is_reported_from_the_tool_frame(damaged: Damage) -> None:
+def test_a_link_called_tool_is_reported_from_the_tool_frame(damaged):
     cell = damaged({"file": "workspace.yaml", "replace": {"tool_frame: tip": "tool_frame: tip  #"}})
     for name in ("arm.urdf", "workspace.yaml"):
         text = (cell / name).read_text(encoding="utf-8")
@@ -111,7 +111,7 @@ def test_what_is_solid_on_the_link_moves_with_the_base_and_boxes_in_the_world_do
 
 
 @pytest.mark.parametrize("name", ["world", "robot/world"])
-def test_the_tool_sits_on_the_link_under_either_name(two_worlds: Callable[..., Path], name: str) -> None:
+def test_the_tool_sits_on_the_link_under_either_name(two_worlds, name):
     with pytest.raises(InputError) as caught:
         load_workspace(two_worlds(**{"link: wrist, pose": f"link: {name}, pose"}))
     assert [problem.code for problem in caught.value.problems] == ["unmoved-tool-frame"]

@@ -12,9 +12,7 @@ from sqrp_cli.motion.joint_moves import fastest_sequence
 
 
 @given(st.integers(0, 100_000), st.lists(st.integers(1, 4), min_size=1, max_size=4), st.booleans())
-def test_the_sequence_is_the_fastest_that_works_with_ties_by_joint_values(
-    seed: int, sizes: list[int], ties: bool
-) -> None:
+def test_the_sequence_is_the_fastest_that_works_with_ties_by_joint_values(seed, sizes, ties):
     rng = np.random.default_rng(seed)
 
     def times(*shape: int) -> np.ndarray:

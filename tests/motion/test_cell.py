@@ -56,7 +56,7 @@ def cube(folder: Path, side: float) -> Path:
     ['<box size="900 900 900"/>', '<mesh filename="part.stl" scale="1700 1700 1700"/>', '<sphere radius="25"/>'],
     ids=["box", "mesh", "sphere"],
 )
-def test_a_link_that_moves_and_is_a_hill_is_refused(tmp_path: Path, shape: str) -> None:
+def test_a_link_that_moves_and_is_a_hill_is_refused(tmp_path, shape):
     cube(tmp_path, 0.5)
     urdf = with_shape(written_urdf(tmp_path / "arm.urdf", *six_axes()), "link3", shape)
     problem = refusal(tmp_path, urdf)
@@ -67,17 +67,17 @@ def test_a_link_that_moves_and_is_a_hill_is_refused(tmp_path: Path, shape: str) 
     assert (problem.place.file, problem.place.line) == (urdf, 1)
 
 
-def test_a_hall_that_does_not_move_may_be_as_large_as_it_is(tmp_path: Path) -> None:
+def test_a_hall_that_does_not_move_may_be_as_large_as_it_is(tmp_path):
     urdf = with_shape(written_urdf(tmp_path / "arm.urdf", *six_axes()), "link0", '<box size="90 90 0.01"/>')
     assert make_starter(tmp_path / "cell", str(urdf)).tip == "link6"
 
 
-def test_a_joint_far_from_the_one_that_carries_it_is_refused(tmp_path: Path) -> None:
+def test_a_joint_far_from_the_one_that_carries_it_is_refused(tmp_path):
     problem = refusal(tmp_path, written_urdf(tmp_path / "arm.urdf", *six_axes(far="0 0 900")))
     assert problem.message == "joint `j2` is 900 m from the one that carries it, expected at most 20 m"
 
 
-def test_an_arm_of_dozens_of_joints_is_refused(tmp_path: Path) -> None:
+def test_an_arm_of_dozens_of_joints_is_refused(tmp_path):
     chain = [
         joint(f"j{k}", f"link{k}", f"link{k + 1}", "continuous", "0 0 0.05", ("0 0 1", "0 1 0")[k % 2])
         for k in range(40)
@@ -88,7 +88,7 @@ def test_an_arm_of_dozens_of_joints_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", [1e6, 1e18, 600.0])
-def test_limits_that_mean_none_take_no_longer_than_none(tmp_path: Path, limit: float) -> None:
+def test_limits_that_mean_none_take_no_longer_than_none(tmp_path, limit):
     """Whole turns within such limits were all tried, in all combinations of the joints."""
     before = time.process_time()
     urdf = written_urdf(tmp_path / "arm.urdf", *six_axes(limit=LIMIT.format(-limit, limit)))

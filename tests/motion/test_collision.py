@@ -92,7 +92,7 @@ class BruteForce:
         return found
 
 
-def test_single_configurations_agree_with_every_pair_tried(ur5: RobotModel, scene: CollisionScene) -> None:
+def test_single_configurations_agree_with_every_pair_tried(ur5, scene):
     placed, brute = scene.placed(world()), BruteForce(ur5, world(), CLEARANCE)
     rng = np.random.default_rng(0)
     q = READY + rng.uniform(-1, 1, (150, 6)) * [3, 0.8, 0.9, 2, 2, 3]
@@ -108,7 +108,7 @@ def test_single_configurations_agree_with_every_pair_tried(ur5: RobotModel, scen
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_motions_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene, held: bool) -> None:
+def test_motions_agree_with_a_fine_step(ur5, scene, held):
     state = world(held="cube", X_TO=pose(position=(0, 0, 0.02))) if held else world()
     placed = scene.placed(state)
     touching, near = BruteForce(ur5, state, CLEARANCE), BruteForce(ur5, state, CLEARANCE + 2 * RESOLUTION)
@@ -126,7 +126,7 @@ def test_motions_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene, 
     assert min(kinds.values()) >= 3
 
 
-def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene) -> None:
+def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5, scene):
     placed, brute = scene.placed(world()), BruteForce(ur5, world(), CLEARANCE)
     rng = np.random.default_rng(2)
     for _ in range(10):
@@ -139,20 +139,19 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
         assert not any(brute.contacts(q) for q in path.positions(before))
 
 
-def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) -> None:
+def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5):
     """Swing the shoulder through a plate of 0.1 mm in the way of the tool; names and place are worked out by hand."""
     swing = np.array([1.2, 0, 0, 0, 0, 0])
     tip = ur5.tool_pose(READY + swing / 2)[:3, 3]
     across = axis_rotation(2, float(np.arctan2(tip[1], tip[0])))
     plate = thing("plate", (0.02, 0.0001, 0.02), pose(across, tip))
     contact = CollisionScene(ur5, [plate]).placed(world([plate])).check_path(JointPath.line(READY, READY + swing))
-    assert contact is not None
     assert str(contact) == "suction_cup hits plate"
     radius = np.linalg.norm(tip[:2])
     assert contact.s == pytest.approx(0.5 - (0.016 + CLEARANCE) / radius / 1.2, abs=0.005)
 
 
-def test_the_clearance_is_kept_and_padding_adds_to_it_for_fixed_objects_only(ur5: RobotModel) -> None:
+def test_the_clearance_is_kept_and_padding_adds_to_it_for_fixed_objects_only(ur5):
     tip = ur5.tool_pose(READY)[:3, 3]
 
     def hits(gap: float, fixed: bool, padding: float) -> bool:
@@ -178,43 +177,40 @@ def lowest_of_the_tool(model: RobotModel) -> float:
     return float(transform(X, rim)[:, 2].min())
 
 
-def test_allowed_pairs_and_unknown_objects_do_not_count(ur5: RobotModel, scene: CollisionScene) -> None:
+def test_allowed_pairs_and_unknown_objects_do_not_count(ur5, scene):
     inside = thing("cube", CUBE.size, pose(position=ur5.tool_pose(READY)[:3, 3]), fixed=False)
     state = world([TABLE, inside])
     contact = scene.placed(state).check(READY)
-    assert contact is not None
     assert contact.second == "cube"
     allowed = frozenset(pair(link, "cube") for link in ur5.tool_links)
     assert scene.placed(state, allowed).check(READY) is None
     assert scene.placed(world([TABLE])).check(READY) is None
 
 
-def test_a_held_object_collides_with_what_the_tool_would_miss(ur5: RobotModel) -> None:
+def test_a_held_object_collides_with_what_the_tool_would_miss(ur5):
     rod = thing("rod", (0.02, 0.02, 0.6), None, fixed=False)
     scene = CollisionScene(ur5, [TABLE, rod])
     state = world([TABLE], held="rod", X_TO=pose(position=(0, 0, 0.3)))
     contact = scene.placed(state).check(READY)
-    assert contact is not None
     assert (contact.first, contact.second) == ("rod", "table")
     assert scene.placed(world([TABLE])).check(READY) is None
 
 
-def test_what_carries_an_object_is_reported_from_what_stands_beside_it(ur5: RobotModel) -> None:
+def test_what_carries_an_object_is_reported_from_what_stands_beside_it(ur5):
     beside = thing("beside", CUBE.size, pose(position=(0.49, -0.25, 0.02)), fixed=False)
     scene = CollisionScene(ur5, [TABLE, CUBE, beside])
     assert scene.supports("cube", CUBE.X_WO, world([TABLE, CUBE, beside])) == {"table"}
     assert scene.supports("cube", pose(position=(0, 0, 0.002)) @ CUBE.X_WO, world([TABLE, CUBE, beside])) == frozenset()
 
 
-def test_disabled_pairs_are_not_checked(ur5: RobotModel) -> None:
+def test_disabled_pairs_are_not_checked(ur5):
     folded = np.array([0.0, -1.6, 3.0, -1.6, -1.6, 0.0])
-    contact = CollisionScene(ur5, []).placed(world([])).check(folded)
-    assert contact is not None
+    assert CollisionScene(ur5, []).placed(world([])).check(folded) is not None
     skipped = [pair(a, b) for a, b in combinations(ur5.links, 2)]
     assert CollisionScene(ur5, [], skipped).placed(world([])).check(folded) is None
 
 
-def test_a_contact_says_whether_it_is_one_or_only_too_close() -> None:
+def test_a_contact_says_whether_it_is_one_or_only_too_close():
     assert str(Contact("forearm_link", "table")) == "forearm_link hits table"
     assert str(Contact("cup", "table", 0.5, 0.051)) == "cup comes closer to table than 0.051 m"
 
@@ -246,7 +242,7 @@ def arm(folder: Path, home: float) -> RobotModel:
     return RobotModel.load(robot(path, "l3", home={"j1": 0.0, "j2": 0.0, "j3": home}))
 
 
-def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_never_do(tmp_path: Path) -> None:
+def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_never_do(tmp_path):
     stretched = find_self_contacts(arm(tmp_path, home=0.0), seed=0)
     assert stretched.always == {("base", "l2")}
     assert stretched.at_home == {("base", "l2")}
@@ -256,7 +252,7 @@ def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_n
     assert folded.unchecked == {("base", "l2"), ("base", "l3")}
 
 
-def test_a_move_onto_a_mesh_ends_at_its_nearest_triangles(ur5: RobotModel, tmp_path: Path) -> None:
+def test_a_move_onto_a_mesh_ends_at_its_nearest_triangles(ur5, tmp_path):
     """A stand is a small sheet above a large one, the arm holds a sheet; the surfaces meet after 10 cm of 28."""
 
     def sheets(name: str, *heights_and_halves: tuple[float, float]) -> Mesh:
@@ -333,14 +329,14 @@ class Balls:
 
 
 @pytest.mark.parametrize("size", [0.01, 0.3, 1.5])
-def test_no_two_points_of_an_arm_or_the_world_come_closer_than_their_bound_says(ur5: RobotModel, size: float) -> None:
+def test_no_two_points_of_an_arm_or_the_world_come_closer_than_their_bound_says(ur5, size):
     balls, rng = Balls(ur5, ["upper_arm_link", "forearm_link", "wrist_2_link", "suction_tip"]), np.random.default_rng(0)
     tightest = max(balls.tightest(rng.uniform(-3, 3, 6), rng.uniform(0, size, 6), rng) for _ in range(40))
     assert tightest > (0.5 if size < 1 else 0.2)
 
 
 @pytest.mark.parametrize("linkage", LINKAGES)
-def test_no_two_points_of_a_linkage_come_closer_than_their_bound_says(linkage: str, tmp_path: Path) -> None:
+def test_no_two_points_of_a_linkage_come_closer_than_their_bound_says(linkage, tmp_path):
     model = RobotModel.load(robot(written_urdf(tmp_path / "arm.urdf", *LINKAGES[linkage]), "tool0"))
     balls, rng, n = (
         Balls(model, [link for link in model.links if link != "base"]),
@@ -350,7 +346,7 @@ def test_no_two_points_of_a_linkage_come_closer_than_their_bound_says(linkage: s
     assert max(balls.tightest(rng.uniform(-1, 1, n), rng.uniform(0, 0.2, n), rng) for _ in range(30)) > 0.5
 
 
-def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path: Path) -> None:
+def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path):
     """A rod that reaches out behind the arm, and a post there; the contact is where the first fine step finds it."""
     urdf = written_urdf(tmp_path / "arm.urdf", *LINKAGES["rods beside the arm"])
     box = '<collision><origin xyz="-0.3 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry></collision>'
@@ -363,6 +359,5 @@ def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path: Path) -> Non
     contact = placed.check_path(JointPath.line(start, end))
     steps = np.linspace(0, 1, 2001)
     touching = [found is not None for found in placed.check_all(start + steps[:, None] * (end - start))]
-    assert contact is not None
     assert {contact.first, contact.second} == {"rod", "post"}
     assert contact.s == pytest.approx(steps[touching.index(True)], abs=2e-3)

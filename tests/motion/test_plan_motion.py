@@ -64,28 +64,24 @@ def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
 @pytest.fixture(scope="module", params=["pickup", "pick_and_place", "pickup through vias"])
 def motion(request: pytest.FixtureRequest, cell: Cell) -> Motion:
     skill, *through = request.param.split()
-    planned = cell.plan(request.getfixturevalue(skill), vias=vias_of(cell) if through else None)
-    assert isinstance(planned, Motion)
-    return planned
+    return cell.plan(request.getfixturevalue(skill), vias=vias_of(cell) if through else None)
 
 
 def vias_of(cell: Cell) -> dict[str, Array]:
     """Detours of the joint moves of a pickup, in its branches: of one corner and of two."""
     direct = cell.plan()
-    assert isinstance(direct, Motion)
     a1, a5 = (direct.primitives[k].trajectory.path.positions([0.3, 0.7]) for k in (0, 4))
     aside, back = np.array([[0.0, -0.3, 0.2, 0.4, 0.0, 0.5], [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]])
     return {"a1": a1[:1] + aside, "a5": a5 + back}
 
 
-def test_position_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion: Motion, ur5: RobotModel) -> None:
+def test_position_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion, ur5):
     assert_keeps_limits(ur5, motion)
 
 
-def test_straight_moves_keep_the_tools_limits(motion: Motion, ur5: RobotModel, cell: Cell) -> None:
+def test_straight_moves_keep_the_tools_limits(motion, ur5, cell):
     primitive = motion.primitives[1]
     down = cell.skill.primitives[1]
-    assert isinstance(down, StraightMove)
     dt = 1e-3
     t = np.arange(0, primitive.end - primitive.start, dt)
     p = np.array([ur5.tool_pose(q)[:3, 3] for q in primitive.trajectory.positions(t)])
@@ -93,7 +89,7 @@ def test_straight_moves_keep_the_tools_limits(motion: Motion, ur5: RobotModel, c
         assert np.linalg.norm(np.diff(p, order, axis=0) / dt**order, axis=1).max() <= float(limit) * 1.001
 
 
-def test_primitives_join_at_rest_without_gaps(motion: Motion, cell: Cell) -> None:
+def test_primitives_join_at_rest_without_gaps(motion, cell):
     np.testing.assert_allclose(motion.positions(0, np.zeros(1))[0], cell.model.home, atol=1e-12)
     np.testing.assert_allclose(
         motion.positions(len(motion.primitives) - 1, [motion.time])[0], cell.model.home, atol=1e-9
@@ -109,7 +105,7 @@ def test_primitives_join_at_rest_without_gaps(motion: Motion, cell: Cell) -> Non
             np.testing.assert_allclose(primitive.trajectory.derivatives(edges, order), 0, atol=1e-7)
 
 
-def test_approach_and_lift_are_straight_within_a_tenth_of_a_millimetre(motion: Motion, ur5: RobotModel) -> None:
+def test_approach_and_lift_are_straight_within_a_tenth_of_a_millimetre(motion, ur5):
     for primitive in (p for p in motion.primitives if p.name in ("a2", "a4", "b2", "b5")):
         t = np.linspace(0, primitive.end - primitive.start, 400)
         X = np.array([ur5.tool_pose(q) for q in primitive.trajectory.positions(t)])
@@ -121,7 +117,7 @@ def test_approach_and_lift_are_straight_within_a_tenth_of_a_millimetre(motion: M
         assert abs(direction[2]) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_grasp_takes_hold_at_its_end_and_the_object_does_not_jump(motion: Motion, ur5: RobotModel) -> None:
+def test_grasp_takes_hold_at_its_end_and_the_object_does_not_jump(motion, ur5):
     names = [primitive.name for primitive in motion.primitives]
     grasp, lift = names.index("a3"), names.index("a4")
     assert [p.held for p in motion.primitives[: grasp + 1]] == [None] * (grasp + 1)
@@ -133,9 +129,8 @@ def test_grasp_takes_hold_at_its_end_and_the_object_does_not_jump(motion: Motion
     np.testing.assert_allclose(X_WT[:3, 3], [0.45, -0.25, 0.04], atol=1e-9)
 
 
-def test_release_leaves_the_object_where_the_tool_is(cell: Cell, pick_and_place: Skill) -> None:
+def test_release_leaves_the_object_where_the_tool_is(cell, pick_and_place):
     motion = cell.plan(pick_and_place)
-    assert isinstance(motion, Motion)
     held = {p.name: p.held for p in motion.primitives}
     assert [held[name] for name in ("a4", "b1", "b4", "b5")] == ["cube", "cube", "cube", None]
     assert motion.final.held is None
@@ -143,9 +138,8 @@ def test_release_leaves_the_object_where_the_tool_is(cell: Cell, pick_and_place:
     np.testing.assert_array_equal(motion.primitives[-1].X_WO["cube"], motion.final.X_WO["cube"])
 
 
-def test_the_world_afterwards_has_the_object_in_the_tool(cell: Cell) -> None:
+def test_the_world_afterwards_has_the_object_in_the_tool(cell):
     motion = cell.plan()
-    assert isinstance(motion, Motion)
     X_WT = cell.model.tool_pose(np.array([motion.final.joints[joint] for joint in motion.joint_names]))
     assert motion.final.held == "cube"
     np.testing.assert_allclose(motion.final.X_WO["cube"], X_WT @ motion.final.X_TO, atol=1e-12)
@@ -153,7 +147,7 @@ def test_the_world_afterwards_has_the_object_in_the_tool(cell: Cell) -> None:
     assert follow_up == Infeasible(("the tool still holds `cube`, so `a3` cannot grasp `cube`",))
 
 
-def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motion: Motion, cell: Cell) -> None:
+def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motion, cell):
     independent, cube = pinocchio_arm(cell), pair("cube", "table")
     meant = {name: {pair("tool", "cube")} for name in ("a2", "a3", "b5")}
     meant |= {name: {cube} for name in ("a4", "b2", "b3", "b4")}
@@ -170,8 +164,6 @@ def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
     model, world = cell.model, cell.world
     limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     down, lift = cell.skill.primitives[1], cell.skill.primitives[3]
-    assert isinstance(down, StraightMove)
-    assert isinstance(lift, StraightMove)
     X_grasp = pose(axis_rotation(0, np.pi) @ axis_rotation(2, values["approach_yaw"]), (0.45, -0.25, 0.04))
     X_above, X_lifted = X_grasp.copy(), X_grasp.copy()
     X_above[2, 3] += 0.02
@@ -204,9 +196,8 @@ def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
     return times
 
 
-def test_it_is_the_fastest_of_all_feasible_branches(cell: Cell) -> None:
+def test_it_is_the_fastest_of_all_feasible_branches(cell):
     motion = cell.plan()
-    assert isinstance(motion, Motion)
     times = brute_force_times(cell, VALUES)
     assert len(times) > 4
     assert motion.time == pytest.approx(min(times), abs=1e-6)
@@ -216,10 +207,8 @@ def moved(cell: Cell, **X_WO: Array) -> World:
     return replace(cell.world, X_WO={**cell.world.X_WO, **X_WO})
 
 
-def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell: Cell) -> None:
+def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell):
     fast, slow = cell.plan(speed=1.0), cell.plan(speed=0.3)
-    assert isinstance(fast, Motion)
-    assert isinstance(slow, Motion)
 
     def duration(motion: Motion, k: int) -> float:
         return motion.primitives[k].trajectory.duration
@@ -243,16 +232,15 @@ INFEASIBLE = {
 
 
 @pytest.mark.parametrize("case", INFEASIBLE)
-def test_what_cannot_be_done_says_why_and_where(cell: Cell, tabletop: Workspace, case: str) -> None:
+def test_what_cannot_be_done_says_why_and_where(cell, tabletop, case):
     places, more, values, said = INFEASIBLE[case]
     things = [thing(f"thing{k}", size, pose(position=at)) for k, (size, at) in enumerate(more)]
     used = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, *things)) if things else cell
     result = used.plan(world=moved(used, **{name: pose(position=at) for name, at in places.items()}), **values)
-    assert isinstance(result, Infeasible)
     assert re.search(said, "\n".join(result.reasons), re.MULTILINE), result.reasons
 
 
-def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> None:
+def test_grasping_from_the_side_works_too(cell, tabletop):
     tall = thing("cube", (0.05, 0.05, 0.4), pose(position=(0.5, -0.2, 0.2)), fixed=False)
     waypoints = {
         "grasp": {"object": "object", "side": "-x", "yaw": 0.0},
@@ -261,15 +249,13 @@ def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> No
     }
     skill = replace(cell.skill, waypoints=read_waypoints(waypoints))
     motion = Cell(tabletop.robot, cell.model, skill, (TABLE, tall)).plan()
-    assert isinstance(motion, Motion)
     q_grasp = motion.primitives[2].trajectory.positions([0.0])[0]
     np.testing.assert_allclose(cell.model.tool_pose(q_grasp)[:3, 2], [1, 0, 0], atol=1e-9)
 
 
-def test_a_lift_of_ten_centimetres_goes_at_the_stated_speed_between_ramps_that_joints_allow(cell: Cell) -> None:
+def test_a_lift_of_ten_centimetres_goes_at_the_stated_speed_between_ramps_that_joints_allow(cell):
     """At 5 cm/s and with the ramps of the tool alone, 0.2 s to 5 cm/s, it would take 2.2 s."""
     motion = cell.plan(pickup_at(cell, 0.05))
-    assert isinstance(motion, Motion)
     lift = motion.primitives[3].trajectory
     assert 2.2 < lift.duration < 2.36
     t = np.linspace(0.0, lift.duration, 500)
@@ -280,9 +266,8 @@ def test_a_lift_of_ten_centimetres_goes_at_the_stated_speed_between_ramps_that_j
     assert motion.remarks == ()
 
 
-def test_a_speed_that_joints_do_not_allow_is_said_with_the_one_they_reach(cell: Cell) -> None:
+def test_a_speed_that_joints_do_not_allow_is_said_with_the_one_they_reach(cell):
     motion = cell.plan(pickup_at(cell, 0.5))
-    assert isinstance(motion, Motion)
     lift = motion.primitives[3].trajectory
     t = np.linspace(0.0, lift.duration, 2000)
     places = cell.model.tool_poses(lift.positions(t))[:, :3, 3]

@@ -45,7 +45,7 @@ def excess(trajectory: Trajectory, limits: MotionLimits, per_phase: int) -> floa
 
 @given(EXPONENT, EXPONENT, EXPONENT)
 @settings(max_examples=80)
-def test_a_law_keeps_its_limits_rises_and_lasts_as_the_closed_form_says(v: float, a: float, j: float) -> None:
+def test_a_law_keeps_its_limits_rises_and_lasts_as_the_closed_form_says(v, a, j):
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
     assert law.duration == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-9)
@@ -62,7 +62,7 @@ EXTREME = st.floats(-9, 9)
 
 @given(EXTREME, EXTREME, EXTREME)
 @settings(max_examples=80)
-def test_limits_however_far_apart_have_a_law_that_keeps_them(v: float, a: float, j: float) -> None:
+def test_limits_however_far_apart_have_a_law_that_keeps_them(v, a, j):
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
     assert law.duration == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-6)
@@ -83,13 +83,13 @@ def test_limits_however_far_apart_have_a_law_that_keeps_them(v: float, a: float,
         (6.0, 1e9, 1.0, 1.0, 6.0),  # a = 1 held for 1 s in each ramp of 3 s: peak velocity 2, distance 2 * 3
     ],
 )
-def test_durations_worked_out_by_hand(distance: float, v: float, a: float, j: float, duration: float) -> None:
+def test_durations_worked_out_by_hand(distance, v, a, j, duration):
     limits = MotionLimits(*(np.array(x) for x in (v, a, j)))
     assert float(rest_to_rest_duration(distance, limits)) == pytest.approx(duration)
 
 
 @given(st.integers(0, 10_000))
-def test_a_joint_move_is_straight_keeps_every_limit_and_uses_one_fully(seed: int) -> None:
+def test_a_joint_move_is_straight_keeps_every_limit_and_uses_one_fully(seed):
     rng = np.random.default_rng(seed)
     q0, q1, limits = rng.normal(size=JOINTS), rng.normal(size=JOINTS), random_limits(rng)
     trajectory = joint_move(q0, q1, limits)
@@ -102,7 +102,7 @@ def test_a_joint_move_is_straight_keeps_every_limit_and_uses_one_fully(seed: int
 
 
 @given(st.integers(0, 10_000))
-def test_under_proportional_limits_a_joint_move_lasts_as_long_as_ruckigs_phase_synchronisation(seed: int) -> None:
+def test_under_proportional_limits_a_joint_move_lasts_as_long_as_ruckigs_phase_synchronisation(seed):
     rng = np.random.default_rng(seed)
     q0, q1 = rng.normal(size=JOINTS), rng.normal(size=JOINTS)
     share = np.abs(q1 - q0) / np.abs(q1 - q0).max()
@@ -117,7 +117,7 @@ def test_under_proportional_limits_a_joint_move_lasts_as_long_as_ruckigs_phase_s
     assert joint_move(q0, q1, limits).duration == pytest.approx(solution.duration, rel=1e-9)
 
 
-def test_durations_of_many_moves_at_once_are_those_of_each() -> None:
+def test_durations_of_many_moves_at_once_are_those_of_each():
     rng = np.random.default_rng(1)
     q0, q1, limits = rng.normal(size=(4, JOINTS)), rng.normal(size=(5, JOINTS)), random_limits(rng)
     table = joint_move_duration(q0[:, None], q1[None], limits)
@@ -127,7 +127,7 @@ def test_durations_of_many_moves_at_once_are_those_of_each() -> None:
             assert table[i, k] == pytest.approx(joint_move(q0[i], q1[k], limits).duration, rel=1e-9)
 
 
-def test_a_joint_move_to_where_the_arm_is_takes_no_time() -> None:
+def test_a_joint_move_to_where_the_arm_is_takes_no_time():
     q, limits = np.arange(JOINTS, dtype=float), random_limits(np.random.default_rng(0))
     assert joint_move(q, q, limits).duration == 0.0
     assert joint_move_duration(q, q, limits) == 0.0
@@ -135,7 +135,7 @@ def test_a_joint_move_to_where_the_arm_is_takes_no_time() -> None:
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=30)
-def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed: int) -> None:
+def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed):
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
     assert excess(time_path(random_path(rng), limits), limits, 1009) <= 1.0
@@ -143,7 +143,7 @@ def test_a_curved_path_keeps_every_limit_at_a_finer_step_than_the_one_used(seed:
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1))
 @settings(max_examples=30)
-def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_needed(seed: int, speed: float) -> None:
+def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_needed(seed, speed):
     rng = np.random.default_rng(seed)
     path, limits = random_path(rng), random_limits(rng)
     along = MotionLimits(*(np.array(x) for x in (speed, 2 * speed, 20 * speed)))
@@ -157,7 +157,7 @@ def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_neede
     assert (peaks <= np.array([speed, 2 * speed, 20 * speed]) * (1 + 1e-9)).all()
 
 
-def test_many_paths_at_once_are_timed_like_each_alone() -> None:
+def test_many_paths_at_once_are_timed_like_each_alone():
     rng = np.random.default_rng(2)
     limits, along = random_limits(rng), MotionLimits(*(np.array(x) for x in (0.3, 0.6, 6.0)))
     paths = [random_path(rng) for _ in range(5)]
@@ -180,7 +180,7 @@ def fastest_by_brute_force(path: JointPath, limits: MotionLimits, along: MotionL
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_law_lasts_hardly_longer_than_the_fastest_of_its_form(seed: int) -> None:
+def test_a_law_lasts_hardly_longer_than_the_fastest_of_its_form(seed):
     rng = np.random.default_rng(seed)
     limits, path, speed = random_limits(rng), random_path(rng), float(rng.uniform(0.05, 1.0))
     along = MotionLimits(*(np.array(x) for x in (speed, 2 * speed, 20 * speed)))

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.motion import joint_moves
 from sqrp_cli.motion.collision import CLEARANCE
@@ -53,18 +52,15 @@ def walled(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
 def motion(walled: Cell) -> Motion:
     started = time.process_time()
     planned = walled.plan()
-    assert isinstance(planned, Motion)
     assert time.process_time() - started < 10.0
     return planned
 
 
-def test_moves_that_a_wall_blocks_go_around_it_and_say_so(motion: Motion) -> None:
+def test_moves_that_a_wall_blocks_go_around_it_and_say_so(motion):
     assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
-def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own_model(
-    motion: Motion, walled: Cell, ur5: RobotModel
-) -> None:
+def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own_model(motion, walled, ur5):
     independent, limits = pinocchio_arm(walled), MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
     for index in (0, 4):
         t = even_steps(motion.primitives[index].trajectory, 1e-3 / FARTHEST)
@@ -74,16 +70,15 @@ def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own
     assert any("wall" in names for names in independent.contacts(blocked, 4, even_steps(direct, 0.01), 0.0))
 
 
-def test_padding_is_kept_around_walls_on_the_way_too(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> None:
+def test_padding_is_kept_around_walls_on_the_way_too(tabletop, ur5, pickup):
     cell = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK), padding=0.015)
     padded = cell.plan()
-    assert isinstance(padded, Motion)
     t = even_steps(padded.primitives[0].trajectory, 4e-3 / FARTHEST)
     near = pinocchio_arm(cell).contacts(padded, 0, t, 0.9 * (CLEARANCE + 0.015))
     assert not [names for names in near if {"wall", "back"} & set(names)]
 
 
-def test_a_way_around_keeps_velocity_acceleration_and_jerk_and_moves_smoothly(motion: Motion, ur5: RobotModel) -> None:
+def test_a_way_around_keeps_velocity_acceleration_and_jerk_and_moves_smoothly(motion, ur5):
     assert_keeps_limits(ur5, motion)
     for index in (0, 4):
         trajectory = motion.primitives[index].trajectory
@@ -96,36 +91,28 @@ def test_a_way_around_keeps_velocity_acceleration_and_jerk_and_moves_smoothly(mo
         np.testing.assert_allclose(trajectory.derivatives([0.0, trajectory.duration], 1), 0, atol=1e-9)
 
 
-def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled: Cell, motion: Motion) -> None:
+def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled, motion):
     other = walled.plan(seed=7)
     again = walled.plan()
-    assert isinstance(again, Motion)
-    assert isinstance(other, Motion)
     for first, second in zip(motion.primitives, again.primitives, strict=True):
         assert first.trajectory.to_numbers() == second.trajectory.to_numbers()
     assert other.primitives[0].trajectory.to_numbers() != motion.primitives[0].trajectory.to_numbers()
 
 
-def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(
-    tabletop: Workspace, ur5: RobotModel, pickup: Skill, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(tabletop, ur5, pickup, monkeypatch):
     monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
     motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
-    assert isinstance(motion, Motion)
     assert motion.remarks == ()
 
 
-def test_where_no_way_is_found_the_pair_that_touches_is_named(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_way_is_found_the_pair_that_touches_is_named(walled, monkeypatch):
     monkeypatch.setattr(joint_moves, "MOST_TRIES", 2)
     result = walled.plan()
-    assert isinstance(result, Infeasible)
     assert " hits wall at " in result.reasons[0]
     assert result.reasons[0].endswith("no way around was found in 2 tries")
 
 
-def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(
-    tabletop: Workspace, ur5: RobotModel, pickup: Skill
-) -> None:
+def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(tabletop, ur5, pickup):
     sides = [
         thing("cage_top", (0.2, 0.2, 0.004), pose(position=(0.45, -0.25, 0.15))),
         thing("cage_left", (0.2, 0.004, 0.15), pose(position=(0.45, -0.15, 0.075))),
@@ -136,11 +123,10 @@ def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(
     started = time.process_time()
     result = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, *sides)).plan()
     assert time.process_time() - started < 10.0
-    assert isinstance(result, Infeasible)
     assert " hits cage_" in result.reasons[0]
 
 
-def test_moving_back_after_a_fault_goes_around_as_well(motion: Motion, ur5: RobotModel) -> None:
+def test_moving_back_after_a_fault_goes_around_as_well(motion, ur5):
     """At the very end, the arm is at home again; within a4, it goes to where a1 ended and back along a1."""
     recovery = recovery_over(motion, ur5, 0.0)
     limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
@@ -152,9 +138,7 @@ def test_moving_back_after_a_fault_goes_around_as_well(motion: Motion, ur5: Robo
 
 
 def planned(cell: Cell, vias: dict[str, Array] | None = None) -> Motion:
-    motion = cell.plan(vias=vias)
-    assert isinstance(motion, Motion)
-    return motion
+    return cell.plan(vias=vias)
 
 
 def ends(motion: Motion, index: int) -> Array:
@@ -162,7 +146,7 @@ def ends(motion: Motion, index: int) -> Array:
 
 
 @given(st.integers(0, 10_000), st.integers(3, 6), st.integers(1, 4))
-def test_a_blended_polyline_is_smooth_and_stays_near_it(seed: int, corners: int, joints: int) -> None:
+def test_a_blended_polyline_is_smooth_and_stays_near_it(seed, corners, joints):
     rng = np.random.default_rng(seed)
     polyline = rng.normal(size=(corners, joints))
     lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
@@ -179,7 +163,7 @@ def test_a_blended_polyline_is_smooth_and_stays_near_it(seed: int, corners: int,
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3))
-def test_a_move_around_vias_bends_near_them_without_a_stop_and_keeps_all_limits(seed: int, count: int) -> None:
+def test_a_move_around_vias_bends_near_them_without_a_stop_and_keeps_all_limits(seed, count):
     rng = np.random.default_rng(seed)
     q0, *vias, q1 = rng.uniform(-2, 2, (count + 2, 6))
     limits = MotionLimits(*(rng.uniform(*span, 6) for span in ((0.3, 2), (1, 4), (5, 50))))
@@ -194,7 +178,7 @@ def test_a_move_around_vias_bends_near_them_without_a_stop_and_keeps_all_limits(
         assert np.abs(motion.path.positions(np.linspace(0, 1, 500)) - via).max(axis=1).min() < longest
 
 
-def test_vias_at_the_ends_or_twice_at_one_place_count_once() -> None:
+def test_vias_at_the_ends_or_twice_at_one_place_count_once():
     limits = MotionLimits(*(np.full(2, limit) for limit in (1.0, 2.0, 10.0)))
     q0, via, q1 = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, 2.0]])
     once = motion_through(q0, via[None], q1, limits)
@@ -204,7 +188,7 @@ def test_vias_at_the_ends_or_twice_at_one_place_count_once() -> None:
     assert motion_through(q0, np.stack([q0, q1]), q1, limits).to_numbers() == direct.to_numbers()
 
 
-def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell: Cell) -> None:
+def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell):
     direct = planned(cell)
     far = ends(direct, 0)[1] + [0.3, 0.0, 0.0, 0.0, 0.0, 1.5]
     motion = planned(cell, {"a1": far[None]})
@@ -216,15 +200,14 @@ def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell: Ce
         assert same == direct.primitives[index].trajectory.to_numbers()
 
 
-def test_vias_that_lead_through_an_obstacle_are_infeasible_and_say_what_touches(cell: Cell) -> None:
+def test_vias_that_lead_through_an_obstacle_are_infeasible_and_say_what_touches(cell):
     under_the_table = ends(planned(cell), 0)[1] + [0.0, 0.9, 0.0, 0.0, 0.0, 0.0]
     result = cell.plan(vias={"a1": under_the_table[None]})
-    assert isinstance(result, Infeasible)
     assert " hits table at " in result.reasons[0]
     assert result.reasons[0].endswith(" of a1 with its vias")
 
 
-def test_vias_that_lead_around_an_obstacle_need_no_planner(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_vias_that_lead_around_an_obstacle_need_no_planner(walled, monkeypatch):
     around = planned(walled)
     along = {name: around.primitives[index].trajectory.path for name, index in (("a1", 0), ("a5", 4))}
     monkeypatch.setattr("sqrp_cli.motion.joint_moves.find_way", lambda *_: pytest.fail("asked"))
@@ -232,10 +215,8 @@ def test_vias_that_lead_around_an_obstacle_need_no_planner(walled: Cell, monkeyp
     assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
-def test_a_move_by_home_has_no_vias(cell: Cell) -> None:
+def test_a_move_by_home_has_no_vias(cell):
     by_home = cell.plan(via="home")
-    assert isinstance(by_home, Motion)
     vias = {"a1": ends(by_home, 0).mean(axis=0)[None] + 0.1}
     again = cell.plan(via="home", vias=vias)
-    assert isinstance(again, Motion)
     assert again.primitives[0].trajectory.to_numbers() == by_home.primitives[0].trajectory.to_numbers()

@@ -45,7 +45,7 @@ def ground(name: str, yaw: float = 0.0, X_WO: np.ndarray | None = None) -> np.nd
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_tool_stands_in_the_centre_of_the_side_and_points_into_the_box(axis: int, sign: float) -> None:
+def test_the_tool_stands_in_the_centre_of_the_side_and_points_into_the_box(axis, sign):
     X_OT = side_pose(SIZE, ("+" if sign > 0 else "-") + "xyz"[axis])
     outward = sign * np.eye(3)[axis]
     np.testing.assert_allclose(X_OT[:3, 3], outward * SIZE[axis] / 2)
@@ -55,11 +55,11 @@ def test_the_tool_stands_in_the_centre_of_the_side_and_points_into_the_box(axis:
     assert np.linalg.det(X_OT[:3, :3]) == pytest.approx(1.0)
 
 
-def test_yaw_turns_the_tool_about_its_own_axis() -> None:
+def test_yaw_turns_the_tool_about_its_own_axis():
     np.testing.assert_allclose(ground("grasp", 0.5), ground("grasp") @ pose(axis_rotation(2, 0.5)), atol=1e-15)
 
 
-def test_retreat_goes_back_along_the_tool_and_raise_goes_up_in_the_world() -> None:
+def test_retreat_goes_back_along_the_tool_and_raise_goes_up_in_the_world():
     lying = pose(axis_rotation(0, np.pi / 2), (0.5, 0.0, 0.2))  # its +z side now faces -y
     grasp, above, lifted = (ground(name, 0.3, lying) for name in ("grasp", "above", "lifted"))
     np.testing.assert_allclose(grasp[:3, 3], [0.5, -0.15, 0.2], atol=1e-15)
@@ -69,11 +69,11 @@ def test_retreat_goes_back_along_the_tool_and_raise_goes_up_in_the_world() -> No
     np.testing.assert_array_equal(lifted[:3, :3], grasp[:3, :3])
 
 
-def test_depth_goes_on_into_the_object() -> None:
+def test_depth_goes_on_into_the_object():
     np.testing.assert_allclose(ground("deep")[:3, 3], [-0.05 + 0.03, 0.0, 0.0], atol=1e-15)
 
 
-def test_a_turn_is_about_the_tools_own_axes_and_keeps_its_place() -> None:
+def test_a_turn_is_about_the_tools_own_axes_and_keeps_its_place():
     turned = ground("turned")
     np.testing.assert_allclose(turned[:3, 3], HOME[:3, 3])
     np.testing.assert_allclose(turned[:3, 0], HOME[:3, :3] @ axis_rotation(2, 0.4)[:, 0], atol=1e-15)  # tilted about x
@@ -81,7 +81,7 @@ def test_a_turn_is_about_the_tools_own_axes_and_keeps_its_place() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, -2.0])
-def test_what_is_put_down_stands_upright_on_the_surface_where_the_tool_leaves_it(yaw: float) -> None:
+def test_what_is_put_down_stands_upright_on_the_surface_where_the_tool_leaves_it(yaw):
     tray = grounder().X_WO["tray"]
     X_BO = inverse(tray) @ ground("put", yaw) @ IN_TOOL
     np.testing.assert_allclose(X_BO[:3, :3], axis_rotation(2, yaw), atol=1e-12)
@@ -93,7 +93,7 @@ def test_what_is_put_down_stands_upright_on_the_surface_where_the_tool_leaves_it
     np.testing.assert_allclose(ground("over", yaw)[:3, 3] - ground("put", yaw)[:3, 3], [0, 0, 0.1], atol=1e-12)
 
 
-def test_on_something_narrower_it_stands_in_the_middle() -> None:
+def test_on_something_narrower_it_stands_in_the_middle():
     np.testing.assert_allclose(put_pose(SIZE, (0.05, 0.05, 0.1), 1.0, -1.0, 0.0)[:3, 3], [0.0, 0.0, 0.2])
 
 
@@ -105,7 +105,7 @@ def missing(one: WaypointGrounder, name: str) -> str | None:
     return None
 
 
-def test_what_a_waypoint_lacks_is_named_through_others() -> None:
+def test_what_a_waypoint_lacks_is_named_through_others():
     assert missing(grounder(box=IN_TOOL), "over") is None
     assert missing(grounder(), "over") == "the tool does not hold `box`"
     nowhere = WaypointGrounder(WAYPOINTS, {"object": "box", "onto": "tray"}, {}, {}, HOME, {}, {"box": IN_TOOL})
@@ -127,7 +127,7 @@ OFFSETS = read_waypoints(
 )
 
 
-def test_offsets_go_along_the_axes_that_they_name_down_too() -> None:
+def test_offsets_go_along_the_axes_that_they_name_down_too():
     one = grounder(box=IN_TOOL)
     poses = {name: WaypointGrounder(**{**vars_of(one), "waypoints": OFFSETS}).pose(name) for name in OFFSETS}
     X, tray = poses["grasp"], one.X_WO["tray"]
@@ -138,7 +138,7 @@ def test_offsets_go_along_the_axes_that_they_name_down_too() -> None:
     np.testing.assert_allclose(poses["box_at_tray"] @ IN_TOOL, tray @ pose(position=(0, 0, 0.1)), atol=1e-15)
 
 
-def test_a_pose_of_something_that_is_not_held_says_so() -> None:
+def test_a_pose_of_something_that_is_not_held_says_so():
     assert missing(WaypointGrounder(**{**vars_of(grounder()), "waypoints": OFFSETS}), "box_at_tray") == (
         "the tool does not hold `box`"
     )

@@ -37,7 +37,7 @@ def angle_between(X: Array, Y: Array) -> float:
 
 
 @pytest.mark.parametrize("name", FEW_AXES)
-def test_a_pose_of_the_exact_arm_is_taken_by_the_rounded_one_within_the_tolerance(name: str, tmp_path: Path) -> None:
+def test_a_pose_of_the_exact_arm_is_taken_by_the_rounded_one_within_the_tolerance(name, tmp_path):
     """The rounded arm cannot take it exactly; its solutions put the origin there, turned as far as it goes."""
     X_WT = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
     exact = all_solutions(arm(name, tmp_path, BY, 0.0), X_WT)
@@ -63,7 +63,7 @@ def assert_turned_as_far_as_it_goes(model: RobotModel, q: Array, X_WT: Array, an
 
 
 @pytest.mark.parametrize("name", FEW_AXES)
-def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name: str, tmp_path: Path) -> None:
+def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name, tmp_path):
     model = arm(name, tmp_path, BY, TOLERANCE)
     start = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
     line = tool_line(start, pose(position=(0.0, 0.0, -0.05)) @ start)
@@ -77,7 +77,7 @@ def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name: str, t
         assert angle_between(reached, wanted) < TOLERANCE
 
 
-def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how_much(tmp_path: Path) -> None:
+def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how_much(tmp_path):
     model = arm("SCARA", tmp_path, 0.0, TOLERANCE)
     tilted = model.tool_pose(np.array(READY["SCARA"])) @ pose(axis_rotation(0, np.radians(0.8)))
     found = all_solutions(model, tilted)
@@ -89,7 +89,7 @@ def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how
 
 @pytest.mark.parametrize("name", LIFTS)
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi])
-def test_a_wrist_whose_limit_is_rounded_points_down_within_the_tolerance(name: str, yaw: float, tmp_path: Path) -> None:
+def test_a_wrist_whose_limit_is_rounded_points_down_within_the_tolerance(name, yaw, tmp_path):
     """Straight down the wrist is singular, and 0.8 mrad past its limit; lines go down and up again, too."""
     urdf = written_urdf(tmp_path / "lift.urdf", *LIFTS[name])
     limits = {"pitch": (-1.6, 0.56)}

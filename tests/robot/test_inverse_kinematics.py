@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,7 +196,7 @@ def test_arms_with_sliding_joints_are_solved(tmp_path):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("joints", [6, 7, 8])
 @pytest.mark.parametrize("seed", range(3))
-def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, joints: int, seed: int) -> None:
+def test_joints_without_limits_are_solved_without_a_warning(tmp_path, joints, seed):
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0")[:joints]
     chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "continuous", "0.02 0 0.25", axis) for k, axis in enumerate(axes)]
     model = RobotModel.load(robot(written_urdf(tmp_path / "free.urdf", *chain), f"l{joints}"))
@@ -213,9 +212,7 @@ def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, join
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_same_positions(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_same_positions(name, monkeypatch):
     model = real_arm(name)
     inverse_kinematics.held_joints(model)
     poses = [X_WT for _, X_WT in reachable_poses(model, 4, seed=8)]
@@ -226,7 +223,7 @@ def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_sam
             assert angles_between(solutions, q).min() < 1e-6
 
 
-def test_an_arm_of_which_the_closed_form_takes_parallel_axes_for_crossing_ones_is_searched() -> None:
+def test_an_arm_of_which_the_closed_form_takes_parallel_axes_for_crossing_ones_is_searched():
     model = RobotModel.load(robot(ROBOTS / "tiago_description/robots/tiago.urdf", "arm_tool_link"))
     ((_, X_WT),) = reachable_poses(model, 1, seed=0)
     solutions = all_solutions(model, X_WT).solutions

@@ -108,11 +108,11 @@ def assert_equal_at(robot: Robot, seed: int) -> None:
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
-def test_random_robots_stand_where_pinocchio_says(seed: int) -> None:
+def test_random_robots_stand_where_pinocchio_says(seed):
     assert_equal_at(random_robot(np.random.default_rng(seed)), seed)
 
 
-def test_every_installed_robot_stands_where_pinocchio_reads_it() -> None:
+def test_every_installed_robot_stands_where_pinocchio_reads_it():
     plain = robot(ROBOTS / REAL_ARMS["ur5"][0], REAL_ARMS["ur5"][1])
     rng, count = np.random.default_rng(0), 0
     for path in sorted(ROBOTS.rglob("*.urdf")):
@@ -151,7 +151,7 @@ def assert_links_at(model: RobotModel, described: Robot, q: Array) -> None:
 
 
 @pytest.mark.parametrize("name", REAL_ARMS)
-def test_real_arms_stand_where_pinocchio_says(name: str) -> None:
+def test_real_arms_stand_where_pinocchio_says(name):
     described, model = robot(ROBOTS / REAL_ARMS[name][0], REAL_ARMS[name][1]), real_arm(name)
     assert_equal_at(described, 0)
     assert_links_at(model, described, np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(model.arm))))

@@ -31,7 +31,7 @@ def loaded(cell: Path, limits: str) -> Workspace:
     return load_workspace(cell)
 
 
-def test_what_is_switched_on_is_stated_and_nothing_else(tmp_path: Path) -> None:
+def test_what_is_switched_on_is_stated_and_nothing_else(tmp_path):
     limits = read_moveit_limits(written(tmp_path, LIMITS))
     assert limits.stated == {
         "velocity": {"shoulder": 2.175, "finger_of_another_gripper": 0.2},
@@ -43,14 +43,14 @@ def test_what_is_switched_on_is_stated_and_nothing_else(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("above", ["robot_description_planning", "/**"])
-def test_a_namespace_around_it_does_not_matter(tmp_path: Path, above: str) -> None:
+def test_a_namespace_around_it_does_not_matter(tmp_path, above):
     inner = "".join(f"  {line}\n" for line in LIMITS.splitlines())
     limits = read_moveit_limits(written(tmp_path, f"{above}:\n{inner}"))
     assert limits.stated["jerk"] == {"shoulder": 300.0}
     assert limits.scaling["velocity"] == 0.5
 
 
-def test_a_workspace_takes_them_with_their_scaling(cell: Path) -> None:
+def test_a_workspace_takes_them_with_their_scaling(cell):
     workspace = loaded(cell, "{moveit: joint_limits.yaml, jerk: {elbow: 40}, acceleration: {slide: 3}}")
     limits = workspace.robot.limits
     assert (limits["shoulder"].velocity, limits["shoulder"].acceleration) == (0.5 * 2.175, 0.1 * 0.52)
@@ -62,6 +62,6 @@ def test_a_workspace_takes_them_with_their_scaling(cell: Path) -> None:
     assert "finger_of_another_gripper" in warning.message
 
 
-def test_a_workspace_may_scale_otherwise(cell: Path) -> None:
+def test_a_workspace_may_scale_otherwise(cell):
     limits = loaded(cell, "{moveit: joint_limits.yaml, velocity_scaling: 1, acceleration_scaling: 0.25}").robot.limits
     assert (limits["shoulder"].velocity, limits["shoulder"].acceleration) == (2.175, 0.25 * 0.52)

@@ -137,7 +137,7 @@ def any_positions(model: RobotModel, count: int) -> Array:
 
 
 @pytest.mark.parametrize("name", REAL_ARMS)
-def test_no_pose_that_an_arm_takes_is_beyond_its_reach_and_some_come_close(name: str) -> None:
+def test_no_pose_that_an_arm_takes_is_beyond_its_reach_and_some_come_close(name):
     model = real_arm(name)
     beyond = [beyond_reach(model, X_WT) for X_WT in model.tool_poses(any_positions(model, 3000))]
     assert max(beyond) < 1e-9
@@ -145,7 +145,7 @@ def test_no_pose_that_an_arm_takes_is_beyond_its_reach_and_some_come_close(name:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_is_proven_is_no_more_than_what_is_missing(seed: int) -> None:
+def test_what_is_proven_is_no_more_than_what_is_missing(seed):
     rng = np.random.default_rng(seed)
     model = real_arm(("ur5", "panda")[seed % 2])
     direction = rng.normal(size=3)
@@ -156,7 +156,7 @@ def test_what_is_proven_is_no_more_than_what_is_missing(seed: int) -> None:
     assert beyond_reach(model, X_WT) <= reason.missing + 1e-9
 
 
-def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch):
     def searched(*_: object) -> Callable[[], None]:
         return pytest.fail("it was searched for")
 
@@ -165,7 +165,7 @@ def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch: pytest.M
     assert reason.why == "too far"
 
 
-def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path) -> None:
+def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path):
     urdf = written_urdf(
         tmp_path / "rail.urdf",
         joint("rail", "base", "l1", "prismatic", "0 0 0", "1 0 0"),
@@ -174,7 +174,7 @@ def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path) -> None:
     assert beyond_reach(RobotModel.load(robot(urdf, "tip")), pose(position=[99.0, 0, 0])) == -np.inf
 
 
-def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path) -> None:
+def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path):
     """Its tool turns about an axis, which the sphere of radius 0 stands for: other places have no bound to fail."""
     urdf = written_urdf(tmp_path / "one.urdf", joint("turn", "base", "tip", "revolute", "0 0 1", "0 0 1"))
     model = RobotModel.load(robot(urdf, "tip"))
@@ -183,7 +183,7 @@ def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_an_arm_whose_axes_all_meet_in_one_point_is_bound_to_it(tmp_path) -> None:
+def test_an_arm_whose_axes_all_meet_in_one_point_is_bound_to_it(tmp_path):
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
     chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "revolute", "0 0 0", axis) for k, axis in enumerate(axes)]
     model = RobotModel.load(robot(written_urdf(tmp_path / "point.urdf", *chain), "l5"))

@@ -24,7 +24,7 @@ CASES = read_cases("xacro_expressions.yaml")
 
 
 @pytest.mark.parametrize(("expression", "expected"), CASES["evaluated"])
-def test_what_descriptions_use_is_evaluated(expression: str, expected: object) -> None:
+def test_what_descriptions_use_is_evaluated(expression, expected):
     assert value(expression) == pytest.approx(expected)
 
 
@@ -35,16 +35,16 @@ def test_what_descriptions_use_is_evaluated(expression: str, expected: object) -
     ),
 ))  # fmt: skip
 @settings(max_examples=50, deadline=None)
-def test_arithmetic_is_that_of_python(expression: str) -> None:
+def test_arithmetic_is_that_of_python(expression):
     assert value(expression) == eval(expression, {}, dict(NAMES))  # noqa: S307 - made above
 
 
 @pytest.mark.parametrize("expression", CASES["refused"])
-def test_nothing_of_python_itself_can_be_reached(expression: str) -> None:
+def test_nothing_of_python_itself_can_be_reached(expression):
     with pytest.raises((RefusedExpressionError, KeyError, AttributeError)):
         value(expression)
 
 
-def test_a_name_that_is_not_defined_has_a_suggestion() -> None:
+def test_a_name_that_is_not_defined_has_a_suggestion():
     with pytest.raises(RefusedExpressionError, match="`widht` is not defined; did you mean `width`"):
         value("widht + 1")

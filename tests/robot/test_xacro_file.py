@@ -38,7 +38,7 @@ def read(package: Path, **arguments: str) -> UrdfModel:
     return read_urdf(top(package), RobotSource(arguments=arguments))
 
 
-def test_a_package_of_includes_macros_and_yaml_becomes_its_urdf(package: Path) -> None:
+def test_a_package_of_includes_macros_and_yaml_becomes_its_urdf(package):
     model = read(package)
     assert model.name == "my_arm"
     assert list(model.joints) == ["left_base", "left_joint_1", "left_joint_2"]
@@ -49,19 +49,19 @@ def test_a_package_of_includes_macros_and_yaml_becomes_its_urdf(package: Path) -
     assert model.packages == ("my_arm",)
 
 
-def test_arguments_choose_the_robot(package: Path) -> None:
+def test_arguments_choose_the_robot(package):
     model = read(package, arm_type="long", tool="true", name="other")
     assert (model.name, "tool" in model.links, model.joints["left_joint_1"].X_PJ[0, 3]) == ("other", True, 1.0)
 
 
-def test_what_is_wrong_in_it_is_placed_where_it_is_written(package: Path) -> None:
+def test_what_is_wrong_in_it_is_placed_where_it_is_written(package):
     macro = package / "urdf/inc/arm_macro.xacro"
     macro.write_text(macro.read_text().replace('type="revolute"', 'type="revolving"'))
     problem = refused(read, package)
     assert (problem.code, problem.place.file.name, problem.place.line) == ("unknown-joint-type", "arm_macro.xacro", 10)
 
 
-def test_the_library_itself_expands_to_the_same(package: Path) -> None:
+def test_the_library_itself_expands_to_the_same(package):
     """The original, unguarded, with the package found by the code below."""
     code = (
         "import sys, xacro; from xacro import substitution_args as s;"
@@ -79,7 +79,7 @@ def test_the_library_itself_expands_to_the_same(package: Path) -> None:
         assert found.joints[name].upper == joint.upper
 
 
-def test_its_content_is_what_it_stands_for(package: Path) -> None:
+def test_its_content_is_what_it_stands_for(package):
     before = read(package).content
     macro = package / "urdf" / "inc" / "arm_macro.xacro"
     macro.write_text(macro.read_text().replace("<link", "<!-- a comment --><link", 1))
@@ -88,7 +88,7 @@ def test_its_content_is_what_it_stands_for(package: Path) -> None:
     assert read(package).content != before
 
 
-def test_an_argument_that_it_does_not_take_is_named_and_one_for_which_files_are_missing_is_shown(package: Path) -> None:
+def test_an_argument_that_it_does_not_take_is_named_and_one_for_which_files_are_missing_is_shown(package):
     with pytest.raises(InputError, match="takes no argument `arm_typ`; did you mean `arm_type`"):
         read(package, arm_typ="long")
     with pytest.raises(InputError) as caught:
@@ -98,7 +98,7 @@ def test_an_argument_that_it_does_not_take_is_named_and_one_for_which_files_are_
     assert "arm_type (medium)" in (problem.mend or "")
 
 
-def test_environment_variables_are_never_read(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environment_variables_are_never_read(package, monkeypatch):
     monkeypatch.setenv("ARM_NAME", "secret")
     top(package).write_text(TOP.replace("$(arg name)", "$(optenv ARM_NAME usual)"))
     assert read(package).name == "usual"
@@ -120,14 +120,14 @@ def test_environment_variables_are_never_read(package: Path, monkeypatch: pytest
     ],
     ids=["itself", "circle", "macros", "text"],
 )
-def test_no_file_expands_without_end(tmp_path: Path, body: str) -> None:
+def test_no_file_expands_without_end(tmp_path, body):
     (tmp_path / "bomb.xacro").write_text(f'<robot name="r" {XMLNS}>{body}</robot>')
     with pytest.raises(InputError) as caught:
         read_robot_xml(tmp_path / "bomb.xacro")
     assert caught.value.problems[0].code in ("xacro", "too-many-elements")
 
 
-def test_a_urdf_is_plain_unless_there_is_xacro_in_it(tmp_path: Path) -> None:
+def test_a_urdf_is_plain_unless_there_is_xacro_in_it(tmp_path):
     arm, start = tmp_path / "arm.urdf", f'<robot name="r" {XMLNS}>'
     joint = '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
     arm.write_text(f'{start}<xacro:macro name="m"><link name="b"/></xacro:macro><link name="a"/><xacro:m/>{joint}')
@@ -141,13 +141,13 @@ def test_a_urdf_is_plain_unless_there_is_xacro_in_it(tmp_path: Path) -> None:
         read_urdf(arm)
 
 
-def test_a_property_without_prefix_is_a_property_too(package: Path) -> None:
+def test_a_property_without_prefix_is_a_property_too(package):
     text = TOP.replace("0.1 + 0.2", "side").replace("<link", '<property name="side" value="0.4"/><link', 1)
     top(package).write_text(text)
     assert read(package).joints["left_base"].X_PJ[2, 3] == pytest.approx(0.4)
 
 
-def test_an_srdf_may_be_a_xacro_too(package: Path) -> None:
+def test_an_srdf_may_be_a_xacro_too(package):
     (package / "arm.srdf.xacro").write_text(
         f"""<robot {XMLNS} name="my_arm"><xacro:arg name="prefix" default=""/>
         <group name="$(arg prefix)arm"><chain base_link="world_link" tip_link="$(arg prefix)link_2"/></group></robot>"""
@@ -157,7 +157,7 @@ def test_an_srdf_may_be_a_xacro_too(package: Path) -> None:
     assert srdf.tips == {"left_arm": "left_link_2"}
 
 
-def test_warnings_of_the_file_are_kept(package: Path) -> None:
+def test_warnings_of_the_file_are_kept(package):
     plain = TOP.replace("$(find my_arm)/urdf", "$(dirname)")  # the folder of the file that says it
     top(package).write_text(plain.replace("<link", "${xacro.warning('old file')}<link", 1))
     (warning,) = read(package).warnings
@@ -170,9 +170,7 @@ LARGE = ["'a' * 10**10", "[0] * 10**10", "'{:>9999999999}'.format(1)", "(" * 300
 
 
 @pytest.mark.parametrize("expression", [*LONG, *LARGE])
-def test_an_expression_that_takes_long_or_much_memory_ends_by_the_limit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expression: str
-) -> None:
+def test_an_expression_that_takes_long_or_much_memory_ends_by_the_limit(tmp_path, monkeypatch, expression):
     monkeypatch.setattr(robot_xml, "MAX_SECONDS", 1)
     (tmp_path / "bomb.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
     with pytest.raises(InputError, match="too much time or memory" if expression in LONG else None) as caught:
@@ -180,7 +178,7 @@ def test_an_expression_that_takes_long_or_much_memory_ends_by_the_limit(
     assert len(caught.value.problems) == 1
 
 
-def test_a_link_inside_a_package_is_not_followed_out_of_it(package: Path, tmp_path: Path) -> None:
+def test_a_link_inside_a_package_is_not_followed_out_of_it(package, tmp_path):
     secret = tmp_path / "secret.yaml"
     secret.write_text("lengths: [1, 2]\n")
     sizes = package / "config" / "short" / "lengths.yaml"
@@ -196,7 +194,7 @@ def test_a_link_inside_a_package_is_not_followed_out_of_it(package: Path, tmp_pa
     "</robot", "${1/0}", "<xacro:none/>", '<xacro:property name="factor" value="${1/0}"/>',
     "<a b=\"${xacro.load_yaml('none.yaml')}\"/>",
 ])  # fmt: skip
-def test_what_is_wrong_in_an_included_file_names_that_file(package: Path, wrong: str) -> None:
+def test_what_is_wrong_in_an_included_file_names_that_file(package, wrong):
     common = package / "urdf" / "inc" / "common.xacro"
     common.write_text(f'<robot {XMLNS}>\n<xacro:if value="true">{wrong}</xacro:if></robot>')
     with pytest.raises(InputError) as caught:
@@ -228,7 +226,7 @@ xacro_child.main()
 """
 
 
-def test_the_process_that_expands_can_do_nothing_else(tmp_path: Path) -> None:
+def test_the_process_that_expands_can_do_nothing_else(tmp_path):
     (tmp_path / "a.xacro").write_text(f"<robot {XMLNS}/>")
     asked = {"path": str(tmp_path / "a.xacro"), "arguments": {}, "roots": [], "search": []}
     given, command = json.dumps({**asked, "seconds": 5, "memory": 2**30}), [sys.executable, "-c", HARMS, tmp_path]

@@ -36,7 +36,7 @@ def write(path: Path, content: bytes) -> Path:
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name: str, tmp_path: Path) -> None:
+def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name, tmp_path):
     bomb = BOMBS[name]
     path = write(tmp_path / f"mesh{bomb.suffix}", bomb.content)
     before = time.process_time()
@@ -52,13 +52,13 @@ def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name: str,
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_every_way_of_writing_a_mesh_gives_its_triangles_to_collision_and_sight(name: str, tmp_path: Path) -> None:
+def test_every_way_of_writing_a_mesh_gives_its_triangles_to_collision_and_sight(name, tmp_path):
     solid = load_solid(Part("cube", "cube", Mesh(write(tmp_path / name, SOUND[name])), pose()))
     assert len(solid.triangles) == TRIANGLES.get(name, 12)
     assert np.ptp(solid.vertices, axis=0) == pytest.approx([0.1, 0.1, 0.1])
 
 
-def test_a_mesh_of_several_materials_is_all_of_it(tmp_path: Path) -> None:
+def test_a_mesh_of_several_materials_is_all_of_it(tmp_path):
     lines = obj().splitlines()
     materials = b"\n".join([*lines[:14], b"usemtl red", *lines[14:17], b"g handle\nusemtl blue", *lines[17:]])
     parts = re.sub(rb"(<triangles count=)\S+ *(>.*?<p>)(.*)(</p>\s*</triangles>)", split_in_two, dae(), flags=re.DOTALL)
@@ -78,7 +78,7 @@ def split_in_two(triangles: re.Match[bytes]) -> bytes:
 
 
 @pytest.mark.parametrize("suffix", [".dae", ".obj", ".stl"])
-def test_meshes_of_real_robots_are_accepted(suffix: str) -> None:
+def test_meshes_of_real_robots_are_accepted(suffix):
     roots = [root / "example-robot-data" / "robots" for root in package_roots()]
     robots = next(root for root in roots if root.is_dir())
     found = sorted(path for path in robots.rglob("*") if path.suffix.lower() == suffix)
@@ -88,7 +88,7 @@ def test_meshes_of_real_robots_are_accepted(suffix: str) -> None:
         read_mesh(path)
 
 
-def test_a_damaged_mesh_neither_crashes_the_reader_nor_takes_it_long(tmp_path: Path) -> None:
+def test_a_damaged_mesh_neither_crashes_the_reader_nor_takes_it_long(tmp_path):
     contents = [(Path(name).suffix, content) for name, content in SOUND.items()]
     ends = {}
     for number in range(60):
@@ -119,7 +119,7 @@ def end_of_child(path: Path) -> str:
     return {1: "loaded", 2: "refused"}.get(os.waitstatus_to_exitcode(status), f"ended with {status}")
 
 
-def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(cell: Path) -> None:
+def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(cell):
     write(cell / "other.stl", text_stl().replace(b"vertex", b"vertx", 1))
     path = cell / "workspace.yaml"
     path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "other.stl"), encoding="utf-8")
@@ -131,7 +131,7 @@ def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(c
     assert "other.stl" in lines[int(number[1]) - 1]
 
 
-def test_a_refusal_names_the_line_of_the_urdf_that_names_the_mesh(cell: Path) -> None:
+def test_a_refusal_names_the_line_of_the_urdf_that_names_the_mesh(cell):
     write(cell / "part.obj", obj("f 1 2 9\n"))
     urdf = cell / "arm.urdf"
     text, mesh = urdf.read_text(encoding="utf-8"), '<mesh filename="part.obj"/>'
@@ -143,7 +143,7 @@ def test_a_refusal_names_the_line_of_the_urdf_that_names_the_mesh(cell: Path) ->
     assert f"{urdf}:{line}:" in problem.message
 
 
-def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path: Path) -> None:
+def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path):
     for name, content in SOUND.items():
         folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xe9"))
         folder.mkdir(exist_ok=True)
@@ -151,7 +151,7 @@ def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path: Path) -> None:
         assert len(load_solid(Part("cube", "cube", Mesh(path), pose())).triangles) > 0
 
 
-def test_a_mesh_of_another_format_is_refused_by_its_name(cell: Path) -> None:
+def test_a_mesh_of_another_format_is_refused_by_its_name(cell):
     write(cell / "cube.ply", b"ply\n")
     path = cell / "workspace.yaml"
     path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "cube.ply"), encoding="utf-8")
@@ -160,13 +160,13 @@ def test_a_mesh_of_another_format_is_refused_by_its_name(cell: Path) -> None:
     assert "`.ply`, expected .stl, .obj or .dae" in problem.message
 
 
-def test_triangles_without_area_are_said_to_have_none(tmp_path: Path) -> None:
+def test_triangles_without_area_are_said_to_have_none(tmp_path):
     flat = write(tmp_path / "flat.stl", re.sub(rb"vertex .*", b"vertex 0 0 0", text_stl()))
     with pytest.raises(InputError, match=r"no triangle of this mesh has an area; it is the mesh of `cube/0`"):
         load_solid(Part("cube/0", "cube", Mesh(flat), pose()))
 
 
-def test_no_texture_or_material_of_a_drawn_mesh_is_opened(tmp_path: Path) -> None:
+def test_no_texture_or_material_of_a_drawn_mesh_is_opened(tmp_path):
     os.mkfifo(tmp_path / "waits.png")
     image = '<library_images><image id="i"><init_from>waits.png</init_from></image></library_images>'
     read_mesh(write(tmp_path / "mesh.dae", dae(library=image)))

@@ -60,7 +60,7 @@ def spans(vertices: Array) -> Array:
 
 @pytest.mark.parametrize("up", UP_AXES)
 @pytest.mark.parametrize("asset", UNITS)
-def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset: str, up: str, tmp_path: Path) -> None:
+def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset, up, tmp_path):
     mesh = Mesh(dae(tmp_path / "tetrahedron.DAE", asset + up, UNITS[asset]), (1.0, 1.0, -2.0))
     part = Part("g1/0", "g1", mesh, read_only(pose()))
     solid = load_solid(part)
@@ -73,7 +73,7 @@ def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset: str
         np.testing.assert_allclose(spans(vertices), [[0, 0, -0.24], [0.03, 0.06, 0]], atol=1e-6, err_msg=name)
 
 
-def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Workspace, tmp_path: Path) -> None:
+def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop, tmp_path):
     asset = '<unit name="inch" meter="0.0254"/>'
     g1 = tabletop.objects["g1"]
     file = dae(tmp_path / "it.dae", asset, 0.0254)
@@ -101,7 +101,7 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
         np.testing.assert_allclose(spans(placed), spans(CORNERS), atol=1e-6)
 
 
-def test_the_unit_of_a_mesh_that_a_workspace_names_counts(tmp_path: Path) -> None:
+def test_the_unit_of_a_mesh_that_a_workspace_names_counts(tmp_path):
     folder = Path(shutil.copytree(CASES / "cell", tmp_path / "cell"))
     dae(folder / "it.dae", '<unit meter="0.01"/>', 0.01)
     file = folder / "workspace.yaml"
@@ -111,7 +111,7 @@ def test_the_unit_of_a_mesh_that_a_workspace_names_counts(tmp_path: Path) -> Non
     np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.12, 0.12]], atol=1e-6)
 
 
-def test_the_unit_counts_for_links_as_for_objects(tmp_path: Path) -> None:
+def test_the_unit_counts_for_links_as_for_objects(tmp_path):
     dae(tmp_path / "hand.dae", '<unit meter="0.001"/><up_axis>Y_UP</up_axis>', 0.001)
     urdf = tmp_path / "hand.urdf"
     geometry = '<geometry><mesh filename="hand.dae" scale="1 1 2"/></geometry>'
@@ -121,7 +121,7 @@ def test_the_unit_counts_for_links_as_for_objects(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "one", "1e9", ""])
-def test_a_unit_that_is_no_length_is_refused_with_its_line(unit: str, tmp_path: Path) -> None:
+def test_a_unit_that_is_no_length_is_refused_with_its_line(unit, tmp_path):
     path = dae(tmp_path / "it.dae", f'<unit meter="{unit}"/>')
     with pytest.raises(InputError) as raised:
         read_mesh(path)
@@ -130,7 +130,7 @@ def test_a_unit_that_is_no_length_is_refused_with_its_line(unit: str, tmp_path: 
     assert f'`<unit meter="{unit}">`' in problem.message
 
 
-def test_a_doubt_about_a_mesh_says_that_its_unit_counts_already(tabletop: Workspace, tmp_path: Path) -> None:
+def test_a_doubt_about_a_mesh_says_that_its_unit_counts_already(tabletop, tmp_path):
     mesh = Mesh(dae(tmp_path / "it.dae", '<unit meter="0.001"/>', 0.001), (0.001, 0.001, 0.001))
     g1 = replace(tabletop.objects["g1"], parts=(Part("g1/0", "g1", mesh, read_only(pose())),))
     model = RobotModel.load(tabletop.robot)

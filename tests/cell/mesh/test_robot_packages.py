@@ -85,19 +85,19 @@ def differing(paths: list[Path]) -> dict[str, str]:
     return {path: why for path, why in found.items() if why and not any(reason in path for reason in REASONS)}
 
 
-def test_meshes_of_robots_have_the_area_the_bounds_and_the_triangles_that_another_library_finds() -> None:
+def test_meshes_of_robots_have_the_area_the_bounds_and_the_triangles_that_another_library_finds():
     assert len(MESHES) > 1000
     assert set(Counter(path.suffix.lower() for path in MESHES)) == {".dae", ".obj", ".stl"}
     assert differing([path for path in MESHES if path.stat().st_size < 400_000][::12]) == {}
 
 
 @pytest.mark.trial
-def test_all_meshes_of_robots_have_the_area_the_bounds_and_the_triangles_that_another_library_finds() -> None:
+def test_all_meshes_of_robots_have_the_area_the_bounds_and_the_triangles_that_another_library_finds():
     assert differing(MESHES) == {}
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_polygon_that_is_not_convex_is_cut_into_triangles_inside_of_it(seed: int, tmp_path: Path) -> None:
+def test_a_polygon_that_is_not_convex_is_cut_into_triangles_inside_of_it(seed, tmp_path):
     random = np.random.default_rng(seed)
     angles = np.sort(random.uniform(0, 2 * np.pi, random.integers(4, 60)))
     rim = random.uniform(0.1, 1.0, len(angles))[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
