@@ -19,11 +19,16 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
+import sqrp_cli
+from sqrp_cli.errors import InputError
 from sqrp_cli.show.terminal import progress_lines
+from sqrp_cli.study.robustness import Calibration
+from sqrp_cli.study.sampling import Adaptive, FixedCount
 from tests.cells import ROOT, edit
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
@@ -70,8 +75,25 @@ WORDS: dict[str, Callable[..., Any]] = {
     "move": lambda one, other: Path(one).rename(other) and None,
     "mkdir": lambda folder: Path(folder).mkdir(),
     "link": lambda target, name: Path(name).symlink_to(target),
+    "py": lambda expression: evaluated(expression),
 }
-"""What can be done with files; texts have `\\n` for the end of a line."""
+"""What can be done with files; texts have `\\n` for the end of a line. `py`: an expression of the Python interface."""
+
+
+@cache
+def interface() -> dict[str, Any]:
+    """What expressions may name: all that the package has, kinds of sampling, and the tabletop as `cell`."""
+    known = {one.__name__: one for one in (Adaptive, FixedCount, Calibration)}
+    return {**vars(sqrp_cli), **known, "cell": sqrp_cli.open_cell(ROOT / "workspaces" / "tabletop")}
+
+
+def evaluated(expression: str) -> str:
+    """What a prompt shows of an expression, or the error that it raises."""
+    try:
+        found = eval(expression, interface())  # noqa: S307 - our own
+    except (InputError, TypeError) as error:
+        return f"{type(error).__name__}: {error}".encode(errors="replace").decode()
+    return "" if found is None else repr(found)
 
 
 def placeless(text: str) -> str:
