@@ -2,14 +2,16 @@
 
 A transcript (tests/cli/golden/*.txt) has sections, each of which begins with `== TITLE` in a new folder with a copy of
 the cell `watch` and links to the shipped cells and to tests/cases. A line with `$` is a command: of `sqrp`
-(`COLUMNS=40 sqrp ...`: in a terminal of another width; `> /dev/null`: without its stdout), or one of `WORDS`; below it
-stand stdout (`|`), stderr (`!`) and an exit code other than 0 (`?`). A document (*.json) has the figures of a command
-and a shipped cell, compared to 1e-9. Look at the difference before you commit it.
+(`COLUMNS=40 sqrp ...`: in a terminal of another width; `> /dev/null`: without its stdout; `< FILE`: answers to its
+questions), or one of `WORDS`; below it stand stdout (`|`), stderr (`!`) and an exit code other than 0 (`?`). A
+document (*.json) has the figures of a command and a shipped cell, compared to 1e-9. Look at the difference before you
+commit it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -29,7 +31,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.show.terminal import progress_lines
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive, FixedCount
-from tests.cells import ROOT, edit
+from tests.cells import ROOT, copied, edit
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
 PLACES = {sysconfig.get_path("purelib"): "SITE", str(ROOT): "ROOT"}
@@ -75,9 +77,11 @@ WORDS: dict[str, Callable[..., Any]] = {
     "move": lambda one, other: Path(one).rename(other) and None,
     "mkdir": lambda folder: Path(folder).mkdir(),
     "link": lambda target, name: Path(name).symlink_to(target),
+    "own": lambda cell: copied(Path("own"), cell) and None,
     "py": lambda expression: evaluated(expression),
 }
-"""What can be done with files; texts have `\\n` for the end of a line. `py`: an expression of the Python interface."""
+"""What can be done with files; texts have `\\n` for the end of a line. `own`: a shipped cell to be
+changed, as own/workspaces/CELL. `py`: an expression of the Python interface."""
 
 
 @cache
@@ -126,11 +130,13 @@ def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator
                 shown = WORDS[word](*words)
                 yield from (f"| {line}".rstrip() for line in plain(shown or ""))
                 continue
-            quiet = words[-2:] == [">", "/dev/null"]
-            words = words[:-2] if quiet else words
+            quiet, answers = words[-2:] == [">", "/dev/null"], words[-1] if words[-2:-1] == ["<"] else None
+            words = words[:-2] if quiet or answers else words
             assert word == "sqrp", f"{word} is none of sqrp, {', '.join(WORDS)}"
             before = files()
-            with mock.patch.object(progress_lines, "PERIOD", math.inf):  # however long it takes
+            stdin = io.StringIO("" if answers is None else Path(answers).read_text(encoding="utf-8"))
+            # Nothing is told of progress, however long it takes.
+            with mock.patch.object(progress_lines, "PERIOD", math.inf), mock.patch.object(sys, "stdin", stdin):
                 outcome = sqrp(*words, columns=int(columns[8:] or 80))
             yield from (f"| {line}".rstrip() for line in plain("" if quiet else outcome.out))
             yield from (f"! {line}".rstrip() for line in plain(outcome.err))
