@@ -69,7 +69,14 @@ def sections(name: str) -> list[Section]:
 
 WORDS: dict[str, Callable[..., Any]] = {
     "edit": edit,
-    "write": lambda file, text: Path(file).write_text(text, encoding="utf-8") and None,
+    "write": lambda file, text, times="1": Path(file).write_text(int(times) * text, encoding="utf-8") and None,
+    "join": lambda file, first, *parts: (
+        Path(file).write_text(
+            Path(first).read_text("utf-8") + "".join(int(n) * text for text, n in zip(*2 * [iter(parts)], strict=True)),
+            encoding="utf-8",
+        )
+        and None
+    ),
     "cat": lambda file: Path(file).read_text(encoding="utf-8"),
     "grep": lambda text, file: "\n".join(line for line in Path(file).read_text("utf-8").splitlines() if text in line),
     "ls": lambda folder=".": "\n".join(sorted(one.name for one in Path(folder).iterdir() if not one.is_symlink())),
@@ -80,7 +87,7 @@ WORDS: dict[str, Callable[..., Any]] = {
     "own": lambda cell: copied(Path("own"), cell) and None,
     "py": lambda expression: evaluated(expression),
 }
-"""What can be done with files; texts have `\\n` for the end of a line. `own`: a shipped cell to be
+"""What can be done with files; `join`: a file with texts after it, each so many times; texts have `\\n` for the end of a line. `own`: a shipped cell to be
 changed, as own/workspaces/CELL. `py`: an expression of the Python interface."""
 
 

@@ -244,27 +244,6 @@ def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, comman
     assert str(read_result(file)) in sqrp(*command).out
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('{"schema": 1, "workspace": "cell"}', "does not say which command wrote it"),
-        ('{"schema": 1, "document": "paint"}', "is of `paint`"),
-        ('{"schema": 1, "document": "rules", "rules": [{"code": 3}]}', "rules[0].code"),
-        ('{"schema": 1, "document": "rules"', "no JSON"),
-        ("{}", "does not say which command wrote it"),
-        ('{"format": 4, "workspaces": {}}', "this is a baseline of `sqrp score`"),
-    ],
-)
-def test_a_file_without_a_result_of_this_version_is_refused_with_its_place(sqrp, tmp_path, text, said):
-    file = tmp_path / "result.json"
-    file.write_text(text, encoding="utf-8")
-    outcome = sqrp("show", file)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert str(file) in outcome.err
-    assert said in outcome.err
-    assert outcome.err.count("error: ") == 1
-
-
 def test_every_document_says_which_command_wrote_it(sqrp):
     assert {kind.split()[0] for kind in KINDS} == set(DOCUMENTS)
     assert json.loads(sqrp("rules", "--json").out)["document"] == "rules"

@@ -88,14 +88,6 @@ def test_several_candidates_get_a_folder_each(sqrp, watch, tmp_path):
     assert "seen: never blind, so there are no pictures" in outcome.err
 
 
-def test_a_file_in_place_of_the_folder_is_refused_before_anything_is_computed(sqrp, watch, tmp_path):
-    (tmp_path / "taken").write_text("")
-    outcome = sqrp("explain", watch, "watch turned", "--images", tmp_path / "taken")
-    assert outcome.code == 2
-    assert outcome.out == ""
-    assert "expected the name of a folder" in outcome.err
-
-
 @pytest.mark.parametrize(("package", "mend"), [("embreex", "pip install embreex"), ("PIL", "pip install pillow")])
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
     sqrp, watch, tmp_path, monkeypatch, package, mend

@@ -63,28 +63,6 @@ def test_a_file_of_3_gb_is_refused_from_its_size(sqrp, watch, tmp_path, argument
     assert_refused(outcome, str(file), "the file has 3,221,225,472 bytes, the limit is ")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        DEEP,
-        '{"t": 0, "event": "run", "x": ' + DEEP,
-        f'{{"t": {ENDLESS}, "event": "run"}}',
-        '{"t": 1e999, "event": "run"}',
-        '{"t": "1", "event": "run"}',
-        '{"t": true, "event": "run"}',
-        '{"t": 0, "t": 1}',
-    ],
-    ids=lambda content: content[:30],
-)
-def test_a_line_of_a_log_that_cannot_be_is_refused_with_its_line(sqrp, tmp_path, content):
-    log = tmp_path / "log"
-    first = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": []}
-    log.write_text(f"{json.dumps(first)}\n{content}\n", encoding="utf-8")
-    assert_refused(sqrp("run", "--replay", log), f"{log}:2")
-    log.write_text(content, encoding="utf-8")
-    assert_refused(sqrp("run", "--replay", log), f"{log}:1")
-
-
 def test_a_log_is_read_line_by_line_up_to_a_limit_of_each_and_of_all(sqrp, tmp_path, monkeypatch):
     log = tmp_path / "log"
     log.write_bytes(b"[" * 11_000_000)
@@ -95,26 +73,6 @@ def test_a_log_is_read_line_by_line_up_to_a_limit_of_each_and_of_all(sqrp, tmp_p
     first = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": []}
     log.write_text(json.dumps(first) + '\n{"t": 0, "event": "x"}' * 2, encoding="utf-8")
     assert_refused(sqrp("run", "--replay", log, "--json"), f"{log}:3: this log is too large: the limit is 2 lines")
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (DEEP, "nested deeper than 32 levels"),
-        ('{\n"address": ' + ENDLESS + "}", ":2:12: `address`: found a number of 400 digits"),
-        ("[]", "lacks the text `address`"),
-        ("{}", "lacks the text `address`"),
-        ('{"address": 3}', "lacks the text `address`"),
-        ('{"address": "tcp://127.0.0.1:1", "address": "x"}', "`address`: this key is given twice"),
-        (b"\xff", "byte 0xff is not UTF-8 text"),
-    ],
-    ids=lambda value: str(value)[:20],
-)
-def test_a_damaged_scheduler_file_is_refused_with_its_name(sqrp, watch, tmp_path, content, says):
-    pytest.importorskip("distributed")
-    file = tmp_path / "scheduler.json"
-    file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    assert_refused(sqrp("score", watch, "--cluster", file), str(file), says)
 
 
 @contextmanager

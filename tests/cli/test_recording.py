@@ -102,23 +102,6 @@ def test_images_are_never_taken_from_one_camera_for_another(sqrp, slip_run, rewr
     assert "would be the images of cam3 and of cam5" in " ".join(found.err.split())
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("run.mcap", b"\x7fELF\x02\x01\x01", "this is no MCAP file: it begins otherwise"),
-        ("run.mcap", b"", "this is no MCAP file: it is empty"),
-        ("run.bag", b"hello", "this is no bag of ROS 1"),
-        ("run.txt", b"hello", "this file is no recording"),
-    ],
-)
-def test_what_is_no_recording_is_called_so(sqrp, quick_cell, tmp_path, name, content, said):
-    (tmp_path / name).write_bytes(content)
-    for command in (["audit", quick_cell.program, tmp_path / name], ["calibrate", tmp_path / name, "--program"]):
-        found = sqrp(*command, *([quick_cell.program] if command[0] == "calibrate" else []))
-        assert found.code == 2
-        assert said in " ".join(found.err.split())
-
-
 def test_what_a_recording_shows_and_topics_with_other_names_are_asked_for(sqrp, slip_run):
     program, recording = slip_run.cell.program, slip_run.cell.folder / "run.mcap"
     twice = ["--topic", "cam3=/a", "--topic", "cam3=/b"]
@@ -185,14 +168,6 @@ def test_images_that_are_damaged_are_left_out_and_counted(sqrp, slip_run, rewrit
     found = sqrp("audit", slip_run.cell.program, rewritten({JOINTS, CAM3}, every_third), "--json").document
     assert found["damaged"] == 2
     assert found["images"] + found["skipped"] + 2 == kept[CAM3]
-
-
-@pytest.mark.parametrize("threshold", ["97%", "97 %", "0.97"])
-def test_the_threshold_may_be_a_percentage(sqrp, quick_cell, tmp_path, threshold):
-    # It is read before the recording, which is none.
-    found = sqrp("audit", quick_cell.program, tmp_path, "--threshold", threshold)
-    assert "--threshold" not in found.err
-    assert "expected 0% to 100%" in sqrp("audit", quick_cell.program, tmp_path, "--threshold", "97").err
 
 
 def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(sqrp, quick_cell, tmp_path):

@@ -21,8 +21,6 @@ from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell
 
 pytestmark = pytest.mark.slow
 
-NOTHING = "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`\n  to mend it: write slip@a3\n"
-
 
 @pytest.fixture(scope="module")
 def cell(quick_cell):
@@ -258,38 +256,6 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeyp
     found = sqrp(*arguments, "--json")
     assert (found.code, found.document["interrupted"]) == (130, True)
     assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1] * finished)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ([], "expected where to run it: --sim, or --robot"),
-        *((["--sim", "--fault", fault], "to mend it") for fault in ("slpi@a4", "slip@a9", "camera-loss:cam9@1")),
-        *((["--sim", "--fault", fault], "to mend it") for fault in ("latency:cam3", "")),
-        *((["--sim", option, "slip@a1"], f"error: {option} slip@a1: {NOTHING}") for option in ("--sweep", "--fault")),
-        *((["--sim", option, "PROGRAM"], "so it is not overwritten") for option in ("--log", "--report")),
-        (["--sim", "--frames", "PROGRAM"], "this is a file; expected the name of a folder"),
-        (["--sim", "--frames", "FOLDER"], "FOLDER: this folder is not empty, and nothing is ever overwritten"),
-    ],
-)
-def test_what_cannot_be_run_or_kept_is_bad_input(sqrp, cell, tmp_path, arguments, says):
-    (tmp_path / "mine").touch()
-    before = cell.program.read_bytes()
-    found = sqrp("run", cell.program, *({"PROGRAM": cell.program, "FOLDER": tmp_path}.get(a, a) for a in arguments))
-    assert (found.code, found.out) == (2, "")
-    assert says.replace("FOLDER", str(tmp_path)) in found.err
-    assert cell.program.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["mine"]
-
-
-def test_what_is_no_log_and_frames_without_an_index_are_bad_input(sqrp, cell, tmp_path):
-    for log in (cell.program, cell.folder / "none.jsonl"):
-        assert sqrp("run", "--replay", log).code == 2
-    assert sqrp("audit", cell.program, tmp_path).code == 2
-    (tmp_path / "frames.csv").write_text("camera,file,step,t\ncam9,a.png,1,0\n", encoding="utf-8")
-    found = sqrp("audit", cell.program, tmp_path)
-    assert found.code == 2
-    assert "frames.csv:2" in found.err
 
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")

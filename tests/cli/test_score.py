@@ -197,17 +197,6 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     assert sqrp("score", own_watch, "--out", tmp_path / "results").code == 0
 
 
-@pytest.mark.parametrize("option", ["--save-baseline", "--junit", "--summary"])
-def test_only_files_that_score_wrote_are_overwritten(sqrp, own_watch, tmp_path, option):
-    file = tmp_path / "p.yaml"
-    file.write_text("steps: []\n")
-    outcome = sqrp("score", own_watch, option, file)
-    assert (outcome.code, outcome.out, file.read_text()) == (2, "", "steps: []\n")
-    assert f"so it is not overwritten to mend it: choose another name: {option} FILE" in " ".join(outcome.err.split())
-    file.write_text("")  # as a CI server makes one
-    assert [sqrp("score", own_watch, option, file).code for _ in range(2)] == [0, 0]
-
-
 def test_versions_with_the_same_bytes_are_compared_without_computing(sqrp, watch, own_watch, monkeypatch):
     monkeypatch.setattr("sqrp_cli.score.compute.open_computer", None)
     outcome = sqrp("diff", watch, own_watch)
