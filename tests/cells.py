@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,14 @@ def read_cases(name: str) -> Any:
     """What a file of tests/cases says; by libyaml where it is there, as the suite reads all cases in every worker."""
     text = (ROOT / "tests" / "cases" / name).read_text(encoding="utf-8")
     return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506 - both are safe
+
+
+def command_lines(name: str, **places: object) -> list[list[str]]:
+    """Those of a list in tests/cases/commands.yaml, with what stands for its words in capitals."""
+    places = {one.upper(): ROOT / "workspaces" / one for one in ("tabletop", "screws", "tower")} | places
+    places["WATCH"] = ROOT / "tests" / "cases" / "watch"
+    lines = map(shlex.split, read_cases("commands.yaml")[name])
+    return [[re.sub("[A-Z]{3,}", lambda w: str(places.get(w[0], w[0])), word) for word in line] for line in lines]
 
 
 def read_cell(folder: Path) -> dict[str, Any]:

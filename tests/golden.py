@@ -84,11 +84,14 @@ WORDS: dict[str, Callable[..., Any]] = {
     "move": lambda one, other: Path(one).rename(other) and None,
     "mkdir": lambda folder: Path(folder).mkdir(),
     "link": lambda target, name: Path(name).symlink_to(target),
-    "own": lambda cell: copied(Path("own"), cell) and None,
+    "own": lambda cell, camera=None: copied(Path("own"), cell, camera) and None,
     "py": lambda expression: evaluated(expression),
 }
-"""What can be done with files; `join`: a file with texts after it, each so many times; texts have `\\n` for the end of a line. `own`: a shipped cell to be
-changed, as own/workspaces/CELL. `py`: an expression of the Python interface."""
+"""What can be done with files; texts have `\\n` for the end of a line.
+
+`join`: a file with texts after it, each so many times. `own`: a shipped cell to be changed, own/workspaces/CELL; with
+the cameras before one. `py`: an expression of the Python interface.
+"""
 
 
 @cache
@@ -164,14 +167,14 @@ def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:
     """Where documents differ; figures by more than 1e-9, relative to 1."""
     if isinstance(one, dict) and isinstance(other, dict):
         for key in {**one, **other}:
-            yield from differences(one.get(key), other.get(key), f"{where}.{key}")
+            yield from differences(one.get(key, "no field"), other.get(key, "no field"), f"{where}.{key}")
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for index, pair in enumerate(zip(one, other, strict=True)):
             yield from differences(*pair, f"{where}[{index}]")
     elif isinstance(one, float) and isinstance(other, int | float):
         if not math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9):
             yield f"{where}: {one} was {other}"
-    elif one != other:
+    elif type(one) is not type(other) or one != other:
         yield f"{where}: {one!r} was {other!r}"
 
 

@@ -38,6 +38,11 @@ def _as_before():
     signal.signal(signal.SIGINT, before)
 
 
+def press_ctrl_c(*_: object, **__: object) -> None:
+    """Ctrl-C in place of a step of a command; for tests with `heeded_ctrl_c`."""
+    signal.raise_signal(signal.SIGINT)
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a command left behind."""

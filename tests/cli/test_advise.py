@@ -31,7 +31,7 @@ from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
 from tests.cells import copied, edit
 from tests.cli.browser import Opened
-from tests.cli.ctrl_c import press_ctrl_c
+from tests.cli.conftest import press_ctrl_c
 from tests.cli.pages import carried
 from tests.cli.test_document_schemas import assert_no_other_key_fits, validate
 
@@ -218,24 +218,6 @@ def test_where_the_time_is_missed_the_limit_is_the_motion(sqrp):
     assert nearest["limit"] == f"its motion takes that long, {seconds:.1f} s of it {longest['name']}"
 
 
-TOWER = ROOT / "workspaces" / "tower"
-
-
-def test_what_has_to_be_done_first_is_said(sqrp, kept):
-    """As `check` says it, and no kind of change blames anything else."""
-    needed = "`pickup` needs `hand_empty`, which does not hold"
-    command = ("advise", TOWER, "pickup blue", "--out", kept)
-    outcome = sqrp(*command)
-    assert outcome.code == 1
-    assert "No change helps: first do place(red, table).\n" in outcome.out
-    assert "sqrp check WORKSPACE TASK --program FILE" in outcome.out
-    document = sqrp(*command, "--json").document
-    assert {kind["why"] for kind in document["kinds"]} == {needed}
-    assert document["first"] == "first do place(red, table)"
-    (checked,) = sqrp("check", TOWER, "pickup blue", "--json").document["candidates"]
-    assert [step["action"] for step in checked["plan"]] == ["place(red, table)"]
-
-
 def test_the_number_of_processes_changes_nothing(sqrp, small, aims):
     command = ("advise", small, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 2, "--json")
     assert sqrp("advise", small, TASK, *aims, "--json").out == sqrp(*command).out
@@ -259,35 +241,6 @@ def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, ow
     (only,) = sqrp("rank", own, stated[1].task, "--json").document["candidates"]
     for figure in ("q_eoi", "q_avg", "time"):
         assert only[figure] == pytest.approx(way[figure], abs=1e-9)
-
-
-def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_goal_and_is_added_once(sqrp, own):
-    file = own / "workspace.yaml"
-    edit(file, "task: pickup green,", 'task: "pickup object=g3,g4",')
-    command = ("advise", own, "pickup object=g3,g4", "--choose", "g3", "--want", "time 12 s", "--kinds", "way")
-    outcome = sqrp(*command, "--apply", 1)
-    assert outcome.code == 0
-    listed, added = load_workspace(own).tasks
-    assert (listed.task, listed.min_q_eoi, listed.max_time) == ("pickup object=g3,g4", 0.5, None)
-    assert added.task.startswith("pickup g3 ")
-    assert (added.max_time, added.min_q_eoi) == (12.0, None)
-    (only,) = sqrp("rank", own, added.task, "--json").document["candidates"]
-    assert only["time"] <= 12.0
-    before = file.read_bytes()
-    again = sqrp(*command, "--apply", 1)
-    assert again.code == 0
-    assert "already; nothing was written" in again.err
-    assert "--apply" not in again.out
-    assert file.read_bytes() == before
-
-
-def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
-    edit(own, "{task: pickup green, min_q_eoi: 0.5}", "{task: pickup object=g3 lift=120mm, min_q_eoi: 0.5}")
-    command = ("advise", own, "pickup g3 lift=120mm", "--want", "time 12 s", "--kinds", "way", "--apply", 1)
-    assert sqrp(*command).code == 0
-    (task,) = load_workspace(own).tasks
-    assert {"pickup", "g3", "lift=120mm"} < set(task.task.split())
-    assert (task.max_time, task.min_q_eoi) == (12.0, 0.5)
 
 
 @pytest.fixture(scope="module")

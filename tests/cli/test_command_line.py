@@ -26,21 +26,6 @@ def test_help_fits_eighty_columns_and_speaks_in_words(sqrp, command):
     assert not re.search(r"<\w|list\[|[{}]", out)
 
 
-@pytest.mark.parametrize(
-    ("command", "usage"),
-    [
-        ("rank", "WORKSPACE TASK"),
-        ("explain", "WORKSPACE [TASK]"),
-        ("place", "WORKSPACE [TASK...]"),
-        ("score", "PATH..."),
-        ("program", "PROGRAM|new [WORKSPACE]"),
-        ("run", "[PROGRAM]"),
-    ],
-)
-def test_usage_names_what_may_be_left_out_and_what_may_be_repeated(sqrp, command, usage):
-    assert sqrp(command, "-h").out.splitlines()[0] == f"Usage: sqrp {command} [OPTIONS] {usage}"
-
-
 def test_verbose_says_how_long_each_step_took(sqrp, watch):
     plain, verbose = sqrp("rank", watch, "watch green"), sqrp("rank", watch, "watch green", "--verbose")
     assert (plain.out, plain.err) == (verbose.out, "")

@@ -18,6 +18,7 @@ from sqrp_cli import read_result
 from sqrp_cli.checks.registry import rules
 from sqrp_cli.show.documents import KINDS
 from sqrp_cli.show.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_of
+from tests.cells import command_lines
 from tests.random_cell import Crowd, random_cell
 
 CELLS = Path(__file__).parents[2] / "workspaces"
@@ -51,28 +52,7 @@ def test_inherited_fields_are_described_as_where_they_are_declared():
     assert side["description"].startswith("Outward axis"), "what the field means, not what its type does"
 
 
-COMMANDS = [
-    ("check", TABLETOP),
-    ("check", TOWER, "pickup blue"),
-    ("rank", TABLETOP, "pickup object=g1,g6", "--samples", "3"),
-    ("rank", TABLETOP, "pickup g2", "--samples", "3", "--calibration", "5 mm, 0.5 deg"),
-    ("rank", TABLETOP, "pickup g2", "--dt", "0.5"),
-    ("explain", TABLETOP, "pickup g2", "--samples", "3"),
-    ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),
-    ("explain", TABLETOP, "pickup g6"),
-    ("advise", TABLETOP, "pickup g3", "--kinds", "aim", "--ways", "fastest", "--want", "time 5 s"),
-    ("rules",),
-    ("rules", "wrong-unit"),
-    ("show", TABLETOP),
-    ("show", CELLS / "screws"),
-    ("show", TOWER),
-    ("score", WATCH, "--samples", "3"),
-    ("score", WATCH, "--samples", "3", "--vary", "cameras.eye.near=0.5:0.6:2"),
-    ("diff", WATCH, WATCH, "--samples", "3"),
-]
-
-
-@pytest.mark.parametrize("command", COMMANDS, ids=[" ".join(Path(str(w)).name for w in c) for c in COMMANDS])
+@pytest.mark.parametrize("command", command_lines("schemas"), ids=lambda words: " ".join(Path(w).name for w in words))
 def test_documents_fit_their_schemas(sqrp, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     document = sqrp(*command, "--json").document
@@ -215,24 +195,7 @@ def test_a_camera_along_any_axis_with_any_up_covers_only_what_its_image_holds(sq
     assert covered >= len(AXES)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("rules",),
-        ("rules", "wrong-unit"),
-        ("check", WATCH),
-        ("check", WATCH, "watch cube"),
-        ("show", WATCH),
-        ("rank", WATCH, "watch green", "--samples", "3"),
-        ("rank", WATCH, "watch green", "--dt", "0.5", "--ways", "all", "--calibration", "5 mm, 0.5 deg"),
-        ("explain", WATCH, "watch seen"),
-        ("explain", WATCH, "watch cube", "--all"),
-        ("score", WATCH, "--samples", "3"),
-        ("score", WATCH, "--samples", "3", "--vary", "cameras.eye.near=0.5:0.6:2"),
-        ("diff", WATCH, WATCH, "--samples", "3"),
-    ],
-    ids=lambda command: " ".join(map(str, command)).replace(str(WATCH), "watch"),
-)
+@pytest.mark.parametrize("command", command_lines("saved"), ids=lambda words: " ".join(Path(w).name for w in words))
 def test_a_saved_result_is_shown_as_its_command_showed_it(sqrp, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "result.json"

@@ -12,23 +12,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.study import pipeline
-from tests.cli.ctrl_c import press_ctrl_c
-
-
-@pytest.mark.parametrize(
-    ("command", "wanted"),
-    [
-        ([], "check rank explain show schema"),
-        (["rank"], "--by --samples --dt --tolerance --program --choose --after --jobs --seed --json"),
-        (["explain"], "--choose --all --samples --dt --tolerance --after --json"),
-        (["check"], "--after --json"),
-        (["show"], "--json"),
-    ],
-)
-def test_help_lists_every_command_and_the_options_of_the_contract(sqrp, command, wanted):
-    outcome = sqrp(*command, "--help")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert [word for word in wanted.split() if word not in outcome.out] == []
+from tests.cli.conftest import press_ctrl_c
 
 
 def test_version_is_printed_alone(sqrp):

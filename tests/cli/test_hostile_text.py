@@ -30,6 +30,7 @@ from sqrp_cli.score.ci_files import _text as in_markdown
 from sqrp_cli.show.terminal import console
 from sqrp_cli.show.terminal.run_view import live_view
 from sqrp_cli.shown import one_line
+from tests.cells import command_lines
 from tests.cli.hostile import EVIL, IN_PATH, TASK, hostile_cell, is_harmless
 from tests.cli.test_run_replay import log_of
 
@@ -169,52 +170,20 @@ def program(sqrp, evil):
 
 
 @pytest.mark.parametrize("columns", [80, 20])
-@pytest.mark.parametrize(
-    ("code", "arguments"),
-    [
-        (0, ["check", "{evil}"]),
-        (0, ["check", "{evil}", TASK]),
-        (0, ["show", "{evil}"]),
-        (0, ["show", "{evil}", "--json"]),
-        (0, ["rank", "{evil}", "watch cube"]),
-        (0, ["rank", "{evil}", TASK, "--json"]),
-        (2, ["rank", "{evil}", f"watch {EVIL}"]),
-        (2, ["rank", "{evil}", "watch cube", "--choose", EVIL]),
-        (2, ["rank", "{evil}", "watch cube", "--by", EVIL]),
-        (2, ["rank", "{evil}", "watch cube", EVIL]),
-        (2, ["rank", "{evil}", "watch cube", "--samples", EVIL]),
-        (2, ["rank", EVIL, "watch cube"]),
-        (2, [EVIL]),
-        (0, ["explain", "{evil}", TASK]),
-        (0, ["explain", "{evil}", "watch cube", "--all"]),
-        (0, ["score", "{evil}"]),
-        (0, ["score", "{evil}", "--vary", "cameras.eye.pose.position[0]=-0.1:0.1:2", "--patch", "{evil}/best.patch"]),
-        (2, ["score", "{evil}", "--vary", EVIL]),
-        (0, ["diff", "{watch}", "{evil}"]),
-        (0, ["program", "{program}"]),
-        (0, ["run", "--replay", "{log}"]),
-        (0, ["run", "{program}", "--replay", "{log}"]),
-        (2, ["run", "{program}", "--sim", "--fault", EVIL]),
-        (2, ["audit", "{program}", "{evil}"]),
-        (2, ["schema", EVIL]),
-        (2, ["init", "{evil}"]),
-    ],
-    ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else None,
-)
-def test_no_command_prints_what_commands(sqrp, evil, program, watch, tmp_path, code, arguments, columns):
+@pytest.mark.parametrize("words", command_lines("hostile"), ids=lambda words: " ".join(Path(w).name for w in words))
+def test_no_command_prints_what_commands(sqrp, evil, program, tmp_path, words, columns):
     log = log_of(tmp_path / "log")
     hostile = log.read_text(encoding="utf-8")
     for name in ("it was seen", "pickup g", "slip", "cell"):
         hostile = hostile.replace(f'"{name}"', json.dumps(f"{name}{EVIL}"))
     log.write_text(hostile.replace('"stopped"', '"done"'), encoding="utf-8")
-    places = {"{evil}": evil, "{program}": program, "{watch}": watch, "{log}": log}
-    filled = arguments
-    for sign, path in places.items():
-        filled = [argument.replace(sign, str(path)) for argument in filled]
+    code, *filled = words
+    for sign, meant in {"EVIL": evil, "PROGRAM": program, "LOG": log, "TASK": TASK, "TEXT": EVIL}.items():
+        filled = [word.replace(sign, str(meant)) for word in filled]
     outcome = sqrp(*filled, columns=columns)
     assert is_harmless(outcome.out)
     assert is_harmless(outcome.err)
-    assert outcome.code == code, outcome.err
+    assert outcome.code == int(code), outcome.err
 
 
 def test_the_files_of_a_score_are_harmless(sqrp, evil, watch, tmp_path):

@@ -97,21 +97,6 @@ def test_a_moved_camera_is_beside_those_that_stay_and_no_later_than_the_goal_say
     assert found.document["delay_worst"] <= most
 
 
-def test_no_camera_is_put_where_one_stays(sqrp, occupied):
-    (occupied / "place.yaml").write_text(
-        RAILS[: RAILS.index("  left")] + "  p: {points: [[-0.112, 1.15, 0.9]]}\n" + RAILS[RAILS.index("lenses") :]
-    )
-    found = sqrp("place", occupied, "pickup g2", "--ways", "fastest", "--keep", "cam1", "--cameras", "1")
-    assert found.code == 1
-    assert "a camera there would touch `cam1`, which stays." in " ".join(found.out.split())
-
-
-def test_where_the_least_stays_0_the_mean_is_said_to_have_decided(sqrp, occupied):
-    found = sqrp("place", occupied, "--cameras", "2", "--ways", "fastest")
-    assert "do better than a least Q of 0.0 %" in " ".join(found.out.split())
-    assert "(gap 0), so that the mean decided." in " ".join(found.out.split())
-
-
 def test_where_the_cameras_that_stay_may_be_enough_a_small_budget_has_a_result(sqrp, cell):
     keep = ["--keep", "cam1", "--keep", "cam2"]
     kept = sqrp(
@@ -120,11 +105,7 @@ def test_where_the_cameras_that_stay_may_be_enough_a_small_budget_has_a_result(s
     assert (kept.code, kept.document["cameras"]) == (1, [])
 
 
-def test_fewer_cameras_than_a_skill_needs_are_refused(sqrp, cell):
-    found = sqrp("place", cell, "--cameras", "1")
-    assert (found.code, found.out) == (2, "")
-    assert "`inspect` needs two at once" in found.err
-    assert "--cameras 2" in found.err
+def test_a_skill_needs_fewer_cameras_beside_those_that_stay(sqrp, cell):
     kept = sqrp("place", cell, "pickup g2", "--cameras", "1", "--keep", "cam2", "--ways", "fastest", "--json")
     assert kept.code == 0
     assert kept.document["floor"] == {"cameras": 1, "reason": "`inspect` needs two at once"}
@@ -165,10 +146,6 @@ def test_a_search_that_may_end_early_says_so_and_names_its_bound(sqrp, cell, tmp
     assert loose["bound"] >= exact["objective"] - 5e-4
     hurried = sqrp(*arguments, "--time", "1 ms")
     assert "not proven" in " ".join(hurried.out.split()).lower()
-    for option, value in (("--time", "0 s"), ("--time", "soon"), ("--gap", "-1")):
-        refused = sqrp(*arguments, option, value)
-        assert (refused.code, refused.out) == (2, "")
-        assert option in refused.err
 
 
 def test_the_output_is_the_same_with_a_report_and_the_page_with_every_number_of_processes(sqrp, watch, tmp_path):

@@ -238,13 +238,6 @@ def test_a_shell_proposes_tasks_after_a_program(two):
     assert "watch seen" in tasks(SimpleNamespace(params=parameters), "watch s")
 
 
-@pytest.mark.parametrize("command", ["program", "run", "audit", "explain", "rank", "check", "advise"])
-def test_help_calls_it_by_one_word(sqrp, command):
-    text = sqrp(command, "--help").out
-    assert "PROGRAM" in text
-    assert "--program FILE" not in text
-
-
 def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is(sqrp, tabletop, tmp_path, monkeypatch):
     path, other = tmp_path / "program.yaml", tmp_path / "other.yaml"
     assert sqrp("rank", tabletop, "pickup g2", "--program", other).code == 0

@@ -16,7 +16,7 @@ from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import FaultRecord, RunReport
 from sqrp_cli.run.start import Simulation
 from tests.cells import read_cell, shipped_cell, write_cell
-from tests.cli.ctrl_c import press_ctrl_c
+from tests.cli.conftest import press_ctrl_c
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell
 
 pytestmark = pytest.mark.slow

@@ -18,7 +18,7 @@ from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.show.terminal.search_tables import column_titles
 from sqrp_cli.study.pipeline import RankJob
 from tests.cells import edit
-from tests.cli.ctrl_c import press_ctrl_c
+from tests.cli.conftest import press_ctrl_c
 
 ROOT = Path(__file__).parents[2]
 

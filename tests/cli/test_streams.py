@@ -25,6 +25,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.images import FrameFolder
 from sqrp_cli.shown import shown_name
+from tests.cells import command_lines
 
 PACKAGE = Path(sqrp_cli.__file__).parent
 
@@ -308,20 +309,7 @@ def odd(watch, tmp_path_factory):
     return Path(shutil.copytree(watch, folder))
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["check", "ODD", "watch", "--json"],
-        ["rank", "ODD", "watch turned", "--report", "ODD/page.html", "--program", "ODD/program.yaml"],
-        ["explain", "ODD", "watch turned", "--json"],
-        ["explain", "ODD", "watch turned", "--images", "ODD/pictures"],
-        ["show", "ODD"],
-        ["diff", "ODD", "ODD"],
-        ["score", "ODD", "--json"],
-        ["score", "ODD", "--save-baseline", "ODD/baseline.json", "--junit", "ODD/junit.xml", "--report", "ODD/s.html"],
-    ],
-    ids=" ".join,
-)
+@pytest.mark.parametrize("words", command_lines("odd"), ids=" ".join)
 def test_no_command_takes_a_path_that_is_not_utf8_for_a_fault_of_its_own(sqrp, odd, words):
     outcome = sqrp(*(word.replace("ODD", str(odd)) for word in words))
     assert outcome.code in (0, 1, 2), outcome.err

@@ -20,18 +20,7 @@ from sqrp_cli.run.record.events import event
 from sqrp_cli.show.terminal import console, progress_lines
 from sqrp_cli.show.terminal.run_view import live_view
 from sqrp_cli.study import pipeline
-
-OUTPUTS = [
-    ("rank", "{tabletop}", "pickup green", "--ways", "fastest"),
-    ("explain", "{tabletop}", "pickup green", "--ways", "fastest"),
-    ("show", "{tabletop}"),
-    ("rank", "{watch}", "watch cube"),
-    ("explain", "{watch}", "watch cube", "--all"),
-    ("explain", "{watch}", "watch turned"),
-    ("check", "{watch}", "watch cube"),
-    ("check", "{watch}"),
-    ("show", "{watch}"),
-]
+from tests.cells import command_lines
 
 
 def width(line: str) -> int:
@@ -43,9 +32,9 @@ def figures(text: str) -> set[str]:
     return set(re.findall(r"\d+\.\d+", text))
 
 
-@pytest.fixture(params=OUTPUTS, ids=" ".join)
-def arguments(request, tabletop, watch):
-    return [argument.format(tabletop=tabletop, watch=watch) for argument in request.param]
+@pytest.fixture(params=command_lines("widths"), ids=lambda words: " ".join(Path(w).name for w in words))
+def arguments(request):
+    return request.param
 
 
 @pytest.fixture(scope="module")
