@@ -49,6 +49,9 @@ def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
     bound = "eventually[a4.start, a4.end] (not hold(g1) and obj_on_table(g1))"
     assert ground(text) == (GroundOperator(4.0, 5.5, bound, "eventually", (HOLD.negated(), ON_TABLE)),)
     assert [str(literal) for literal in ground(text)[0].literals] == ["not hold(g1)", "obj_on_table(g1)"]
+    # Outside any operator: the formula is its text, and the start its interval.
+    (entry,) = ground("not hold and hand_empty")
+    assert (entry.start, entry.end, entry.text) == (0.0, 0.0, "not hold(g1) and hand_empty")
 
 
 @pytest.mark.parametrize(
@@ -98,11 +101,6 @@ def test_operators_have_their_own_literals(text: str, expected: list[tuple[str, 
     assert [(entry.operator, entry.literals) for entry in ground(text)] == expected
 
 
-def test_literals_outside_any_operator_have_the_formula_as_text_and_the_start_as_interval() -> None:
-    (entry,) = ground("not hold and hand_empty")
-    assert (entry.start, entry.end, entry.text) == (0.0, 0.0, "not hold(g1) and hand_empty")
-
-
 @pytest.mark.parametrize("text", ["always[a1.end, a1.start + 1.5] hold", "hold or eventually[3, a1.end] hold"])
 def test_an_interval_that_is_empty_once_grounded_names_the_numbers(text: str) -> None:
     with pytest.raises(InputError) as error:
@@ -113,20 +111,13 @@ def test_an_interval_that_is_empty_once_grounded_names_the_numbers(text: str) ->
     assert problem.excerpt is not None
 
 
-def test_formula_time_is_a_union_without_what_no_formula_covers() -> None:
-    entries = ground(
-        "always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold"
-    )
-    assert merge(entries) == (TimeInterval(0.0, 3.0), TimeInterval(4.0, 8.0))
-    assert union_length(entries) == 7.0
-
-
-def test_stretches_merge_below_a_nanosecond_only() -> None:
+def test_formula_time_is_a_union_in_which_stretches_merge_below_a_nanosecond_only() -> None:
+    text = "always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold"
+    assert merge(ground(text)) == (TimeInterval(0.0, 3.0), TimeInterval(4.0, 8.0))
+    assert union_length(ground(text)) == 7.0
+    apart = TimeInterval(2.0 + 1.1e-9, 3.0)
     assert merge([TimeInterval(1.0, 2.0), TimeInterval(2.0 + 9e-10, 3.0)]) == (TimeInterval(1.0, 3.0),)
-    assert merge([TimeInterval(1.0, 2.0), TimeInterval(2.0 + 1.1e-9, 3.0)]) == (
-        TimeInterval(1.0, 2.0),
-        TimeInterval(2.0 + 1.1e-9, 3.0),
-    )
+    assert merge([TimeInterval(1.0, 2.0), apart]) == (TimeInterval(1.0, 2.0), apart)
     assert merge([]) == ()
 
 

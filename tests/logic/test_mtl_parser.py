@@ -53,17 +53,12 @@ def test_spellings_and_precedence(text: str, same: str) -> None:
     assert parse(text) == parse(same)
 
 
-def test_grouping_of_the_writer_is_kept() -> None:
+def test_grouping_of_the_writer_is_kept_and_a_keyword_may_begin_a_name() -> None:
     assert parse("(a and b) and c") != parse("a and b and c")
     assert str(parse("(a and b) and c")) == "(a and b) and c"
-
-
-def test_a_keyword_may_begin_a_name() -> None:
     names = Operation("and", (Predicate("nothing"), Predicate("Grip")))
     assert parse("nothing and Grip or orange") == Operation("or", (names, Predicate("orange")))
-
-
-def test_the_formula_of_the_slip_fault_prints_as_it_is_written() -> None:
+    assert parse("(" * 6000 + "x" + ")" * 6000) == Predicate("x")
     text = "eventually[a4.start, a4.end] (obj_on_table(g1) and not hold(g1))"
     assert str(parse(text)) == str(parse("◇[a4.start, a4.end] (obj_on_table(g1) ∧ ¬hold(g1))")) == text
 
@@ -102,10 +97,6 @@ def test_huge_formulas_are_refused(text: str) -> None:
     with pytest.raises(InputError) as error:
         parse(text)
     assert error.value.problems[0].code in {"mtl-too-deep", "mtl-too-long"}
-
-
-def test_many_parentheses_are_no_depth() -> None:
-    assert parse("(" * 6000 + "x" + ")" * 6000) == Predicate("x")
 
 
 @given(st.text(st.sampled_from("always[].startGF !&|->hold(),12 \n\t$□¬"), max_size=40))

@@ -60,23 +60,22 @@ def test_covered_is_null_exactly_where_no_formula_applies(story: Story) -> None:
     assert not (timeline.covered & ~timeline.monitored).any()
 
 
-def test_all_covered_is_one_even_where_primitives_and_formulas_touch() -> None:
-    hold = Literal(ATOMS[0])
-    formulas = (always(0.0, 1.0, hold), always(1.0, 2.0, hold.negated()), eventually(1.5, 2.0, hold))
-    story = make_story([0.7, 1.3], formulas, [3], seed=0, seen=1.0)
-    assert qualities_over(story.timeline).q_avg == pytest.approx(1.0)
-    assert qualities_over(story.timeline).q_eoi == pytest.approx(1.0)
+HOLD = Literal(ATOMS[0])
+TOUCHING = (always(0.0, 1.0, HOLD), always(1.0, 2.0, HOLD.negated()), eventually(1.5, 2.0, HOLD))
 
 
-def test_a_formula_at_an_instant_has_no_quality() -> None:
-    story = make_story([1.0], (eventually(0.4, 0.4, Literal(ATOMS[0])),), [2], seed=0, seen=1.0)
-    assert qualities_over(story.timeline).q_avg is None
-    assert qualities_over(story.timeline).q_eoi is None
-    assert story.timeline.monitored.sum() == 1
-
-
-def test_the_time_between_two_stretches_counts_neither_way() -> None:
-    hold = Literal(ATOMS[0])
-    story = make_story([1.0, 1.0, 1.0], (always(0, 1, hold), always(2, 3, hold)), [4], seed=0, seen=1.0)
-    assert qualities_over(story.timeline).q_avg == pytest.approx(1.0)
-    assert pytest.approx(2.0) == story.timeline.request.T
+@pytest.mark.parametrize(
+    ("durations", "formulas", "qualities", "T"),
+    [
+        # All is covered, even where primitives and formulas touch; the time between two stretches counts neither way.
+        ([0.7, 1.3], TOUCHING, (1.0, 1.0), 2.0),
+        ([1.0, 1.0, 1.0], (always(0, 1, HOLD), always(2, 3, HOLD)), (1.0, None), 2.0),
+        ([1.0], (eventually(0.4, 0.4, HOLD),), (None, None), 0.0),  # at an instant there is no quality
+    ],
+)
+def test_qualities_worked_out_by_hand(durations, formulas, qualities, T):
+    story = make_story(durations, formulas, [4], seed=0, seen=1.0)
+    found = qualities_over(story.timeline)
+    assert (found.q_avg, found.q_eoi) == tuple(one and pytest.approx(one) for one in qualities)
+    assert pytest.approx(T) == story.timeline.request.T
+    assert T or story.timeline.monitored.sum() == 1
