@@ -23,7 +23,7 @@ import sqrp_cli
 from sqrp_cli.cli.streams import _LOOK_ALIKES
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.record.images import FrameFolder
+from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.shown import shown_name
 from tests.cells import command_lines
 
@@ -236,11 +236,11 @@ def test_a_log_and_a_film_are_named(sqrp, quick_cell, tmp_path, option, name, sa
 
 def test_an_image_is_named(tmp_path):
     noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
-    folder, usual = FrameFolder(tmp_path / "frames"), resource.getrlimit(resource.RLIMIT_FSIZE)
+    recorder, usual = ImageRecorder(tmp_path / "frames", None), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
     try:
         with pytest.raises(InputError) as caught:
-            folder.add(CameraImage("cam1", 0.0, noise), 1, 0.0)
+            recorder.add(CameraImage("cam1", 0.0, noise), 1, 0.0, "")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
     image = tmp_path / "frames" / "cam1-000000.png"

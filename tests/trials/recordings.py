@@ -30,7 +30,7 @@ from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
-from sqrp_cli.run.record.packed_image import png_of
+from sqrp_cli.run.record.packed_image import encoded
 from sqrp_cli.run.robot_body import RobotBody
 from tests.conftest import TABLETOP
 
@@ -169,7 +169,7 @@ def _packed(types: object, image: np.ndarray, stamp: int, truth: Truth, rng: np.
         kind, options = "jpeg", [cv2.IMWRITE_JPEG_QUALITY, truth.quality]
         data = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), options)[1].ravel()
     else:
-        kind, data = "png", np.frombuffer(png_of(noisy), np.uint8)
+        kind, data = "png", np.frombuffer(encoded(noisy, "png"), np.uint8)
     header = types.header(stamp, "camera")
     return types.make("sensor_msgs/msg/CompressedImage", header=header, format=kind, data=data)
 

@@ -460,12 +460,11 @@ def _recorders(
         recorder = BagRecorder(writer, workspace, body)
     if ask.film is None and ask.frames is None and screen is None:
         return recorder, None
-    from sqrp_cli.run.record.images import Film, FrameFolder, ImageRecorder
+    from sqrp_cli.run.record.images import Film, ImageRecorder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
-    folder = FrameFolder(ask.frames) if ask.frames is not None else None
     filmed = ask.film is not None and recorder is None
     reel = Film(ask.film, list(workspace.cameras), rate) if filmed else screen
-    gallery = ImageRecorder(folder, reel, recorder)
+    gallery = ImageRecorder(ask.frames, reel, recorder)
     closing.callback(gallery.close)
     return recorder, gallery

@@ -20,7 +20,7 @@ from sqrp_cli.ros.messages import Message, nanoseconds
 from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.monitor.nominal_step import planned_joints
 from sqrp_cli.run.record.bag_recorder import AS_PLANNED
-from sqrp_cli.run.record.packed_image import DamagedImageError, image_of
+from sqrp_cli.run.record.packed_image import image_of
 
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 """Types of images; the first one is taken where a camera has both."""
@@ -132,11 +132,11 @@ class BagFootage:
                     frame = wanted[number]
                     where = f"{packed.topic} at {frame.t:.3f} s"
                     camera = self._workspace.cameras[frame.camera]
-                    try:
-                        image = image_of(bag.read(packed), camera, Place(self.path), where)
+                    image = image_of(bag.read(packed), camera, Place(self.path), where)
+                    if isinstance(image, str):
+                        self.damaged[number] = image
+                    else:
                         yield frame, CameraImage(frame.camera, frame.t, image)
-                    except DamagedImageError as error:
-                        self.damaged[number] = error.problems[0].message
                 if number == last:
                     return
 

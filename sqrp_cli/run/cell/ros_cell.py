@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import InputError, Place
+from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array
 from sqrp_cli.ros.dds import DdsTransport
 from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, nanoseconds
@@ -204,6 +204,8 @@ class RosCell(AbstractContextManager["RosCell"]):
                 about, camera = self.file.cameras[name], self.cameras[name]
                 for message, _ in inbox.take():
                     image = image_of(message, camera, Place(Path(about.image)), f"`{name}`")
+                    if isinstance(image, str):
+                        raise bad_input("unreadable", image)
                     t = self.clock.since(message.header.stamp) - about.clock_offset
                     self._waiting[name].append(CameraImage(name, t, image))
                     self.ages[name].append((t, now))

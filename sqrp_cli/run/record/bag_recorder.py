@@ -31,7 +31,7 @@ from sqrp_cli.ros.bag import BagWriter
 from sqrp_cli.ros.messages import Message, MessageTypes, pose_fields, transform_message
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.events import Event
-from sqrp_cli.run.record.packed_image import jpeg_of
+from sqrp_cli.run.record.packed_image import encoded
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
@@ -87,13 +87,13 @@ class BagRecorder:
                 self._add_state(event)
             case "step":
                 color, alpha = _SHOWN[Truth.UNKNOWN], _ALPHA
-                self._boxes = {
-                    atom: [
-                        self._marker(t, (atom, i), box.frame, np.array(box.pose), Box(tuple(box.size)), color, alpha)
-                        for i, box in enumerate(boxes)
-                    ]
-                    for atom, boxes in event.boxes.items()
-                }
+                self._boxes = {}
+                for atom, boxes in event.boxes.items():
+                    for i, box in enumerate(boxes):
+                        x, y, z = box.size
+                        X_FB, shape = np.array(box.pose), Box((x, y, z))
+                        marker = self._marker(t, (atom, i), box.frame, X_FB, shape, color, alpha)
+                        self._boxes.setdefault(atom, []).append(marker)
                 wiped = self._types.make("visualization_msgs/msg/Marker", action=3)
                 markers = [wiped, *(one for found in self._boxes.values() for one in found)]
                 self._add("/boxes", t, _MARKERS, markers=markers)
@@ -125,7 +125,7 @@ class BagRecorder:
         self.tell_planned(frame.t, planned=planned)
         topic = f"/{frame.camera}/image_raw/compressed"
         header = self._types.header(_at(frame.t), optical_frame(frame.camera))
-        data = np.frombuffer(jpeg_of(frame.image), np.uint8)
+        data = np.frombuffer(encoded(frame.image, "jpeg"), np.uint8)
         self._add(topic, frame.t, "sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
 
     def tell_planned(self, t: float, *, planned: bool) -> None:

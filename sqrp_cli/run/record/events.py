@@ -124,9 +124,40 @@ class Event(BaseModel):
             properties |= {key: value for key, value in report["properties"].items() if key not in _NOT_LOGGED}
         return schema
 
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...  # noqa: ANN401 - of its kind
+    if TYPE_CHECKING:  # the fields of all kinds, for editors and mypy
+        sqrp_log: int
+        workspace: str
+        digest: str
+        seed: int
+        cameras: list[str]
+        rates: dict[str, float]
+        faults: list[str]
+        steps: list[ProgramStep]
+        number: int
+        skill: str
+        parameters: dict[str, str | float]
+        time: float
+        boxes: dict[str, list[AskedBox]]
+        name: str
+        does: str | None
+        exposed: float
+        step_time: float | None
+        literals: dict[str, ShownAtom]
+        joints: list[str]
+        q: list[float]
+        held: str | None
+        objects: dict[str, list[float]]
+        fault: str
+        text: str
+        response: Literal["stop", "retry", "continue"]
+        to_see: str
+        until: float
+        reason: str | None
+        force: float
+        attempt: int
+        of: int
+        step: str
+        report: RunReport
 
 
 _NOT_LOGGED = ("schema", "document", "workspace", "wall")

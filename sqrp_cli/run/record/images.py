@@ -27,7 +27,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.files import make_folder, naming
 from sqrp_cli.run.image import CameraImage, ImageArray
 from sqrp_cli.run.record.bag_recorder import BagRecorder
-from sqrp_cli.run.record.packed_image import png_of
+from sqrp_cli.run.record.packed_image import encoded
 from sqrp_cli.shown import is_utf8
 
 INDEX = "frames.csv"
@@ -101,48 +101,35 @@ def drawn(image: ImageArray, outlines: Outlines, text: str) -> ImageArray:
     return canvas
 
 
-class FrameFolder:
-    """Writes the images of a run into a folder."""
-
-    def __init__(self, folder: Path) -> None:
-        """folder: is made if it does not exist. Raises InputError if it cannot be, or is not empty."""
-        make_folder(folder)
-        if any(folder.iterdir()):
-            message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
-            raise bad_input("not-empty", message, Place(folder))
-        self._folder, self._index, self._count = folder, folder / INDEX, 0
-        with naming(self._index):
-            self._file = self._index.open("w", newline="", encoding="utf-8")
-        self._rows = csv.writer(self._file)
-        self._rows.writerow(_COLUMNS)
-
-    def add(self, frame: CameraImage, step: int, t: float | None) -> None:
-        """Keep an image that was taken at time t [s] of a step."""
-        name = f"{frame.camera}-{self._count:06d}.png"
-        self._count += 1
-        with naming(self._folder / name):
-            (self._folder / name).write_bytes(png_of(frame.image))
-        with naming(self._index):
-            self._rows.writerow([frame.camera, name, step, "" if t is None else f"{t:.6f}"])
-
-    def close(self) -> None:
-        """Finish the index."""
-        with naming(self._index):
-            self._file.close()
-
-
 class ImageRecorder:
     """Passes the images of a run to a folder, a film and a recording."""
 
-    def __init__(self, folder: FrameFolder | None, film: Any, bag: BagRecorder | None = None) -> None:  # noqa: ANN401
-        """film: a `Film`, or somebody who looks on, with `add` and `close` as it has them; None if nobody does."""
-        self._folder, self._film, self._bag = folder, film, bag
+    def __init__(self, folder: Path | None, film: Any, bag: BagRecorder | None = None) -> None:  # noqa: ANN401
+        """folder: is made if it does not exist. Raises InputError if it cannot be, or is not empty.
+
+        film: a `Film`, or somebody who looks on, with `add` and `close` as it has them; None if nobody does.
+        """
+        self._folder, self._film, self._bag, self._count = folder, film, bag, 0
         self._waiting: dict[tuple[str, float], tuple[CameraImage, str]] = {}
+        if folder is not None:
+            make_folder(folder)
+            if any(folder.iterdir()):
+                message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
+                raise bad_input("not-empty", message, Place(folder))
+            with naming(folder / INDEX):
+                self._file = (folder / INDEX).open("w", newline="", encoding="utf-8")
+            self._rows = csv.writer(self._file)
+            self._rows.writerow(_COLUMNS)
 
     def add(self, frame: CameraImage, step: int, t: float | None, caption: str) -> None:
         """An image was taken at time t [s] of a step, while the robot did what the caption says."""
         if self._folder is not None:
-            self._folder.add(frame, step, t)
+            file = self._folder / f"{frame.camera}-{self._count:06d}.png"
+            self._count += 1
+            with naming(file):
+                file.write_bytes(encoded(frame.image, "png"))
+            with naming(self._folder / INDEX):
+                self._rows.writerow([frame.camera, file.name, step, "" if t is None else f"{t:.6f}"])
         if self._bag is not None:
             self._bag.add(frame, planned=t is not None)
         if self._film is not None:
@@ -157,9 +144,12 @@ class ImageRecorder:
     def close(self) -> None:
         """Finish all files."""
         with ExitStack() as closing:  # finish the others even if one fails
-            for sink in (self._folder, self._film, self._bag):
+            for sink in (self._film, self._bag):
                 if sink is not None:
                     closing.callback(sink.close)
+            if self._folder is not None:
+                with naming(self._folder / INDEX):
+                    self._file.close()
 
 
 def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[tuple[str, Path, int, float | None]]:

@@ -67,11 +67,32 @@ def read_log(path: Path) -> Iterator[Event]:
         found: Event | None = None
         try:
             if kind == "report":
-                found = event("report", t, report=_report(fields, place))
+                # Logs of earlier versions have the times of the last stop each for itself.
+                stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
+                found = KINDS[kind].model_validate({"t": t, "report": {"stop": stop, **fields, "wall": {}}})
             elif kind in KINDS:
                 found = (WHOLE_STATE if kind == "state" and joints is None else KINDS[kind]).model_validate(fields)
         except ValidationError as error:
-            raise _no_log(f"this `{kind}` is no event of a log: {_first_words(error)}", place) from None
+            first = error.errors()[0]
+            name, message = json_name(first["loc"]).removeprefix("report."), first["msg"]
+            problem = f"this `{kind}` is no event of a log: `{name}`: {message[0].lower()}{message[1:]}"
+            raise _no_log(problem, place) from None
+        if found is not None and kind == "report":
+            report: RunReport = found.report
+            if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
+                usual = [
+                    {a: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for a, of in step.items()}
+                    for step in report.prediction
+                ]
+                report = replace(report, usual=usual)
+                found = event(kind, t, report=report)
+            shown, asked = (
+                [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
+                for steps in (report.usual, report.prediction)
+            )
+            if shown != asked:
+                problem = "the report at the end of this log has other literals under `usual` than under `prediction`"
+                raise _no_log(problem, place)
         if found is not None and kind == "state":
             joints = len(found.joints) if joints is None else joints
             if "q" in found.model_fields_set and len(found.q) != joints:
@@ -112,38 +133,6 @@ def _lines(path: Path) -> Iterator[tuple[Place, Mapping[str, Any]]]:
             if not isinstance(kind, str):
                 raise _no_log(f"{what}: `event` is {describe(kind)}, expected its kind", place)
             yield place, document
-
-
-def _report(fields: Mapping[str, Any], place: Place) -> RunReport:
-    try:
-        # Logs of earlier versions have the times of the last stop each for itself.
-        stop = {"told": fields.get("stop_told"), "standing": fields.get("stop_done")}
-        report: RunReport = (
-            KINDS["report"].model_validate({"t": 0.0, "report": {"stop": stop, **fields, "wall": {}}}).report
-        )
-    except ValidationError as error:
-        raise _no_log(f"the report at the end of this log is none: {_first_words(error)}", place) from None
-    if report.prediction and not report.usual:  # of an earlier version, which knew of no usual images
-        usual = [
-            {atom: {name: Confusion(tn=one.tn, fn=one.fn) for name, one in of.items()} for atom, of in step.items()}
-            for step in report.prediction
-        ]
-        report = replace(report, usual=usual)
-    shown, asked = (
-        [[(atom, name) for atom, cameras in step.items() for name in cameras] for step in steps]
-        for steps in (report.usual, report.prediction)
-    )
-    if shown != asked:
-        message = "the report at the end of this log has other literals under `usual` than under `prediction`"
-        raise _no_log(message, place)
-    return report
-
-
-def _first_words(error: ValidationError) -> str:
-    """The first that is wrong, with the field."""
-    first = error.errors()[0]
-    place, message = json_name(first["loc"]).removeprefix("report."), first["msg"]
-    return f"`{place}`: {message[0].lower()}{message[1:]}"
 
 
 def _no_log(message: str, place: Place) -> InputError:

@@ -13,12 +13,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, PixelSize
-from sqrp_cli.errors import InputError, Place, Problem, bad_input
+from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.files.input_file import read_input
 from sqrp_cli.ros.messages import Message
 from sqrp_cli.run.image import ImageArray
@@ -63,17 +64,13 @@ _CHANNELS |= dict.fromkeys(("yuv422", "uyvy", "yuv422_yuy2", "yuyv"), 2)
 """Bytes of a pixel; of other encodings one."""
 
 
-def png_of(image: ImageArray) -> bytes:
-    """An image as a PNG file."""
-    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return bytes(content)
-
-
-def jpeg_of(image: ImageArray) -> bytes:
-    """An image as a JPEG file with all of its colours: none of their channels is made smaller."""
-    sampled = int(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampled]
-    _, content = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+def encoded(image: ImageArray, kind: Literal["png", "jpeg"]) -> bytes:
+    """An image as a file; a JPEG has all of its colours: none of their channels is made smaller."""
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    if kind == "jpeg":
+        sampled = int(cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampled]
+    _, content = cv2.imencode(f".{kind}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     return bytes(content)
 
 
@@ -166,34 +163,23 @@ def bare_png(content: bytes) -> tuple[str, bytes]:
     return "", _SIGNATURE + b"".join(packed_again)
 
 
-class DamagedImageError(InputError):
-    """An image of a recording that is damaged, as one in thousands may be."""
+def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray | str:
+    """The image of a `sensor_msgs/CompressedImage` or `Image`; what is wrong if it is damaged, as one in thousands may.
 
-
-def image_of(message: Message, camera: Camera, place: Place, where: str) -> ImageArray:
-    """The image of a `sensor_msgs/CompressedImage` or `Image`.
-
-    place, where: the file, and the message in it. Raises DamagedImageError for one that is damaged, and InputError for
-    one that has another size than the camera, or is packed in a way that is not read.
+    place, where: the file, and the message in it. Raises InputError for an image that has another size than the camera,
+    or is packed in a way that is not read.
     """
-
-    def damaged(message: str) -> DamagedImageError:
-        return DamagedImageError(Problem("unreadable", f"the image of {where}{message}", place))
-
-    def check_size(found: PixelSize) -> None:
-        expected = PixelSize(camera.width, camera.height)
-        if found != expected:
-            message = f"the image of {where} is {found.short}, the workspace says {expected.short}"
-            raise bad_input("wrong-size", message, place)
-
+    named, expected = f"the image of {where}", PixelSize(camera.width, camera.height)
+    wrong_size = f"{named} is {{}}, the workspace says {expected.short}"
     if not hasattr(message, "encoding"):
         content = bytes(message.data)
         is_png = content.startswith(b"\x89PNG")
         size = png_size(content) if is_png else _jpeg_size(content)
         if size is None:
             what = f"as `{message.format}`" if message.format else "in a way that is not said"
-            raise damaged(f", packed {what}, is no whole JPEG or PNG")
-        check_size(size)
+            return f"{named}, packed {what}, is no whole JPEG or PNG"
+        if size != expected:
+            raise bad_input("wrong-size", wrong_size.format(size.short), place)
         if is_png:
             damage, bare = bare_png(content)
             image = None if damage else decoded(bare)
@@ -202,19 +188,20 @@ def image_of(message: Message, camera: Camera, place: Place, where: str) -> Imag
                 image = decoded(content)
             damage = next((line for line in said if "JPEG" in line and not _PADDING.match(line)), "")
         if damage or image is None or image.shape[:2] != (camera.height, camera.width):
-            raise damaged(f" is damaged: {damage or 'it cannot be decoded'}")
+            return f"{named} is damaged: {damage or 'it cannot be decoded'}"
         return image
     encoding = message.encoding
-    has_encoding = f"the image of {where} has the encoding `{encoding}`"
     if encoding not in _CONVERSIONS:
-        raise bad_input("unreadable", f"{has_encoding}; read are {', '.join(_CONVERSIONS)}", place)
+        known = ", ".join(_CONVERSIONS)
+        raise bad_input("unreadable", f"{named} has the encoding `{encoding}`; read are {known}", place)
     found, channels = PixelSize(message.width, message.height), _CHANNELS.get(encoding, 1)
-    check_size(found)
+    if found != expected:
+        raise bad_input("wrong-size", wrong_size.format(found.short), place)
     if channels == 2 and found.width % 2:
-        raise bad_input("unreadable", f"{has_encoding}, but an odd width", place)
+        raise bad_input("unreadable", f"{named} has the encoding `{encoding}`, but an odd width", place)
     row = found.width * channels
     if message.step < row or len(message.data) < message.step * found.height:
-        raise damaged(f" has fewer bytes than its {found.short} pixels need")
+        return f"{named} has fewer bytes than its {found.short} pixels need"
     rows = np.asarray(message.data, np.uint8)[: message.step * found.height].reshape(found.height, message.step)
     pixels = np.ascontiguousarray(rows[:, :row]).reshape(found.height, found.width, -1).squeeze()
     conversion = _CONVERSIONS[encoding]

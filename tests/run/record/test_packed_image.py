@@ -5,6 +5,7 @@ PNG files are looked at before they are decoded: damage is found in whatever byt
 
 from __future__ import annotations
 
+import re
 import struct
 import tracemalloc
 import zlib
@@ -21,7 +22,8 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.ros.messages import message_types
 from sqrp_cli.run.image import check_image_sizes
-from sqrp_cli.run.record.packed_image import DamagedImageError, bare_png, decoded, image_of, jpeg_of, png_of, read_png
+from sqrp_cli.run.record.packed_image import bare_png, decoded, image_of, read_png
+from sqrp_cli.run.record.packed_image import encoded as as_file
 from tests.damage.record_bombs import chunk
 
 WATCH = Path(__file__).parents[2] / "cases" / "watch"
@@ -34,7 +36,7 @@ IMAGE = np.stack([4 * x, 5 * y, 128 + 0 * x], axis=-1).astype(np.uint8)
 SIZE = PixelSize(64, 48)
 PLACE = Place(Path("run.mcap"))
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-SMALL = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))
+SMALL = as_file(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3), "png")
 
 
 def png(width: int, height: int, rows: bytes, *, color: int = 2, extra: bytes = b"") -> bytes:
@@ -170,8 +172,8 @@ def shown(message: Any, camera: Camera = CAMERA) -> np.ndarray:
 
 
 def test_packed_images_are_what_was_packed_also_where_a_camera_fills_up_to_a_marker() -> None:
-    np.testing.assert_array_equal(shown(packed(png_of(IMAGE), "png")), IMAGE)
-    whole = jpeg_of(IMAGE)
+    np.testing.assert_array_equal(shown(packed(as_file(IMAGE, "png"), "png")), IMAGE)
+    whole = as_file(IMAGE, "jpeg")
     assert np.abs(shown(packed(whole)) - IMAGE).max() < 12
     np.testing.assert_array_equal(shown(packed(whole[:-2] + b"\0" + whole[-2:])), shown(packed(whole)))
 
@@ -210,20 +212,20 @@ def test_images_of_brightness_and_colour_are_read(encoding: str, luma: int) -> N
 
 
 def test_a_jpeg_that_is_damaged_inside_is_told_in_the_words_of_its_decoder(capfd: pytest.CaptureFixture[str]) -> None:
-    whole = jpeg_of(IMAGE)
-    with pytest.raises(DamagedImageError, match=r"here is damaged: .*JPEG"):
-        shown(packed(whole[: 3 * len(whole) // 4] + b"\xff\xd9"))
+    whole = as_file(IMAGE, "jpeg")
+    damage = image_of(packed(whole[: 3 * len(whole) // 4] + b"\xff\xd9"), CAMERA, PLACE, "here")
+    assert re.match("the image of here is damaged: .*JPEG", damage)
     assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
     ("message", "says"),
     [
-        (packed(jpeg_of(IMAGE)[:200]), "packed as `jpeg`, is no whole JPEG or PNG"),
+        (packed(as_file(IMAGE, "jpeg")[:200]), "packed as `jpeg`, is no whole JPEG or PNG"),
         (packed(b"", ""), "packed in a way that is not said, is no whole"),
         (packed(b"RIFF" * 50, "webp"), "packed as `webp`, is no whole"),
-        (packed(png_of(IMAGE)[:-30], "png"), "is damaged: the chunk at byte"),
-        (packed(jpeg_of(IMAGE[:40])), "is 64x40, the workspace says 64x48"),
+        (packed(as_file(IMAGE, "png")[:-30], "png"), "is damaged: the chunk at byte"),
+        (packed(as_file(IMAGE[:40], "jpeg")), "is 64x40, the workspace says 64x48"),
         (bare("rgb8", IMAGE, 192, width=32, height=24), "is 32x24, the workspace says 64x48"),
         (bare("rgb8", IMAGE[:20], 192), "has fewer bytes than its 64x48 pixels need"),
         (bare("rgb8", IMAGE, 10), "has fewer bytes than its 64x48 pixels need"),
@@ -232,6 +234,9 @@ def test_a_jpeg_that_is_damaged_inside_is_told_in_the_words_of_its_decoder(capfd
     ],
 )
 def test_an_image_that_cannot_be_read_is_told_with_its_message(message: Any, says: str) -> None:
-    with pytest.raises(InputError, match="the image of here") as caught:
-        shown(message, replace(CAMERA, width=63) if "odd" in says else CAMERA)
-    assert says in caught.value.problems[0].message
+    try:
+        told = image_of(message, replace(CAMERA, width=63) if "odd" in says else CAMERA, PLACE, "here")
+    except InputError as error:
+        told = error.problems[0].message
+    assert "the image of here" in told
+    assert says in told
