@@ -38,7 +38,7 @@ class Cell:
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
         contacts = find_self_contacts(model, seed) if robot.srdf is None else None
-        unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
+        unchecked = robot.disabled_pairs if contacts is None else contacts.at_home | contacts.always
         colors = {obj.name: obj.color or "" for obj in objects}
         own = set(model.links) - model.tool_links  # a part of the robot has the name of its link in output
         named = [(part, part.parent if part.parent in own else part.name) for part in parts]

@@ -330,11 +330,6 @@ class SelfContacts:
     always: NamePairs  # in `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked.
     never: NamePairs  # in none of them; that proves little, so they are still checked
 
-    @property
-    def unchecked(self) -> NamePairs:
-        """The pairs whose contact is not checked."""
-        return self.at_home | self.always
-
 
 def find_self_contacts(model: RobotModel, seed: int) -> SelfContacts:
     """Try `SAMPLES` positions that depend on `seed` alone; joints without limits turn once, slide 1 m either way."""

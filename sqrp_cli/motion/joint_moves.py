@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.collision import Contact
-from sqrp_cli.motion.sections import Branch, MotionProblem, Section, Ways
+from sqrp_cli.motion.sections import MotionProblem, Ways
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import find_way, motion_through
 from sqrp_cli.records import dataclass
@@ -104,15 +104,15 @@ class JointMoves:
     that is chosen.
     """
 
-    def __init__(self, problem: MotionProblem, sections: Sequence[Section], ways: Sequence[Ways]) -> None:
+    def __init__(self, problem: MotionProblem, ways: Sequence[Ways]) -> None:
         """ways: those through each section."""
-        self._problem, self._sections, self._ways = problem, sections, ways
+        self._problem, self._sections, self._ways = problem, problem.sections, ways
         self._tied_is_free, self._move = cache(self._check_tied), cache(self._find)
         self.tries = 0
         """Straight pieces that searches for ways around have checked."""
         self.durations: list[Array] = []
         """Of the direct moves from each way through a section to each of the next, shape (k_i, k_i+1) each [s]."""
-        for before, after, section in zip(ways[:-1], ways[1:], sections[1:], strict=True):
+        for before, after, section in zip(ways[:-1], ways[1:], problem.sections[1:], strict=True):
             primitive, home = problem.primitives[section.first - 1], problem.model.home
             q0, q1, limits = before.q_end[:, None], after.q_start[None], MotionLimits.of(problem.model, primitive.speed)
             stops = pairwise((q0, home, q1) if primitive.via_home else (q0, q1))
@@ -124,7 +124,7 @@ class JointMoves:
         around: whether there is a way around the obstacle of that move, first by its vias; none for moves by home.
         """
         section = self._sections[i]
-        if not self._tied_is_free(i, self._ways[i].branch(chosen)):
+        if not self._tied_is_free(i, int(self._ways[i].of[chosen])):
             return False
         has_vias = around and self._problem.primitives[section.first - 1].vias is not None
         hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",) if around else ("direct",)
@@ -155,7 +155,7 @@ class JointMoves:
             trajectory = reduce(Trajectory.followed_by, (joint_move(one, two, limits) for one, two in stops))
             contact, said = self._contact(index, trajectory)
             if contact is not None:
-                problem.note(index, said)
+                problem.failures.append((index, said))
             return contact or FoundMove(trajectory)
         direct = self._move(i, previous, chosen, "direct")
         obstacle = direct.second if isinstance(direct, Contact) else None
@@ -171,22 +171,22 @@ class JointMoves:
         self.tries += checked
         return None if found is None else FoundMove(found, obstacle)
 
-    def _check_tied(self, i: int, branch: Branch) -> bool:
+    def _check_tied(self, i: int, branch: int) -> bool:
         """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""
         primitives = self._problem.primitives
-        for k, trajectory in enumerate(branch.trajectories, self._sections[i].first):
+        for k, trajectory in enumerate(self._ways[i].trajectories[branch], self._sections[i].first):
             before, now = primitives[max(k - 1, 0)], primitives[k]
             # Where the arm still stands at the end of the primitive before, that was checked: with the same contacts.
             stands = now.kind is not JointMove and not now.curves and k > 0
             known = stands and now.world is before.world and before.allowed <= now.allowed
             contact, said = (None, "") if known else self._contact(k, trajectory)
             if contact is not None:
-                self._problem.note(k, said)
+                self._problem.failures.append((k, said))
                 return False
             if now.fingers is not None:
                 contact = self._problem.scenes[k].check_fingers(trajectory.path.end, now.fingers.path.end)
                 if contact is not None:
-                    self._problem.note(k, f"{contact} as the fingers move in {now.name}")
+                    self._problem.failures.append((k, f"{contact} as the fingers move in {now.name}"))
                     return False
         return True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise, takewhile
 from math import prod
 from typing import TypeVar
 
@@ -15,17 +16,17 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.collision import CollisionScene
 from sqrp_cli.motion.fingers import with_fingers
-from sqrp_cli.motion.ground_primitives import GroundPrimitive, ground_primitives
+from sqrp_cli.motion.ground_primitives import ground_primitives
 from sqrp_cli.motion.joint_moves import FoundMove, JointMoves, fastest_sequence
 from sqrp_cli.motion.position_limits import worst_past_limit
-from sqrp_cli.motion.sections import MotionProblem, Names, Ways, cut_into_sections
+from sqrp_cli.motion.sections import MotionProblem, Names, Section, Ways
 from sqrp_cli.motion.tool_path import SHORTEST_LINE
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.kinematics import positions_of
 from sqrp_cli.robot.robot import AXES_OF_A_POSE
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.skill.skill import SkillChoice
+from sqrp_cli.skill.skill import JointMove, SkillChoice
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MEASURED = 1e-3
@@ -157,10 +158,17 @@ def _planned(
         return grounded
     primitives, final = grounded
     placed = cache(scene.placed)
+    # Sections begin with a joint move; the first has none, and may be empty.
+    cuts: list[int] = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
+    sections = [Section(None, 0, primitives[: cuts[0] if cuts else None], is_fixed=True)]
+    for cut, following in pairwise([*cuts, len(primitives)]):
+        move, tied = primitives[cut], primitives[cut + 1 : following]
+        sections.append(Section(move, cut + 1, tied, is_fixed=move.home))
     problem = MotionProblem(
         model=model,
         primitives=primitives,
         scenes=[placed(primitive.world, primitive.allowed) for primitive in primitives],
+        sections=sections,
         q_start=positions_of(model.arm, world.joints),
         seed=seed,
         redundancy_samples=inverse_kinematics.REDUNDANCY_SAMPLES,
@@ -173,13 +181,12 @@ def _planned(
     return found
 
 
+@dataclass(eq=False)
 class _Planner:
-    """Plans the motions of one skill: sections, the branches of each, and the moves between them."""
+    """Plans the motions of one skill: the ways through its sections, and the moves between them."""
 
-    def __init__(self, problem: MotionProblem, final: World) -> None:
-        """final: the world after the skill, with the joints from before."""
-        self._problem, self._model, self._final = problem, problem.model, final
-        self._sections = cut_into_sections(problem.primitives)
+    problem: MotionProblem
+    final: World  # the world after the skill, with the joints from before
 
     def plan(self, branch: Names, *, around: bool) -> Motion | Infeasible:
         """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
@@ -189,18 +196,18 @@ class _Planner:
         durations = _durations(ways, branch)
         if not all(np.isfinite(duration).any() for duration in durations):
             return no_such_branch(branch)
-        return self._fastest(ways, JointMoves(self._problem, self._sections, ways), durations, around=around)
+        return self._fastest(ways, JointMoves(self.problem, ways), durations, around=around)
 
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
         ways = self._ways()
-        tried = prod(max(1, len(_different(self._problem.names(section)))) for section in self._sections)
+        tried = prod(max(1, len(_different(self.problem.names(section)))) for section in self.problem.sections)
         if ways is None:
             return Branches(tried, (), self._infeasible().reasons)
-        moves = JointMoves(self._problem, self._sections, ways)
+        moves = JointMoves(self.problem, ways)
         branches: list[dict[str, MotionValue]] = [{}]
         for through in ways:
-            possible = _different([branch.name for branch in through.branches])
+            possible = _different(through.names)
             branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
         planned = [(one, self._fastest(ways, moves, _durations(ways, one), around=False)) for one in branches]
         feasible = [(one, motion) for one, motion in planned if isinstance(motion, Motion)]
@@ -209,17 +216,13 @@ class _Planner:
             if isinstance(motion, Infeasible):
                 return Branches(tried, (), motion.reasons)
             feasible = [({}, motion)]
-        return Branches(tried, tuple(feasible), self._problem.reasons(MAX_REASONS))
+        return Branches(tried, tuple(feasible), self.problem.reasons(MAX_REASONS))
 
     def _ways(self) -> list[Ways] | None:
         """The ways through each section; None if one has none."""
-        ways: list[Ways] = []
-        for section in self._sections:
-            branches = self._problem.branches(section)
-            if not branches:
-                return None
-            ways.append(Ways.through(branches))
-        return ways
+        found = (self.problem.ways(section) for section in self.problem.sections)
+        ways = [*takewhile(lambda through: through is not None, found)]
+        return [*filter(None, ways)] if len(ways) == len(self.problem.sections) else None
 
     def _fastest(
         self, ways: Sequence[Ways], moves: JointMoves, durations: Sequence[Array], *, around: bool
@@ -237,20 +240,19 @@ class _Planner:
         done: list[FoundMove] = []
         for through, k, move in zip(ways, chosen, [None, *along], strict=True):
             done += [move] if move is not None else []
-            done += [
-                FoundMove(Trajectory(t.path.shifted(through.turns[k]), t.law)) for t in through.branch(k).trajectories
-            ]
+            tied = through.trajectories[through.of[k]]
+            done += [FoundMove(Trajectory(one.path.shifted(through.turns[k]), one.law)) for one in tied]
         motion = self._motion(done, ways[-1].q_end[chosen[-1]])
         for primitive in motion.primitives if isinstance(motion, Motion) else ():
-            if (past := worst_past_limit(self._model, primitive.trajectory.path)) is not None:
+            if (past := worst_past_limit(self.problem.model, primitive.trajectory.path)) is not None:
                 return Infeasible((f"{primitive.name}: {past}",))
         return motion
 
     def _infeasible(self, tries: int = 0) -> Infeasible:
         """The collected reasons, with the number of tries to find a way around."""
-        reasons, samples = self._problem.reasons(MAX_REASONS), self._problem.redundancy_samples
+        reasons, samples = self.problem.reasons(MAX_REASONS), self.problem.redundancy_samples
         if samples > inverse_kinematics.REDUNDANCY_SAMPLES:
-            joint = self._model.arm[inverse_kinematics.held_joints(self._model)[0]]
+            joint = self.problem.model.arm[inverse_kinematics.held_joints(self.problem.model)[0]]
             reasons = (f"{reasons[0]}, with {samples} positions of `{joint}` tried", *reasons[1:])
         if tries > 0:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
@@ -258,15 +260,22 @@ class _Planner:
 
     def _motion(self, moves: Sequence[FoundMove], q_end: Array) -> Motion | Infeasible:
         """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
-        primitives, start, model = [], 0.0, self._model
+        primitives, start, model = [], 0.0, self.problem.model
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
-        for index, (primitive, move) in enumerate(zip(self._problem.primitives, moves, strict=True)):
+        for index, (primitive, move) in enumerate(zip(self.problem.primitives, moves, strict=True)):
             world, end = primitive.world, start + move.trajectory.duration
             fingers, unmet = positions_of(model.fingers.joints, world.joints), None
             if primitive.force is not None:
-                whole = self._guarded(index, primitive, move.trajectory)
-                if isinstance(whole, Infeasible):
-                    return whole
+                # The whole motion where it meets nothing; that of the move is up to contact.
+                whole, still = move.trajectory, np.zeros_like(model.turns)
+                for curve in primitive.legs[len(primitive.curves) :]:
+                    (path,) = self.problem.follow(index, primitive, curve, whole.path.end[None], still)
+                    if path is None:
+                        return self._infeasible()
+                    (beyond,) = self.problem.timed([(path, primitive, curve)])
+                    whole = move.trajectory.shortened(move.trajectory.duration - beyond.duration).followed_by(beyond)
+                if (contact := self.problem.scenes[index].check_path(whole.path)) is not None:
+                    return Infeasible((f"{contact} if {primitive.name} meets nothing",))
                 unmet = with_fingers(model, whole, None, fingers)
             too_slow = None
             if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
@@ -293,25 +302,11 @@ class _Planner:
                 )
             )
             start = end
-        final = self._final
+        final = self.final
         X_WO, arm = dict(final.X_WO), dict(zip(model.arm, q_end.tolist(), strict=True))
         if final.held is not None and final.X_TO is not None:
             X_WO[final.held] = model.tool_pose(q_end) @ final.X_TO
         return Motion(model.joints, tuple(primitives), replace(final, X_WO=X_WO, joints={**final.joints, **arm}))
-
-    def _guarded(self, index: int, primitive: GroundPrimitive, approach: Trajectory) -> Trajectory | Infeasible:
-        """The whole motion of the arm in a guarded primitive where it meets nothing; approach: up to contact."""
-        whole = approach
-        for curve in primitive.legs[len(primitive.curves) :]:
-            still = np.zeros_like(self._model.turns)
-            (path,) = self._problem.follow(index, primitive, curve, approach.path.end[None], still)
-            if path is None:
-                return self._infeasible()
-            (moving,) = self._problem.timed([(path, primitive, curve)])
-            whole = approach.shortened(approach.duration - moving.duration).followed_by(moving)
-        if (contact := self._problem.scenes[index].check_path(whole.path)) is not None:
-            return Infeasible((f"{contact} if {primitive.name} meets nothing",))
-        return whole
 
 
 def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
@@ -323,7 +318,7 @@ def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
 def _durations(ways: Sequence[Ways], branch: Names) -> list[Array]:
     """How long the ways through each section take [s]; those of other branches take endlessly long."""
     return [
-        np.where(np.array([_agree(branch, one.name) for one in through.branches])[through.of], through.duration, np.inf)
+        np.where(np.array([_agree(branch, name) for name in through.names])[through.of], through.duration, np.inf)
         for through in ways
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property, reduce
-from itertools import pairwise, product
+from itertools import product
 from math import prod
 
 import numpy as np
@@ -29,7 +29,6 @@ from sqrp_cli.robot.branches import branch_words, chosen_branches
 from sqrp_cli.robot.inverse_kinematics import IkResult, known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
 MOST_TURNS = 4096  # combinations of whole turns of the joints that are tried for each branch
@@ -49,58 +48,23 @@ class Section:
     first: int
     """Index of the first tied primitive in the skill."""
     tied: tuple[GroundPrimitive, ...]
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether it begins at given joint positions, not at a tool pose."""
-        return self.move is None or self.move.home
-
-
-def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
-    """The primitives cut before each joint move; the first section has none, and may be empty."""
-    cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
-    sections = [Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
-    for cut, following in pairwise([*cuts, len(primitives)]):
-        sections.append(Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
-    return sections
-
-
-@dataclass(frozen=True, eq=False)
-class Branch:
-    """One way through a section: the end of its joint move, and the trajectories of the tied primitives."""
-
-    q: Array
-    trajectories: tuple[Trajectory, ...]
-    turns: Array
-    """Offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n)."""
-    name: Names  # of the branch at the end of the joint move; empty where nothing is free
+    is_fixed: bool
+    """Whether it begins at given joint positions, not at a tool pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
     """All k ways through a section: its branches, with each of their turns."""
 
-    branches: tuple[Branch, ...]  # some of one or more ways
-    of: Indices  # index of the branch of each way, shape (k,)
-    turns: Array  # of each, shape (k, n)
+    trajectories: tuple[tuple[Trajectory, ...], ...]  # of the tied primitives, by branch
+    names: tuple[Names, ...]  # of each branch at the end of the joint move; empty where nothing is free
+    of: Indices  # index of the branch of each way, of which each has one or more, shape (k,)
+    turns: Array
+    """Offsets by whole turns of joints that keep all of each way within the joints' limits, shape (k, n)."""
     q_start: Array
     q_end: Array
     """Where each begins and ends, shape (k, n)."""
     duration: Array  # of each, shape (k,) [s]
-
-    @staticmethod
-    def through(branches: Sequence[Branch]) -> Ways:
-        """All ways of the branches of a section, of which there is at least one."""
-        of = np.repeat(np.arange(len(branches)), [len(branch.turns) for branch in branches])
-        turns = np.concatenate([branch.turns for branch in branches])
-        q_start = np.stack([branch.q for branch in branches])
-        ends = [branch.trajectories[-1].path.end if branch.trajectories else branch.q for branch in branches]
-        durations = np.array([sum(move.duration for move in branch.trajectories) for branch in branches])
-        return Ways(tuple(branches), of, turns, q_start[of] + turns, np.stack(ends)[of] + turns, durations[of])
-
-    def branch(self, k: int) -> Branch:
-        """The branch of a way."""
-        return self.branches[int(self.of[k])]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -111,6 +75,7 @@ class MotionProblem:
     primitives: Sequence[GroundPrimitive]
     scenes: Sequence[PlacedScene]
     """The surroundings of each."""
+    sections: Sequence[Section]
     q_start: Array  # where the arm begins, shape (n,)
     seed: int
     redundancy_samples: int
@@ -118,10 +83,6 @@ class MotionProblem:
     failures: list[tuple[int, str]] = field(default_factory=list)
     """Why branches fail, each with the index of the failing primitive."""
     out_of_reach: bool = False  # whether a waypoint is, obstacles ignored
-
-    def note(self, index: int, reason: str) -> None:
-        """Record why a branch fails at a primitive."""
-        self.failures.append((index, reason))
 
     def reasons(self, most: int) -> tuple[str, ...]:
         """At most `most` different reasons, those of the branches that got furthest first."""
@@ -131,11 +92,6 @@ class MotionProblem:
     def solutions(self, X_WT: Array) -> IkResult:
         """The joint positions that bring the tool frame to a pose, shape (4, 4)."""
         return known_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
-
-    @cached_property
-    def limits(self) -> MotionLimits:
-        """Those of the arm's joints."""
-        return MotionLimits.of(self.model)
 
     @cached_property
     def bounds(self) -> JointSpan:
@@ -156,8 +112,34 @@ class MotionProblem:
             for number, names in enumerate(named)
         ]
 
-    def branches(self, section: Section) -> list[Branch]:
-        """The feasible branches of a section, free of contacts at the end of its joint move."""
+    def ways(self, section: Section) -> Ways | None:
+        """The feasible ways through a section, free of contacts at the end of its joint move; None if there is none."""
+        begun, names, branches = self._branches(section), self.names(section), list[tuple[_Begun, Array, Names]]()
+        for branch, turns in zip(begun, self._turns(section, begun) if begun else (), strict=True):
+            name = names[0]
+            if len(names) > 1 and section.move is not None:
+                name = names[int((self.solutions(section.move.X_end).solutions == branch[0]).all(axis=1).argmax())]
+            if len(turns):
+                branches.append((branch, turns, name))
+        if not branches:
+            return None
+        of = np.repeat(np.arange(len(branches)), [len(turns) for _, turns, _ in branches])
+        turns = np.concatenate([turns for _, turns, _ in branches])
+        starts = np.stack([q for (q, _), *_ in branches])
+        ends = np.stack([trajectories[-1].path.end if trajectories else q for (q, trajectories), *_ in branches])
+        durations = np.array([sum(move.duration for move in trajectories) for (_, trajectories), *_ in branches])
+        return Ways(
+            trajectories=tuple(trajectories for (_, trajectories), *_ in branches),
+            names=tuple(name for *_, name in branches),
+            of=of,
+            turns=turns,
+            q_start=starts[of] + turns,
+            q_end=ends[of] + turns,
+            duration=durations[of],
+        )
+
+    def _branches(self, section: Section) -> list[_Begun]:
+        """The feasible branches of a section, whole turns and limits ignored."""
         move, index = section.move, section.first - 1
         if move is None or move.home:
             ends = (self.q_start if move is None else self.model.home)[None]
@@ -168,11 +150,11 @@ class MotionProblem:
             if not len(ends):
                 wanted = ", ".join(f"{name} {word}" for name, word in move.branches.items())
                 reason = found.reason or f"cannot be reached with {wanted}"
-                self.note(index, f"{move.name} to `{move.to}`: {reason}")
+                self.failures.append((index, f"{move.name} to `{move.to}`: {reason}"))
         if move is not None and len(ends):
             contacts = self.scenes[index].check_all(ends)
             for contact in filter(None, contacts):
-                self.note(index, f"{contact} at the end of {move.name}")
+                self.failures.append((index, f"{contact} at the end of {move.name}"))
             ends = ends[[contact is None for contact in contacts]]
         # The start and the present end of each branch, and the paths along the curves of its tool moves.
         going = [(q, q, list[JointPath]()) for q in ends]
@@ -204,15 +186,8 @@ class MotionProblem:
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
                 reached = self.solutions(curve.X_end)
                 if not len(reached.solutions):
-                    self.note(len(self.scenes), f"{primitive.name} to `{primitive.to}`: {reached.reason}")
-        branches, names = list[Branch](), self.names(section)
-        for (q0, trajectories), turns in zip(begun, self._turns(section, begun) if begun else (), strict=True):
-            name = names[0]
-            if len(names) > 1 and move is not None:
-                name = names[int((self.solutions(move.X_end).solutions == q0).all(axis=1).argmax())]
-            if len(turns):
-                branches.append(Branch(q0, trajectories, turns, name))
-        return branches
+                    self.failures.append((len(self.scenes), f"{primitive.name} to `{primitive.to}`: {reached.reason}"))
+        return begun
 
     def follow(
         self, index: int, primitive: GroundPrimitive, curve: ToolCurve, q: Array, may_turn: Mask
@@ -224,7 +199,7 @@ class MotionProblem:
         followed = follow_within_limits(self.model, q, curve, may_turn)
         for path in followed:
             for reason in path.reasons if isinstance(path, Infeasible) else ():
-                self.note(index, f"{primitive.name}: {reason}")
+                self.failures.append((index, f"{primitive.name}: {reason}"))
         return [path if isinstance(path, JointPath) else None for path in followed]
 
     def timed(self, moves: Sequence[tuple[JointPath, GroundPrimitive, ToolCurve]]) -> list[Trajectory]:
@@ -234,7 +209,7 @@ class MotionProblem:
         """
         # What the primitive's settings allow along the curve's parameter. A turn reaches its speed in 0.2 s, as the
         # limits of its acceleration and jerk say.
-        along: list[Array | None] = []
+        of_joints, along = MotionLimits.of(self.model), list[Array | None]()
         for path, primitive, curve in moves:
             limits = [np.full(3, np.inf)]
             if curve.length > SHORTEST_LINE:
@@ -242,12 +217,12 @@ class MotionProblem:
             if primitive.turn_speed is not None and curve.turning > 0.0:
                 limits.append(primitive.turn_speed / curve.turning * np.array([1.0, 10.0, 100.0]))
             if len(limits) == 1 and curve.turning:
-                most = self.limits.along(path.derivative_bounds().max(axis=0))
+                most = of_joints.along(path.derivative_bounds().max(axis=0))
                 limits.append(np.array([most.velocity, most.acceleration, most.jerk]))
             along.append(np.min(limits, axis=0) if len(limits) > 1 else None)
         paths = [path for (path, *_), limit in zip(moves, along, strict=True) if limit is not None]
         stated = np.array([limit for limit in along if limit is not None]).reshape(-1, 3)
-        timed = iter(time_paths(paths, self.limits, MotionLimits(*stated.T)))
+        timed = iter(time_paths(paths, of_joints, MotionLimits(*stated.T)))
         return [
             Trajectory.standstill(path.end, 0.0) if limit is None else next(timed)
             for (path, *_), limit in zip(moves, along, strict=True)
@@ -290,6 +265,6 @@ class MotionProblem:
                 one = len(primitive.curves) == 1
                 curve = primitive.curves[0] if one else tool_line(primitive.X_start, primitive.X_end)
                 if (reason := limit_reason(self.model, move.path, curve)) is not None:
-                    self.note(section.first + k, f"{primitive.name}: {reason}")
+                    self.failures.append((section.first + k, f"{primitive.name}: {reason}"))
                     break
         return turns

@@ -181,7 +181,7 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
     guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, n)
     reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)), moving)
     q = np.concatenate([q0[:, None], reached.reshape(len(q0), degree, -1)], axis=1)
-    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], s[1:])
+    near = (np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP) & (np.diff(s) * line.winding <= LARGEST_TURN)
     far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
     stuck = np.full(len(q0), np.inf)
     for k in range(degree if len(far) else 0):
@@ -214,7 +214,9 @@ def follow(model: RobotModel, q0: Array, line: ToolCurve, moving: Mask | None = 
         rows, q, guesses = rows[misfits], q[misfits], guesses[misfits]
         reached, met = _meet(model, guesses.reshape(-1, n), np.tile(targets, (len(rows), 1, 1)), moving)
         reached = reached.reshape(guesses.shape)
-        near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & _is_short(line, s[:-1], between)
+        near = (np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP) & (
+            (between - s[:-1]) * line.winding <= LARGEST_TURN
+        )
         on = np.nonzero(~(near & met.reshape(near.shape)))
         stuck_at = np.full((len(rows), degree), np.inf)
         reached[on], stuck_at[on] = _advance(model, line, q[on], s[on[1]], between[on[1]], moving)
@@ -253,7 +255,7 @@ def _advance(
     if not len(q):
         return q, stuck
     reached, met = _meet(model, q, line.poses(to), moving)
-    met &= _is_short(line, s, to)
+    met &= (to - s) * line.winding <= LARGEST_TURN
     shortest = to - s < SMALLEST_STEP
     stuck[~met & shortest] = s[~met & shortest]
     halved = np.flatnonzero(~met & ~shortest)
@@ -262,11 +264,6 @@ def _advance(
     on = halved[np.isinf(stuck[halved])]
     reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on], moving)
     return reached, stuck
-
-
-def _is_short(line: ToolCurve, s: Array, to: Array) -> Mask:
-    """Whether the curve hardly winds between positions s and `to`, shape (m,) each."""
-    return (to - s) * line.winding <= LARGEST_TURN
 
 
 def _meet(model: RobotModel, guesses: Array, X_WT: Array, moving: Mask | None) -> tuple[Array, Mask]:

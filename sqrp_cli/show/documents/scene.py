@@ -273,7 +273,7 @@ def _robot(cell: Cell) -> RobotScene:
         named = "the SRDF" if own.srdf is None else own.srdf.name
         contact += f"; {named} leaves out {len(own.disabled_pairs)} pairs of links."
     else:
-        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.unchecked_pairs)) or "none"
         contact += (
             f". There is no SRDF: left out are neighbours, and links that touch at home or always: {names}. "
             f"{len(contacts.never)} pairs of links touched at none of {SAMPLES} positions tried, and are checked all "
