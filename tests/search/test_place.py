@@ -39,15 +39,14 @@ def cell():
     return open_cell(TABLETOP)
 
 
-def placer(cell, folder: Path, text: str, demand: Requirements, *, fastest: bool = True) -> CameraPlacer:
+def placer(cell, folder: Path, text: str, demand: Requirements, *, fastest=True, tasks=("pickup g3",)) -> CameraPlacer:
     file = folder / "place.yaml"
     file.write_text(text)
-    mounts = read_mounts(file, cell.workspace, tuple(cell.cell.model.links))
     question = PlaceQuestion(
         cell=cell.cell,
         world=cell.cell.initial_world,
-        tasks=(read_task("pickup g3", cell.workspace),),
-        mounts=mounts,
+        tasks=tuple(read_task(task, cell.workspace) for task in tasks),
+        mounts=read_mounts(file, cell.workspace, tuple(cell.cell.model.links)),
         requirements=demand,
         sampling=Adaptive(),
         fastest=fastest,
@@ -56,31 +55,30 @@ def placer(cell, folder: Path, text: str, demand: Requirements, *, fastest: bool
 
 
 class BruteForce:
-    """All choices of so many cameras, with the quality that the definition gives at instants 4 ms apart."""
+    """All choices of cameras for one of the ways, with the quality that the definition gives at instants 4 ms apart."""
 
-    def __init__(self, placed: CameraPlacer):
-        (self.way,) = placed.table.ways
+    def __init__(self, placed: CameraPlacer, number: int = 0):
+        self.way = placed.table.ways[number]
         scene = self.way.scene
         cameras = [placed.table.camera_at(option) for option in range(len(placed.table.options))]
         observer = Observer(tuple(cameras), placed.question.cell.observer.solids)
         self.samples = first_samples(FixedStep(0.004), scene.stage, observer, scene.targets)
         matrix = observer.verdicts(scene.targets, scene.stage.states(self.samples), shares=False)
         self.sees = np.stack([sees_all(boxes) for boxes in matrix])  # targets, samples, cameras
-        self.needed = [target.cameras for target in scene.targets]
+        self.required = scene.stage.requires(scene.targets, self.samples)
 
-    def qualities(self, chosen, spare: int = 0) -> tuple[float, float]:
-        scene, samples = self.way.scene, self.samples
-        required = scene.stage.requires(scene.targets, samples)
-        enough = [self.sees[n][:, list(chosen)].sum(axis=1) >= k + spare for n, k in enumerate(self.needed)]
-        covered = required.any(axis=1) & np.all([e | ~required[:, n] for n, e in enumerate(enough)], axis=0)
-        both = covered[1:] & covered[:-1] & (np.diff(samples.piece) == 0)
-        steps = np.diff(samples.t) * both
+    def qualities(self, chosen, spare: int = 0) -> tuple[float, ...]:
+        """Q_eoi, if it is defined, and Q_avg."""
+        scene, samples, covered = self.way.scene, self.samples, self.required.any(axis=1)
+        for target, sees, required in zip(scene.targets, self.sees, self.required.T, strict=True):
+            covered = covered & ((sees[:, list(chosen)].sum(axis=1) >= target.cameras + spare) | ~required)
+        steps = np.diff(samples.t) * (covered[1:] & covered[:-1] & (np.diff(samples.piece) == 0))
         interesting = np.array([scene.stage.pieces[p].of_interest for p in samples.piece[:-1]])
-        return float(steps[interesting].sum() / scene.T_eoi), float(steps.sum() / scene.T)
+        parts = ((steps[interesting], scene.T_eoi), (steps, scene.T))
+        return tuple(float(part.sum() / total) for part, total in parts if total > 0)
 
-    def least(self, count: int, spare: int = 0) -> float:
-        cameras = range(self.sees.shape[2])
-        return max(min(self.qualities(chosen, spare)) for chosen in combinations(cameras, count))
+    def least(self, count: int) -> float:
+        return max(min(self.qualities(chosen)) for chosen in combinations(range(self.sees.shape[2]), count))
 
 
 @pytest.fixture(scope="module")

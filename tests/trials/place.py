@@ -14,18 +14,12 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli import open_cell
-from sqrp_cli.ask.values import silent
-from sqrp_cli.cell.mounts import read_mounts
-from sqrp_cli.geometry import Mask
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Problem, Requirements
 from sqrp_cli.search.placing_result import PlaceDocument
-from sqrp_cli.search.visibility_table import PlaceQuestion
-from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
-from sqrp_cli.task.task import read_task
 from tests.cells import ROOT
 from tests.random_cell import Crowd, random_cell
+from tests.search.test_place import BruteForce, placer
 
 SHIPPED = ("tabletop", "screws", "tower")
 ANGLES = (30, 22, 26, 34)
@@ -49,10 +43,9 @@ def place(number: int, folder: Path) -> dict[str, Any]:
     else:
         seed = number - len(SHIPPED)
         random_cell(cell, Crowd(seed, objects=3 + seed % 3, cameras=1))
-    (folder / "place.yaml").write_text(MOUNTS.format(angle=angle))
-    alone, placer = _placed(cell, folder / "place.yaml", fastest=True)
-    together, _ = _placed(cell, folder / "place.yaml", fastest=False)
-    pairs = _best_pair(placer)
+    alone, asked = _placed(cell, folder, angle, fastest=True)
+    together, _ = _placed(cell, folder, angle, fastest=False)
+    pairs = _best_pair(asked)
     laws = {
         "worse than cameras alone": together.objective >= alone.objective - SAME,
         "not the best pair": abs(alone.objective - pairs) <= SAME,
@@ -71,45 +64,22 @@ def place_asked(found: Sequence[dict[str, Any]]) -> Iterator[tuple[str, bool]]:
     yield f"{kept} of {len(found)} cells keep all laws", kept == len(found)
 
 
-def _placed(folder: Path, mounts: Path, *, fastest: bool) -> tuple[PlaceDocument, CameraPlacer]:
+def _placed(folder: Path, own: Path, angle: float, *, fastest: bool) -> tuple[PlaceDocument, CameraPlacer]:
     """The best cameras, with what chose them; by the mean, as the least is often 0 or 100 % whatever is chosen."""
-    cell = open_cell(folder)
-    question = PlaceQuestion(
-        cell=cell.cell,
-        world=cell.cell.initial_world,
-        tasks=tuple(read_task(task.task, cell.workspace) for task in cell.workspace.tasks),
-        mounts=read_mounts(mounts, cell.workspace, tuple(cell.cell.model.links)),
-        requirements=Requirements(most=2, objective="mean"),
-        sampling=Adaptive(),
-        fastest=fastest,
-    )
-    placer = CameraPlacer(question, silent)
-    return placer.place(), placer
+    cell, wanted = open_cell(folder), Requirements(most=2, objective="mean")
+    tasks = [task.task for task in cell.workspace.tasks]
+    asked = placer(cell, own, MOUNTS.format(angle=angle), wanted, fastest=fastest, tasks=tasks)
+    return asked.place(), asked
 
 
-def _best_pair(placer: CameraPlacer) -> float:
+def _best_pair(asked: CameraPlacer) -> float:
     """The greatest mean quality of at most two cameras that may stand together, with one way of each candidate."""
-    table, problem = placer.table, placer.table.problem(0)
-    cameras = tuple(table.camera_at(option) for option in range(len(table.options)))
-    observer = Observer(cameras, placer.question.cell.observer.solids)
-    pairs = np.array(list(_allowed(problem)))
-    mean = np.zeros(len(pairs))
-    for weight, way in zip(problem.weights / problem.weights.sum(), table.ways, strict=True):
-        scene = way.scene
-        samples = first_samples(FixedStep(0.004), scene.stage, observer, scene.targets)
-        required = scene.stage.requires(scene.targets, samples)
-        matrix = observer.verdicts(scene.targets, scene.stage.states(samples), shares=False)
-        sees = [sees_all(boxes).astype(np.int8) for boxes in matrix]
-        for number, pair in enumerate(pairs):
-            covered: Mask = required.any(axis=1)
-            for column, target in enumerate(scene.targets):
-                count = sees[column][:, np.unique(pair)].sum(axis=1)
-                covered = covered & ((count >= target.cameras) | ~required[:, column])
-            steps = np.where(covered[1:] & covered[:-1], samples.steps, 0.0)
-            inside = steps[scene.stage.of_interest(samples)[:-1]]
-            parts = [(inside, scene.T_eoi), (steps, scene.T)]
-            mean[number] += weight * np.mean([part.sum() / total for part, total in parts if total > 0])
-    return float(mean.max(initial=0.0))
+    problem = asked.table.problem(0)
+    brutes = [BruteForce(asked, number) for number in range(len(asked.table.ways))]
+    weights = problem.weights / problem.weights.sum()
+    pairs = ({*pair} for pair in _allowed(problem))
+    means = ([np.mean(brute.qualities(pair)) for brute in brutes] for pair in pairs)
+    return max((float(weights @ one) for one in means), default=0.0)
 
 
 def _allowed(problem: Problem) -> Iterator[tuple[int, int]]:
