@@ -11,8 +11,8 @@ from rosbags import rosbag2
 
 from sqrp_cli.ros.bag import Bag, written
 from sqrp_cli.starter.make import make_starter
+from tests.cell.mesh.mesh_bombs import binary_stl
 from tests.damage.child import call
-from tests.damage.mesh_bombs import binary_stl
 
 CASES = Path(__file__).parents[1] / "cases"
 TASK = "pickup red"

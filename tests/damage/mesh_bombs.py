@@ -5,26 +5,18 @@ from __future__ import annotations
 import struct
 from random import Random
 
+from tests.cell.mesh.mesh_bombs import binary_stl
 from tests.damage.bombs import TEXT, Bomb, edited, listed, whole
 
-CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-TRIANGLES = [
-    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-]  # fmt: skip
-"""A cube with sides of 1."""
 
-
-def binary_stl(stated: int | None = None, corner: tuple[float, float, float] | None = None) -> bytes:
-    """The cube as a binary STL; stated: triangles by its header. corner: in place of the first."""
-    corners = [corner or CORNERS[0], *CORNERS[1:]]
-    facets = (struct.pack("<12fH", 0, 0, 0, *(x for k in face for x in corners[k]), 0) for face in TRIANGLES)
-    return bytes(80) + struct.pack("<I", len(TRIANGLES) if stated is None else stated) + b"".join(facets)
+def _with_corner(x: float) -> bytes:
+    """The cube as a binary STL whose first corner is elsewhere."""
+    return binary_stl()[:96] + struct.pack("<f", x) + binary_stl()[100:]
 
 
 BINARY_STL = (
     *(whole(f"header-of-{count}", lambda count=count: binary_stl(count)) for count in (0, 11, 13, 2**31, 2**32 - 1)),
-    *(whole(f"corner-at-{x:g}", lambda x=x: binary_stl(corner=(x, 0.0, 0.0)))
+    *(whole(f"corner-at-{x:g}", lambda x=x: _with_corner(x))
       for x in (float("nan"), float("inf"), 1e38, -1e20, 1e9, 1e-38)),
     whole("flat", lambda: bytes(80) + struct.pack("<I", 10_000) + bytes(500_000)),
     whole("only-a-header", bytes(80)),

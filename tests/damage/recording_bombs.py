@@ -239,59 +239,38 @@ MCAP = (
 )  # fmt: skip
 
 
-def _ros1_field(name: bytes, value: bytes) -> bytes:
-    return _text(name + b"=" + value)
+def _fields(**values: bytes | int | str) -> bytes:
+    """The header of a record of ROS 1; whole numbers have four bytes."""
+    plain = {name: struct.pack("<I", one) if isinstance(one, int) else one for name, one in values.items()}
+    texts = {name: one.encode() if isinstance(one, str) else one for name, one in plain.items()}
+    return b"".join(_text(name.encode() + b"=" + one) for name, one in texts.items())
 
 
-def _ros1_record(header: bytes, data: bytes) -> bytes:
-    return _text(header) + _text(data)
-
-
-def _ros1(chunk: bytes, packed_as: bytes, size: int) -> bytes:
+def _ros1(chunk: bytes, packed_as: str, size: int) -> bytes:
     """A bag with one chunk, and an index that says that it has a message of a connection."""
-    begin = b"#ROSBAG V2.0\n"
-    time = struct.pack("<II", 1, 0)
-    chunk_record = _ros1_record(
-        _ros1_field(b"op", b"\5")
-        + _ros1_field(b"compression", packed_as)
-        + _ros1_field(b"size", struct.pack("<I", size)),
-        chunk,
-    )
-    index = _ros1_record(
-        _ros1_field(b"op", b"\4") + _ros1_field(b"ver", struct.pack("<I", 1)) + _ros1_field(b"conn", bytes(4))
-        + _ros1_field(b"count", struct.pack("<I", 1)),
-        time + struct.pack("<I", 0),
-    )  # fmt: skip
-    of_connection = (_ros1_field(b"topic", STATES.encode()) + _ros1_field(b"type", b"sensor_msgs/JointState")
-                     + _ros1_field(b"md5sum", b"0" * 32) + _ros1_field(b"message_definition", b""))  # fmt: skip
-    connection = _ros1_record(
-        _ros1_field(b"op", b"\7") + _ros1_field(b"conn", bytes(4)) + _ros1_field(b"topic", STATES.encode()),
-        of_connection,
-    )
+    begin, time = b"#ROSBAG V2.0\n", struct.pack("<II", 1, 0)
+    about = _fields(topic=STATES, type="sensor_msgs/JointState", md5sum="0" * 32, message_definition="")
     at = len(begin) + 4096 + 8
-    info = _ros1_record(
-        _ros1_field(b"op", b"\6") + _ros1_field(b"ver", struct.pack("<I", 1))
-        + _ros1_field(b"chunk_pos", struct.pack("<Q", at)) + _ros1_field(b"start_time", time)
-        + _ros1_field(b"end_time", time) + _ros1_field(b"count", struct.pack("<I", 1)),
-        struct.pack("<II", 0, 1),
-    )  # fmt: skip
-    index_at = struct.pack("<Q", at + len(chunk_record) + len(index))
-    header = (_ros1_field(b"op", b"\3") + _ros1_field(b"index_pos", index_at)
-              + _ros1_field(b"conn_count", struct.pack("<I", 1))
-              + _ros1_field(b"chunk_count", struct.pack("<I", 1)))  # fmt: skip
-    return begin + _ros1_record(header, b" " * (4096 - len(header))) + chunk_record + index + connection + info
+    chunks = _text(_fields(op=b"\5", compression=packed_as, size=size)) + _text(chunk)
+    index = _text(_fields(op=b"\4", ver=1, conn=0, count=1)) + _text(time + bytes(4))
+    connection = _text(_fields(op=b"\7", conn=0, topic=STATES)) + _text(about)
+    header = _fields(op=b"\6", ver=1, chunk_pos=struct.pack("<Q", at), start_time=time, end_time=time, count=1)
+    info = _text(header) + _text(struct.pack("<II", 0, 1))
+    index_at = struct.pack("<Q", at + len(chunks) + len(index))
+    header = _fields(op=b"\3", index_pos=index_at, conn_count=1, chunk_count=1)
+    return begin + _text(header) + _text(b" " * (4096 - len(header))) + chunks + index + connection + info
 
 
 ROS1 = (
     *FILES,
     *MESSAGES,
     _sparse(b"#ROSBAG V2.0\n", 8 << 30),
-    whole("bz2-of-a-gigabyte", lambda: _ros1(bz2.compress(bytes(1 << 29)), b"bz2", 1 << 29)),
-    whole("bz2-broken", lambda: _ros1(b"\xff" * 100, b"bz2", 100)),
-    whole("packed-as-x", lambda: _ros1(b"\xff" * 100, b"x", 100)),
-    whole("chunk-of-zeros", lambda: _ros1(bytes(100), b"none", 100)),
+    whole("bz2-of-a-gigabyte", lambda: _ros1(bz2.compress(bytes(1 << 29)), "bz2", 1 << 29)),
+    whole("bz2-broken", lambda: _ros1(b"\xff" * 100, "bz2", 100)),
+    whole("packed-as-x", lambda: _ros1(b"\xff" * 100, "x", 100)),
+    whole("chunk-of-zeros", lambda: _ros1(bytes(100), "none", 100)),
     whole("old", b"#ROSBAG V1.2\n" + bytes(10_000)),
-    whole("not-indexed", lambda: _ros1(bytes(100), b"none", 100).replace(b"index_pos=", b"index_pox=")),
+    whole("not-indexed", lambda: _ros1(bytes(100), "none", 100).replace(b"index_pos=", b"index_pox=")),
 )
 
 

@@ -15,7 +15,7 @@ from sqrp_cli.cli.main import run
 from sqrp_cli.errors import Problem
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.collision import PlacedScene
-from tests.cells import read_cases, shipped_cell, write_cell
+from tests.cells import copied, edit, read_cases, shipped_cell, write_cell
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
@@ -24,17 +24,6 @@ CODES = {"camera-inside-robot", "camera-inside-object", "unreachable-speed"}
 
 def found(folder: Path) -> list[Problem]:
     return [problem for problem in cell_warnings(Cell.load(load_workspace(folder))) if problem.code in CODES]
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(CELL, tmp_path / "cell"))
-
-
-def replace(path: Path, old: str, new: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 TOP = "position: [0.5, 0, 1.5], look_at: [0.5, 0, 0]"
@@ -56,10 +45,10 @@ def test_no_shipped_camera_is_inside_a_link() -> None:
     ],
 )
 def test_a_camera_inside_a_link_is_reported_with_the_link(
-    old: str, new: str, camera: str, solid: str | None, cell: Path
+    old: str, new: str, camera: str, solid: str | None, tmp_path: Path
 ) -> None:
-    replace(cell / "workspace.yaml", old, new)
-    problems = found(cell)
+    edit(shutil.copytree(CELL, tmp_path / "cell"), old, new)
+    problems = found(tmp_path / "cell")
     assert [problem.code for problem in problems] == ["camera-inside-robot"] * (solid is not None)
     for problem in problems:
         assert f"camera `{camera}` is inside {solid} at the start" in problem.message
@@ -69,12 +58,9 @@ def test_a_camera_inside_a_link_is_reported_with_the_link(
 
 
 def test_a_speed_that_the_joints_allow_nowhere_is_reported_where_it_stands(tmp_path: Path) -> None:
-    shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills")
-    shutil.copytree(TABLETOP.parent, tmp_path / "workspaces")
-    replace(
-        tmp_path / "skills/pickup/skill.yaml", "straight_move: grasp, speed: 4 cm/s", "straight_move: grasp, speed: 3"
-    )
-    (problem,) = found(tmp_path / "workspaces" / "tabletop")
+    cell, skill = copied(tmp_path), tmp_path / "skills/pickup/skill.yaml"
+    edit(skill, "straight_move: grasp, speed: 4 cm/s", "straight_move: grasp, speed: 3")
+    (problem,) = found(cell)
     assert problem.code == "unreachable-speed"
     assert "`a2` asks for a speed of 3 m/s" in problem.message
     assert problem.place is not None
@@ -93,12 +79,11 @@ def test_no_posture_moves_the_tool_faster_than_the_bound() -> None:
 
 def tabletop_with(tmp_path: Path, camera: str) -> Path:
     """The tabletop with one more camera."""
-    shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills", dirs_exist_ok=True)
-    shutil.copytree(TABLETOP.parent, tmp_path / "workspaces", dirs_exist_ok=True)
     entry = "cameras:                         # pose: where the lens is, and the point that it looks at\n"
     more = "image: {width: 640, height: 480, horizontal_fov: 60 deg}, far: 3 m, rate: 10 Hz, latency: 50 ms"
-    replace(tmp_path / "workspaces/tabletop/workspace.yaml", entry, f"{entry}  more: {{{camera}, {more}}}\n")
-    return tmp_path / "workspaces" / "tabletop"
+    folder = copied(tmp_path)
+    edit(folder, entry, f"{entry}  more: {{{camera}, {more}}}\n")
+    return folder
 
 
 @pytest.mark.parametrize(("camera", "code", "says", "mend"), read_cases("doubtful_cameras.yaml"))
@@ -118,9 +103,7 @@ def test_cameras_on_links_see_something_too(
 def test_a_camera_measured_from_another_link_is_told_from_which_it_would_see(tmp_path: Path) -> None:
     """A result relative to the world, which was published from a base that stands a metre away and is turned round."""
     folder = tabletop_with(tmp_path, "frame: base_link, pose: {position: [0.5, 0, 1.2], rpy: [150 deg, 0, 90 deg]}")
-    replace(
-        folder / "workspace.yaml", "base: {position: [0, 0, 0]}", "base: {position: [-2, 3, 0], rpy: [0, 0, 180 deg]}"
-    )
+    edit(folder, "base: {position: [0, 0, 0]}", "base: {position: [-2, 3, 0], rpy: [0, 0, 180 deg]}")
     (problem,) = [one for one in cell_warnings(Cell.load(load_workspace(folder))) if "`more`" in one.message]
     assert problem.code == "camera-sees-nothing"
     assert problem.mend is not None
@@ -128,19 +111,18 @@ def test_a_camera_measured_from_another_link_is_told_from_which_it_would_see(tmp
 
 
 @pytest.mark.parametrize(("position", "hit"), [("[0.48, 0.28, 0.15]", True), ("[0.48, 0.9, 0.15]", False)])
-def test_a_camera_in_the_way_of_the_arm_is_a_finding(position: str, hit: bool, tmp_path: Path) -> None:
-    cell = open_cell(tabletop_with(tmp_path, f"pose: {{position: {position}, look_at: [0, 0, 0]}}"))
+def test_a_camera_in_the_way_of_the_arm_is_a_finding_and_rank_says_it_of_the_best(
+    position: str, hit: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tabletop_with(tmp_path, f"pose: {{position: {position}, look_at: [0, 0, 0]}}")
+    assert run(["rank", str(folder), "pickup g2 approach_yaw=0deg", "--ways", "fastest"]) == 0
+    assert ("camera `more` stands where `" in capsys.readouterr().err.replace("\n", " ")) == hit
+    cell = open_cell(folder)
     checked = cell.check("pickup g2 approach_yaw=0deg")
     assert ["camera-in-the-way"] * hit == [one.code for one in checked.problems if one.code == "camera-in-the-way"]
-    best = cell.rank("pickup g2 approach_yaw=0deg").best
+    best = cell.rank("pickup g2 approach_yaw=0deg", ways="fastest").best
     found = [one.message for one in swept_cameras(cell.cell, cell.cell.initial_world, [best.way])]
     assert [message.startswith("camera `more` stands where `") for message in found] == [True] * hit
-
-
-def test_rank_says_which_camera_is_in_the_way_of_the_best(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tabletop_with(tmp_path, "pose: {position: [0.48, 0.28, 0.15], look_at: [0, 0, 0]}")
-    assert run(["rank", str(folder), "pickup g2 approach_yaw=0deg", "--ways", "fastest"]) == 0
-    assert "camera `more` stands where `" in capsys.readouterr().err.replace("\n", " ")
 
 
 @pytest.mark.parametrize(
