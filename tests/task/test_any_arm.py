@@ -113,13 +113,18 @@ def motion(cell: Cell) -> Motion:
 
 
 def independent_arm(cell: Cell, arm: Arm) -> PinocchioArm:
-    robot, position, rpy = cell.workspace.robot, *arm.tool
-    X_LR = pose(rpy_to_matrix(np.radians(rpy)), position)
-    X_RT, tool = (
-        pose(position=(0, 0, TOOL_LENGTH)),
-        [(X_LR @ pose(position=(0, 0, TOOL_LENGTH / 2)), coal.Box(*TOOL_BOX))],
-    )
-    return PinocchioArm(robot, cell.model, arm.link, X_LR @ X_RT, tool, cell.workspace.objects, cell.unchecked_pairs)
+    position, rpy = arm.tool
+    X_LR, X_RT = pose(rpy_to_matrix(np.radians(rpy)), position), pose(position=(0, 0, TOOL_LENGTH))
+    tool = [(X_LR @ pose(position=(0, 0, TOOL_LENGTH / 2)), coal.Box(*TOOL_BOX))]
+    about = cell.workspace.objects, cell.unchecked_pairs
+    return PinocchioArm(cell.workspace.robot, cell.model, arm.link, X_LR @ X_RT, tool, *about)
+
+
+def contacts(independent: PinocchioArm, motion: Motion) -> dict[str, set[tuple[str, str]]]:
+    """What touches what in each primitive, by Pinocchio's geometry."""
+    steps = [even_steps(one.trajectory, 0.01) for one in motion.primitives]
+    found = (independent.contacts(motion, index, own, 0.9 * CLEARANCE) for index, own in enumerate(steps))
+    return dict(zip((one.name for one in motion.primitives), found, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -145,11 +150,8 @@ def test_the_tool_goes_where_the_skill_says_by_pinocchios_kinematics(
 
 def test_nothing_touches_by_pinocchios_geometry(independent: PinocchioArm, motion: Motion) -> None:
     meant = {"a2": {("cube", "tool")}, "a3": {("cube", "tool")}, "a4": {("cube", "table")}}
-    for index, primitive in enumerate(motion.primitives):
-        found = independent.contacts(
-            motion, index, even_steps(motion.primitives[index].trajectory, 0.01), 0.9 * CLEARANCE
-        )
-        assert found <= meant.get(primitive.name, set()), primitive.name
+    for name, found in contacts(independent, motion).items():
+        assert found <= meant.get(name, set()), name
 
 
 def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, motion: Motion) -> None:
@@ -172,12 +174,8 @@ def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
     motion = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(motion, Motion)
-    independent = independent_arm(cell, ARMS["panda"])
-    for index in range(len(motion.primitives)):
-        found = independent.contacts(
-            motion, index, even_steps(motion.primitives[index].trajectory, 0.01), 0.9 * CLEARANCE
-        )
-        assert not any("box" in names for names in found)
+    touched = set().union(*contacts(independent_arm(cell, ARMS["panda"]), motion).values())
+    assert not any("box" in names for names in touched)
     monkeypatch.setattr(inverse_kinematics, "MORE_REDUNDANCY_SAMPLES", inverse_kinematics.REDUNDANCY_SAMPLES)
     few = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(few, Infeasible)

@@ -8,11 +8,9 @@ import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.errors import InputError
 from sqrp_cli.task.task import impossible_tasks, read_task
-from tests.cells import read_cases
+from tests.cells import ROOT, edit, read_cases, refused
 
-ROOT = Path(__file__).parents[2]
 BAD_TASKS = read_cases("bad_tasks.yaml")
 
 
@@ -21,15 +19,9 @@ def workspace() -> Workspace:
     return load_workspace(ROOT / "workspaces/tabletop")
 
 
-def objects(task: str, workspace: Workspace) -> list[str]:
-    return [candidate.binding["object"] for candidate in read_task(task, workspace).candidates]
-
-
 @pytest.mark.parametrize("case", BAD_TASKS, ids=[case["task"] or "empty" for case in BAD_TASKS])
 def test_a_bad_task_is_refused_with_what_would_be_right(case: dict, workspace: Workspace) -> None:
-    with pytest.raises(InputError) as caught:
-        read_task(case["task"], workspace)
-    (problem,) = caught.value.problems
+    problem = refused(read_task, case["task"], workspace)
     assert problem.code == case["code"]
     for fragment in case["fragments"]:
         assert fragment in problem.message
@@ -46,15 +38,13 @@ def test_a_bad_task_is_refused_with_what_would_be_right(case: dict, workspace: W
         ("pickup G2", ["g2"]),
         ("pickup object=g3", ["g3"]),
         ("pickup object=g3,r1,g1", ["g3", "r1", "g1"]),
+        ("pickup", None),  # every object of the right type
     ],
 )
-def test_words_and_settings_filter_objects(task: str, expected: list[str], workspace: Workspace) -> None:
-    assert objects(task, workspace) == expected
-
-
-def test_without_a_filter_every_object_of_the_right_type_is_a_candidate(workspace: Workspace) -> None:
+def test_words_and_settings_filter_objects(task: str, expected: list[str] | None, workspace: Workspace) -> None:
     movable = [name for name, thing in workspace.objects.items() if not thing.fixed]
-    assert objects("pickup", workspace) == movable
+    found = [candidate.binding["object"] for candidate in read_task(task, workspace).candidates]
+    assert found == (movable if expected is None else expected)
 
 
 def test_a_part_on_itself_is_no_candidate_unless_nothing_else_is_asked_for(workspace: Workspace) -> None:
@@ -104,38 +94,27 @@ def test_a_candidate_is_found_again_by_its_name(workspace: Workspace) -> None:
 def test_a_skill_of_many_parameters_is_refused_before_all_of_them_are_combined(
     count: int, task: str, says: str, tmp_path: Path
 ) -> None:
-    cell = Path(shutil.copytree(ROOT / "tests/cases/cell", tmp_path / "cell"))
+    cell = shutil.copytree(ROOT / "tests/cases/cell", tmp_path / "cell")
     path = cell / "pickup" / "pickup.pddl"
     more = " ".join(f"?v{k}" for k in range(count))
-    text = path.read_text().replace(":parameters (?object - movable)", f":parameters (?object {more} - movable)")
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_task(task, load_workspace(cell))
-    assert says in str(caught.value)
-
-
-def many_parameters(workspace: Workspace, count: int) -> Workspace:
-    """The workspace with a skill of so many parameters, each for anything movable."""
-    skill = workspace.skills["pickup"]
-    parameters = tuple(replace(skill.action.parameters[0], name=f"p{number}") for number in range(count))
-    return replace(workspace, skills={"pickup": replace(skill, action=replace(skill.action, parameters=parameters))})
+    edit(path, ":parameters (?object - movable)", f":parameters (?object {more} - movable)")
+    assert says in refused(read_task, task, load_workspace(cell)).message
 
 
 def test_words_for_a_skill_of_fifteen_parameters_are_reported_apart_at_once(workspace: Workspace) -> None:
-    large = many_parameters(workspace, 15)
+    skill = workspace.skills["pickup"]
+    parameters = tuple(replace(skill.action.parameters[0], name=f"p{number}") for number in range(15))
+    large = replace(workspace, skills={"pickup": replace(skill, action=replace(skill.action, parameters=parameters))})
     named = " ".join(f"p{number}=g1" for number in range(3, 15))
     (candidate,) = read_task(f"pickup g2 g3 g4 {named}", large).candidates
     assert list(candidate.binding.values())[:4] == ["g2", "g3", "g4", "g1"]
-    with pytest.raises(InputError, match=r"the task has [\d,]+ candidates, the limit is 100,000"):
-        read_task("pickup g1 g2 g3", large)
-    with pytest.raises(
-        InputError, match="9 words may be meant for 15 parameters of `pickup` in too many ways"
-    ) as caught:
-        read_task("pickup g1 g2 g3 g1 g2 g3 g1 g2 g3", large)
-    assert caught.value.problems[0].mend == "say which parameter each is for: `name=object`"
+    assert "candidates, the limit is 100,000" in refused(read_task, "pickup g1 g2 g3", large).message
+    problem = refused(read_task, "pickup g1 g2 g3 g1 g2 g3 g1 g2 g3", large)
+    assert "9 words may be meant for 15 parameters of `pickup` in too many ways" in problem.message
+    assert problem.mend == "say which parameter each is for: `name=object`"
 
 
-FILE = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"
+FILE = ROOT / "workspaces" / "tabletop" / "workspace.yaml"
 LISTED = "  - {task: pickup green, min_q_eoi: 0.5}"
 
 
