@@ -22,34 +22,32 @@ else:
         own = set(vars(cls))
         cls.__doc__ = cls.__doc__ or cls.__name__  # otherwise one would be made of its signature
         dataclasses.dataclass(cls, init=False, repr=False, eq=False, kw_only=kw_only)
-        fields = dataclasses.fields(cls)
-        made: dict[str, Any] = {"__init__": _compiled_later(cls)}
+
+        def __init__(self, *args, **named):  # noqa: ANN001, ANN002, ANN003, ANN202, N807
+            cls.__init__ = made = _constructor(cls)
+            made(self, *args, **named)
+
+        methods = {"__init__": __init__}
         if repr:
-            made["__repr__"] = _repr
+            methods["__repr__"] = _repr
+        names = [field.name for field in dataclasses.fields(cls) if field.compare]
+        # A tuple in any case, because tuples are equal where their items are the same, such as NAN or arrays.
+        several = operator.attrgetter(*names) if len(names) > 1 else None
+        key = several or (lambda one: tuple(getattr(one, name) for name in names))
+        compares = [operator.eq] if eq else []
+        compares += [operator.lt, operator.le, operator.gt, operator.ge] if order else []
+        for compare in compares:
+            methods[f"__{compare.__name__}__"] = lambda one, other, compare=compare: (
+                compare(key(one), key(other)) if other.__class__ is one.__class__ else NotImplemented
+            )
         if eq:
-            key = _key([field.name for field in fields if field.compare])
-            made |= {
-                "__eq__": _compared(operator.eq, key),
-                "__hash__": (lambda one: hash(key(one))) if frozen else None,
-            }
+            methods["__hash__"] = (lambda one: hash(key(one))) if frozen else None
             own -= {"__hash__"} if "__eq__" in own and cls.__hash__ is None else set()
-        if order:
-            compare = (operator.lt, operator.le, operator.gt, operator.ge)
-            made |= {f"__{one.__name__}__": _compared(one, key) for one in compare}
         if frozen:
-            made |= {"__setattr__": _refuse, "__delattr__": _refuse}
-        for name in made.keys() - own:
-            setattr(cls, name, made[name])
+            methods |= {"__setattr__": _refuse, "__delattr__": _refuse}
+        for name in methods.keys() - own:
+            setattr(cls, name, methods[name])
         return cls
-
-
-def _compiled_later(cls: type) -> Callable[..., None]:
-    def __init__(self: object, *args: object, **named: object) -> None:  # noqa: N807
-        made = _constructor(cls)
-        setattr(cls, "__init__", made)  # noqa: B010 - a checker refuses the plain assignment
-        made(self, *args, **named)
-
-    return __init__
 
 
 def _constructor(cls: type) -> Callable[..., None]:
@@ -74,15 +72,6 @@ def _constructor(cls: type) -> Callable[..., None]:
     init: Callable[..., None] = names["__init__"]
     init.__qualname__ = f"{cls.__qualname__}.__init__"  # for messages
     return init
-
-
-def _key(names: list[str]) -> Callable[[Any], Any]:
-    # A tuple in any case, because tuples are equal where their items are the same, such as NAN or arrays.
-    return operator.attrgetter(*names) if len(names) > 1 else lambda one: tuple(getattr(one, name) for name in names)
-
-
-def _compared(how: Callable[[Any, Any], Any], key: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    return lambda one, other: how(key(one), key(other)) if other.__class__ is one.__class__ else NotImplemented
 
 
 def _repr(self: object) -> str:

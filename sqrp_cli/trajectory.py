@@ -6,7 +6,6 @@ Program files store trajectories and the runtime evaluates them, so this module 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,32 +31,18 @@ class PiecewiseCubic:
         object.__setattr__(self, "breaks", read_only(self.breaks))
         object.__setattr__(self, "coefficients", read_only(self.coefficients))
 
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return float(self.breaks[-1])
-
-    def derivatives(self, t: ArrayLike) -> Array:
-        """The parameter s and its first three time derivatives at times t [s] of shape (m,), shape (4, m).
+    def derivatives(self, t: ArrayLike, order: int = 3) -> Array:
+        """The parameter s and its first time derivatives, up to 3, at times t [s] of shape (m,), shape (order + 1, m).
 
         A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        u, (c0, c1, c2, c3) = self._within_pieces(t)
-        return np.array(
-            [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3]
-        )
-
-    def positions(self, t: ArrayLike) -> Array:
-        """The parameter s alone at times t [s] of shape (m,), shape (m,), as `derivatives` gives it."""
-        u, (c0, c1, c2, c3) = self._within_pieces(t)
-        s: Array = c0 + u * (c1 + u * (c2 + u * c3))
-        return s
-
-    def _within_pieces(self, t: ArrayLike) -> tuple[Array, Array]:
-        """For each time: the time since the start of its piece, shape (m,), and the piece's coefficients, (4, m)."""
         inside = np.minimum(np.maximum(np.asarray(t, dtype=float), 0.0), self.breaks[-1])
         piece = _piece(self.breaks, inside)
-        return inside - self.breaks[piece], self.coefficients[piece].T
+        u, (c0, c1, c2, c3) = inside - self.breaks[piece], self.coefficients[piece].T
+        found = [c0 + u * (c1 + u * (c2 + u * c3))]
+        if order:
+            found += [c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3][:order]
+        return np.array(found)
 
     def stretched(self, factor: float) -> PiecewiseCubic:
         """The same law `factor` times as slow: derivatives of order i shrink by factor^i."""
@@ -65,7 +50,7 @@ class PiecewiseCubic:
 
     def time_at(self, s: float) -> float:
         """The first time [s] at which a monotonic law reaches `s`, to floating-point resolution."""
-        reached = self.positions(self.breaks)
+        reached = self.derivatives(self.breaks, 0)[0]
         piece = int(np.clip(np.searchsorted(reached, s) - 1, 0, len(self.coefficients) - 1))
         c0, c1, c2, c3 = self.coefficients[piece].tolist()
         start = float(self.breaks[piece])
@@ -129,8 +114,16 @@ class JointPath:
         if len(width) > 1:
             piece = _piece(self.breaks, inside)
             start, width, coefficients = start[piece], width[piece], coefficients[:, piece]
-        x = 2.0 * (inside - start) / width - 1.0
-        return _chebyshev_sum(coefficients, x[:, None])
+        x = (2.0 * (inside - start) / width - 1.0)[:, None]
+        # The sum of coefficients times Chebyshev polynomials at x, by the recurrence of C. W. Clenshaw (1955).
+        if len(coefficients) == 1:
+            constant: Array = coefficients[0] + 0.0 * x
+            return constant
+        lower, upper = coefficients[-2], coefficients[-1]
+        for coefficient in coefficients[-3::-1]:
+            lower, upper = coefficient - upper, lower + upper * (2 * x)
+        total: Array = lower + upper * x
+        return total
 
     def derivative_bounds(self, order: int = 1) -> Array:
         """An upper bound of the derivative's magnitude over each piece, for every joint, shape (p, n).
@@ -161,18 +154,24 @@ class JointPath:
         positions = np.concatenate(found)
         return float(positions.min()), float(positions.max())
 
-    @cached_property
-    def _derivatives(self) -> list[Array]:
-        """Chebyshev coefficients of the derivatives with respect to x in [-1, 1] by order, shape (..., p, n) each.
-
-        From the path itself on; `_derived` adds those that are missing.
-        """
-        return [self.coefficients.swapaxes(0, 1)]
-
     def _derived(self, order: int) -> Array:
-        while len(self._derivatives) <= order:
-            self._derivatives.append(_chebyshev_derivative(self._derivatives[-1]))
-        return self._derivatives[order]
+        """Chebyshev coefficients of a derivative with respect to x in [-1, 1], shape (max(d - order, 0) + 1, p, n).
+
+        They are computed once, from those of the order below.
+        """
+        known: list[Array] = self.__dict__.setdefault("_derivatives", [self.coefficients.swapaxes(0, 1)])
+        while len(known) <= order:
+            above = known[-1].copy()
+            derivative = np.empty_like(above[1:]) if len(above) > 1 else np.zeros_like(above)
+            for k in range(len(above) - 1, 2, -1):
+                derivative[k - 1] = 2 * k * above[k]
+                above[k - 2] += k * above[k] / (k - 2)
+            if len(above) > 2:
+                derivative[1] = 4 * above[2]
+            if len(above) > 1:
+                derivative[0] = above[1]
+            known.append(derivative)
+        return known[order]
 
     def shifted(self, offset: ArrayLike) -> JointPath:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
@@ -210,7 +209,7 @@ class Trajectory:
     @property
     def duration(self) -> float:
         """Length in time [s]."""
-        return self.law.duration
+        return float(self.law.breaks[-1])
 
     @property
     def stands(self) -> bool:
@@ -219,7 +218,7 @@ class Trajectory:
 
     def positions(self, t: ArrayLike) -> Array:
         """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
-        return self.path.positions(self.law.positions(t))
+        return self.path.positions(self.law.derivatives(t, 0)[0])
 
     def derivatives(self, t: ArrayLike, order: int) -> Array:
         """Joint velocities, accelerations or jerks (order 1, 2, 3) at times t [s] of shape (m,), shape (m, n).
@@ -237,8 +236,8 @@ class Trajectory:
 
     def resting(self, duration: float) -> Trajectory:
         """The motion, from rest to rest, followed by standing at its end for `duration` [s]."""
-        breaks = np.append(self.law.breaks, self.law.duration + duration)
-        standing = [[float(self.law.positions([self.law.duration])[0]), 0.0, 0.0, 0.0]]
+        breaks = np.append(self.law.breaks, self.duration + duration)
+        standing = [[float(self.law.derivatives([self.duration], 0)[0, 0]), 0.0, 0.0, 0.0]]
         return Trajectory(self.path, PiecewiseCubic(breaks, np.concatenate([self.law.coefficients, standing])))
 
     def shortened(self, duration: float) -> Trajectory:
@@ -292,34 +291,6 @@ def chain_rule(law: Array, path: Sequence[Array]) -> Array:
         derivative = path[2] * ds**3 + 3 * path[1] * ds * dds + path[0] * ddds
     else:
         raise ValueError(f"the order of a derivative is 1, 2 or 3, not {len(path)}")
-    return derivative
-
-
-def _chebyshev_sum(coefficients: Array, x: Array) -> Array:
-    """The sum of coefficients (k, ...) times Chebyshev polynomials at x, by the recurrence of C. W. Clenshaw (1955)."""
-    if len(coefficients) == 1:
-        constant: Array = coefficients[0] + 0.0 * x
-        return constant
-    lower, upper = coefficients[-2], coefficients[-1]
-    for coefficient in coefficients[-3::-1]:
-        lower, upper = coefficient - upper, lower + upper * (2 * x)
-    total: Array = lower + upper * x
-    return total
-
-
-def _chebyshev_derivative(coefficients: Array) -> Array:
-    """Chebyshev coefficients of the derivative of a series with coefficients (k, ...), shape (max(k - 1, 1), ...)."""
-    degree = len(coefficients) - 1
-    if degree == 0:
-        return np.zeros_like(coefficients)
-    derivative = np.empty_like(coefficients[1:])
-    above = coefficients.copy()
-    for k in range(degree, 2, -1):
-        derivative[k - 1] = 2 * k * above[k]
-        above[k - 2] += k * above[k] / (k - 2)
-    if degree > 1:
-        derivative[1] = 4 * above[2]
-    derivative[0] = above[1]
     return derivative
 
 

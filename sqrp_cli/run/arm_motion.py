@@ -181,7 +181,7 @@ class ArmMotion:
     def standing_time(self, tau: float) -> float:
         """The time of the step's own clock [s] at which the arm would stand if it began to stop at time tau [s]."""
         stop = self._planned_stop(self._start + tau, protective=False)
-        return min(stop.tau + stop.duration * float(stop.law.positions(1.0)), stop.last)
+        return min(stop.tau + stop.duration * float(stop.law.derivatives(1.0, 0)[0]), stop.last)
 
     def place(self, joints: Mapping[str, float]) -> None:
         """Want some joints elsewhere at once and until the next step, such as fingers, which their motors hold back."""

@@ -48,8 +48,8 @@ def excess(trajectory: Trajectory, limits: MotionLimits, per_phase: int) -> floa
 def test_a_law_keeps_its_limits_rises_and_lasts_as_the_closed_form_says(v, a, j):
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
-    assert law.duration == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-9)
-    s, ds, dds, ddds = law.derivatives(np.linspace(0, law.duration, 500))
+    assert law.breaks[-1] == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-9)
+    s, ds, dds, ddds = law.derivatives(np.linspace(0, law.breaks[-1], 500))
     assert s[[0, -1]] == pytest.approx([0, 1], abs=1e-9)
     assert ds[[0, -1]] == pytest.approx([0, 0], abs=1e-9 * 10**v)
     assert np.diff(s).min() >= -1e-12
@@ -65,11 +65,11 @@ EXTREME = st.floats(-9, 9)
 def test_limits_however_far_apart_have_a_law_that_keeps_them(v, a, j):
     limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
     law = rest_to_rest(limits)
-    assert law.duration == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-6)
+    assert law.breaks[-1] == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-6)
     instants = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
     reached = np.abs(law.derivatives(instants))
     assert reached[0].max() == pytest.approx(1.0, rel=1e-6)
-    rounded = 4 * np.spacing(law.duration)  # as instants are, by which the derivative grows by so much of the next
+    rounded = 4 * np.spacing(law.breaks[-1])  # as instants are, by which the derivative grows by so much of the next
     every = (limits.velocity, limits.acceleration, limits.jerk, np.array(0.0))
     for order, (limit, growth) in enumerate(pairwise(every), start=1):
         assert reached[order].max() <= limit * (1 + 1e-6) + rounded * growth
@@ -150,8 +150,8 @@ def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_neede
     trajectory = time_path(path, limits, along)
     ratio = excess(trajectory, limits, 1009)
     assert ratio <= 1.0
-    assert trajectory.duration >= rest_to_rest(along).duration * (1 - 1e-12)
-    slowed_down = trajectory.duration > rest_to_rest(along).duration * (1 + 1e-9)
+    assert trajectory.duration >= rest_to_rest(along).breaks[-1] * (1 - 1e-12)
+    slowed_down = trajectory.duration > rest_to_rest(along).breaks[-1] * (1 + 1e-9)
     assert not slowed_down or ratio > 0.99
     peaks = np.abs(trajectory.law.derivatives(phase_samples(trajectory, 50))).max(axis=1)[1:]
     assert (peaks <= np.array([speed, 2 * speed, 20 * speed]) * (1 + 1e-9)).all()

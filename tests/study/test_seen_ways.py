@@ -96,7 +96,7 @@ def test_seen_paths_are_no_worse_than_direct_ones_and_stop_nowhere(compared: Com
     for primitive in seen.motion.primitives:
         if primitive.name in seen.candidate.vias:
             law = primitive.trajectory.law
-            assert (law.derivatives(np.linspace(0, law.duration, 300)[1:-1])[1] > 0).all()
+            assert (law.derivatives(np.linspace(0, law.breaks[-1], 300)[1:-1])[1] > 0).all()
 
 
 def test_seen_paths_are_planned_again_from_their_vias_without_a_search(compared: Compared) -> None:
