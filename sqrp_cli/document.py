@@ -70,8 +70,12 @@ class Document(Record):
         return TypeAdapter(cls).validate_json(text)
 
     def to_json(self) -> str:
-        """One line of JSON, as `--json` prints it."""
-        return as_text(self)
+        """One line of JSON, as `--json` prints it. Raises ValueError if a figure is not finite.
+
+        Non-ASCII characters are escaped, so that they survive any stream and no terminal obeys them. So is the second
+        of two `#` in a row, with which commands to CI servers begin.
+        """
+        return json.dumps(self, default=plain, allow_nan=False).replace("##", "#\\u0023")
 
     def show(self, **how: bool) -> None:
         """Print it to the terminal. how: what its view may leave out or add, such as `all_rows`."""
@@ -107,15 +111,6 @@ class TaskDocument(WorkspaceDocument):
 def how_many(several: Sized, noun: str) -> str:
     """How many there are, such as `1 candidate` or `6 candidates`."""
     return f"{len(several)} {noun}{'' if len(several) == 1 else 's'}"
-
-
-def as_text(document: object) -> str:
-    """A document as one line of JSON. Raises ValueError if a figure is not finite.
-
-    Non-ASCII characters are escaped, so that they survive any stream and no terminal obeys them. So is the second of
-    two `#` in a row, with which commands to CI servers begin.
-    """
-    return json.dumps(document, default=plain, allow_nan=False).replace("##", "#\\u0023")
 
 
 def plain(record: object) -> dict[str, Any]:

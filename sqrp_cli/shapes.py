@@ -154,40 +154,33 @@ def surface(shape: Convex, sides: int, *, enclosing: bool) -> Triangles:
     if isinstance(shape, Box):
         return Triangles(box_corners(shape.size), BOX_TRIANGLES)
     radius = float(shape.radius / np.cos(np.pi / sides)) if enclosing else shape.radius
-    if isinstance(shape, Sphere):
-        angles = np.linspace(0, np.pi, sides // 2 + 1)
-        return _rings(radius, angles, np.zeros_like(angles), sides)
-    if isinstance(shape, Capsule):  # both ends of the straight part have a ring
-        quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
-        lifts = np.repeat([shape.length / 2, -shape.length / 2], len(quarter))
-        return _rings(radius, np.concatenate([quarter, np.pi - quarter[::-1]]), lifts, sides)
-    rim, up = _rim(radius, sides), np.array([0.0, 0.0, shape.length / 2])
-    low = np.arange(sides)
-    following = (low + 1) % sides
-    high, bottom, top = low + sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
-    walls = [np.column_stack([low, following, high]), np.column_stack([following, following + sides, high])]
-    caps = [np.column_stack([bottom, following, low]), np.column_stack([top, high, following + sides])]
-    return Triangles(np.concatenate([rim - up, rim + up, [-up, up]]), np.concatenate(walls + caps))
-
-
-def _rings(radius: float, angles: Array, lifts: Array, sides: int) -> Triangles:
-    """A sphere about z as rings at polar angles from the top, each lifted [m]; both of shape (rings,)."""
-    heights = radius * np.cos(angles) + lifts
-    rings = [_rim(radius * np.sin(angle), sides, height) for angle, height in zip(angles, heights, strict=True)]
-    first = np.arange(sides)
-    following = (first + 1) % sides
-    faces = []
-    for ring in range(len(rings) - 1):
-        upper, lower = ring * sides, (ring + 1) * sides
+    # Rings about z, by their radii and heights; both ends of the straight part of a capsule have one.
+    match shape:
+        case Sphere():
+            angles = np.linspace(0, np.pi, sides // 2 + 1)
+            radii, heights = radius * np.sin(angles), radius * np.cos(angles)
+        case Capsule(_, length):
+            quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
+            angles = np.concatenate([quarter, np.pi - quarter[::-1]])
+            lifts = np.repeat([length / 2, -length / 2], len(quarter))
+            radii, heights = radius * np.sin(angles), radius * np.cos(angles) + lifts
+        case Cylinder(_, length):
+            radii, heights = np.full(2, radius), np.array([-length / 2, length / 2])
+    around, first = 2 * np.pi * np.arange(sides) / sides, np.arange(sides)
+    x, y = radii[:, None] * np.cos(around), radii[:, None] * np.sin(around)
+    rings = np.stack([x, y, np.broadcast_to(heights[:, None], x.shape)], axis=-1).reshape(-1, 3)
+    following, faces = (first + 1) % sides, list[NDArray[np.int64]]()
+    if isinstance(shape, Cylinder):
+        high, bottom, top = first + sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+        faces += [np.column_stack([first, following, high]), np.column_stack([following, following + sides, high])]
+        faces += [np.column_stack([bottom, following, first]), np.column_stack([top, high, following + sides])]
+        ends = np.column_stack([np.zeros((2, 2)), heights])
+        return Triangles(np.concatenate([rings, ends]), np.concatenate(faces))
+    for upper in range(0, len(rings) - sides, sides):
+        lower = upper + sides
         faces.append(np.column_stack([upper + first, lower + first, lower + following]))
         faces.append(np.column_stack([upper + first, lower + following, upper + following]))
-    return Triangles(np.concatenate(rings), np.concatenate(faces))
-
-
-def _rim(radius: float, sides: int, height: float = 0.0) -> Array:
-    """The corners of a regular polygon about z, shape (sides, 3)."""
-    angles = 2 * np.pi * np.arange(sides) / sides
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])
+    return Triangles(rings, np.concatenate(faces))
 
 
 FIGURES = {

@@ -18,7 +18,7 @@ from sqrp_cli.cli.commands import tasks, programs, runs, scores, workspaces  # n
 from sqrp_cli.cli.completion import ASKED, example_task, for_named_shell, propose
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError, expected_names, nearest
-from sqrp_cli.platform.interrupts import was_interrupted
+from sqrp_cli.platform.interrupts import pressed
 from sqrp_cli.show.terminal import progress_lines
 from sqrp_cli.show.terminal.progress_lines import Verbosity
 from sqrp_cli.shown import harmless, one_line
@@ -91,7 +91,7 @@ def execute(arguments: list[str]) -> int:
         _print_error(f"error: {where}: {error.strerror or error}")
         return ExitCode.BAD_INPUT
     except Exception as error:
-        if was_interrupted():
+        if pressed:
             raise KeyboardInterrupt from error
         if "--debug" in arguments:
             raise

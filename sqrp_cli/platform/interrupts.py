@@ -9,29 +9,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_pressed: list[int] = []
+pressed: list[int] = []
+"""Whether Ctrl-C was pressed: the signal, each time. An exception that follows may be what a library made of it."""
 
 
 def heed_signals() -> None:
-    """Let `was_interrupted` know of every Ctrl-C from now on, and tidy up before SIGTERM ends this process.
+    """Let `pressed` know of every Ctrl-C from now on, and tidy up before SIGTERM ends this process.
 
     Ctrl-C still raises KeyboardInterrupt; SIGTERM raises SystemExit, so that files that are not finished are removed.
     """
 
     def interrupt(number: int, _: FrameType | None) -> None:
-        _pressed.append(number)
+        pressed.append(number)
         raise KeyboardInterrupt
 
-    _pressed.clear()
+    pressed.clear()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-
-
-def was_interrupted() -> bool:
-    """Whether Ctrl-C was pressed: an exception that follows may be what a library made of it."""
-    return bool(_pressed)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from sqrp_cli.document import as_text
+from sqrp_cli.document import WorkspaceDocument
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
@@ -127,8 +127,8 @@ def test_what_is_asked_and_answered_is_harmless_too(monkeypatch):
 
 @given(st.recursive(texts, lambda inner: st.dictionaries(texts, inner, max_size=3) | st.lists(inner, max_size=3)))
 def test_json_is_exact_and_yet_harmless(value):
-    shown = as_text({"name": value})
-    assert json.loads(shown) == {"name": value}
+    shown = WorkspaceDocument(workspace=value).to_json()
+    assert json.loads(shown)["workspace"] == value
     assert shown.isascii()
     assert is_harmless(shown)
 
