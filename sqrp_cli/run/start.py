@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,6 @@ from sqrp_cli.files.entries import Entry
 from sqrp_cli.logic.image_time import Window
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.records import dataclass
-from sqrp_cli.ros.dds import DdsTransport
-from sqrp_cli.run.cell.robot_file import RobotFile
 from sqrp_cli.run.cell.ros_cell import RosCell
 from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import VERSION, Event, ProgramStep, event
@@ -97,39 +94,27 @@ def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[I
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ConnectedRobot:
-    """A program, and the cell in which it is to run."""
+def run_on_robot(
+    program: Program,
+    workspace: Workspace,
+    cell: RosCell,
+    replanner: Replanner,
+    speed: float,
+    recording: Recording,
+    *,
+    moves: bool,
+) -> RunReport:
+    """Run a program in a cell behind topics; without moving, only look at its start.
 
-    program: Program
-    workspace: Workspace
-    cell: RosCell
-    speed: float
-
-    def run(self, replanner: Replanner, recording: Recording, *, moves: bool) -> RunReport:
-        """Run the program; without moving, only look at its start. Raises InputError where images cannot be read.
-
-        replanner: plans retries at full speed.
-        """
-
-        def slower(step: Step, world: World) -> Step | None:
-            planned = replanner(step, world)
-            return None if planned is None else slowed(planned, self.speed)
-
-        return Run(self.program, self.workspace, self.cell, slower, recording=recording).run(moves=moves)
-
-
-@contextmanager
-def connected(program: Program, workspace: Workspace, file: RobotFile, speed: float) -> Iterator[ConnectedRobot]:
-    """The cell of a file; left, its robot stands and the connection ends. speed: of the program, as a share.
-
-    Raises InputError without a connection.
+    program: at its speed already, which is a share of that at which `replanner` plans retries. Raises InputError where
+    images cannot be read.
     """
-    transport = DdsTransport(file.domain, file.network)
-    joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages
-    with RosCell(file, joints, workspace, transport) as cell:
-        slower = program.model_copy(update={"steps": tuple(slowed(step, speed) for step in program.steps)})
-        yield ConnectedRobot(slower, workspace, cell, speed)
+
+    def slower(step: Step, world: World) -> Step | None:
+        planned = replanner(step, world)
+        return None if planned is None else slowed(planned, speed)
+
+    return Run(program, workspace, cell, slower, recording=recording).run(moves=moves)
 
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")

@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
 
@@ -28,10 +27,10 @@ def test_what_helps_against_lateness_is_said_once(tmp_path, monkeypatch):
     checks = [CellCheck(f"cam{k}", "age", "300 ms", "50 ms", f"`cam{k}` is late") for k in range(3)]
     checks.append(CellCheck("cam1", "pose", "12 mm", "0 mm", "TF has `cam1` elsewhere"))
     file = SimpleNamespace(mend_of_lateness="slower")
-    connected: Any = MagicMock(cell=SimpleNamespace(file=file))
+    cell: Any = SimpleNamespace(file=file)
     monkeypatch.setattr("sqrp_cli.run.cell.ros_checks.check_cell", lambda *_: checks)
     with pytest.raises(InputError) as caught:
-        check_cell(connected, tmp_path / "robot.yaml", as_json=True)
+        check_cell(cell, {}, tmp_path / "robot.yaml", as_json=True)
     assert [problem.mend for problem in caught.value.problems] == [None, None, "slower", None]
 
 

@@ -12,7 +12,7 @@ from sqrp_cli.motion.timing import MotionLimits, joint_move
 from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
 from sqrp_cli.run import start
 from sqrp_cli.run.run import Recording
-from sqrp_cli.run.start import ConnectedRobot, slowed
+from sqrp_cli.run.start import run_on_robot, slowed
 from tests.run.steps import formula, played, step
 
 LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
@@ -57,8 +57,8 @@ def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too(monkeypatch: p
     whole, made = program().steps[0], MagicMock()
     assert slowed(whole, 1.0) is whole
     monkeypatch.setattr(start, "Run", made)
-    robot = ConnectedRobot(program(), MagicMock(), MagicMock(), 0.25)
-    robot.run(lambda _step, world: whole if world == "free" else None, Recording(), moves=True)
+    replanner = lambda _step, world: whole if world == "free" else None  # noqa: E731
+    run_on_robot(program(), MagicMock(), MagicMock(), replanner, 0.25, Recording(), moves=True)
     slow = made.call_args.args[3]
     assert slow(whole, "free").time == pytest.approx(4 * whole.time)
     assert slow(whole, "full") is None

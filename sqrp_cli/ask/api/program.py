@@ -183,15 +183,18 @@ class OpenProgram:
     @property
     def warnings(self) -> list[Problem]:
         """Warnings about formulas that monitors cannot judge because the motion itself contradicts them."""
-        from sqrp_cli.run.monitor.step_monitor import contradictions
+        from sqrp_cli.run.monitor.nominal_step import NominalStep
+        from sqrp_cli.run.monitor.step_monitor import against_the_plan
         from sqrp_cli.run.robot_body import RobotBody
         from sqrp_cli.show.sentences import short_times
 
         mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
-        found = contradictions(self.program, RobotBody.load(self.workspace.robot))
+        body, joints = RobotBody.load(self.workspace.robot), self.program.joints
         return [
             Problem("against-the-plan", short_times(text), Place(self.path), severity="warning", mend=mend)
-            for text in found
+            for number, step in enumerate(self.program.steps, 1)
+            for wrong in against_the_plan(NominalStep(step, joints, body))
+            for text in [f"step {number} (`{step.short_task}`): {wrong}"]
         ]
 
     def read_faults(

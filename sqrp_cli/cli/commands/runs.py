@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.api.program import OpenProgram
     from sqrp_cli.ask.api.run_results import SimulatedRun
     from sqrp_cli.ask.requests import RunRequest
+    from sqrp_cli.run.cell.ros_cell import RosCell
     from sqrp_cli.run.record.events import Listener
-    from sqrp_cli.run.start import ConnectedRobot
 
 LEAST_SPEED = 0.01  # below it a program would take a hundred times as long
 
@@ -198,12 +198,16 @@ def _run_on_robot(
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot is told to stop, as at Ctrl-C
     check_packages()
-    from sqrp_cli.run.start import connected
+    from sqrp_cli.ros.dds import DdsTransport
+    from sqrp_cli.run.cell.ros_cell import RosCell
+    from sqrp_cli.run.start import run_on_robot, slowed
 
-    file = read_robot_file(robot, opened.workspace, opened.program)
-    with connected(opened.program, opened.workspace, file, speed) as there:
-        check_cell(there, robot, as_json=as_json)
-        opened = replace(opened, program=there.program)
+    file, program = read_robot_file(robot, opened.workspace, opened.program), opened.program
+    joints = file.joints or {name: name for name in program.joints}  # by name in the program, those in messages
+    steps = tuple(slowed(step, speed) for step in program.steps)
+    opened = replace(opened, program=program.model_copy(update={"steps": steps}))
+    with RosCell(file, joints, opened.workspace, DdsTransport(file.domain, file.network)) as cell:
+        check_cell(cell, steps[0].before.joints, robot, as_json=as_json)
         if not agreed:
             seconds = sum(step.time for step in opened.program.steps)
             told = f"The robot will move for {seconds:.0f} s."
@@ -216,17 +220,21 @@ def _run_on_robot(
             if said.lower() not in ("y", "yes"):
                 raise bad_input("not-agreed", "nobody agreed that the robot moves", mend="answer y, or give --yes")
         with _shown_live(opened, as_json=as_json, stopped="; the robot is told to stop") as listeners:
-            perform = partial(there.run, late_replanner(opened.workspace), moves=moves)
+            replanner = late_replanner(opened.workspace)
+            perform = partial(run_on_robot, opened.program, opened.workspace, cell, replanner, speed, moves=moves)
             return opened.run_into(ask.but(listeners=listeners, witnessed=moves), elsewhere=perform)
 
 
-def check_cell(connected: ConnectedRobot, robot: Path, *, as_json: bool) -> None:
-    """Compare the cell with the program, and print what was compared. Raises InputError where it differs."""
+def check_cell(cell: RosCell, start: Mapping[str, float], robot: Path, *, as_json: bool) -> None:
+    """Compare a cell with the program, and print what was compared. Raises InputError where it differs.
+
+    start: where the program begins, by joint [rad or m]. robot: the file that leads to the cell.
+    """
     from sqrp_cli.run.cell.ros_checks import check_cell as compared
     from sqrp_cli.show.terminal.console import Column, note, print_table, say
 
     note("watching the cell ...")
-    checks = compared(connected.cell, connected.program.steps[0].before.joints)
+    checks = compared(cell, start)
     if not as_json:
         columns = [Column("cell"), Column("what"), Column("found"), Column("expected"), Column("")]
         words = ["" if one.problem is None else "differs" for one in checks]
@@ -236,7 +244,7 @@ def check_cell(connected: ConnectedRobot, robot: Path, *, as_json: bool) -> None
     differing = [one for one in checks if one.problem is not None]
     problems = [Problem("other-cell", str(one.problem), Place(robot)) for one in differing]
     if late := [index for index, one in enumerate(differing) if one.what == "age"]:
-        mend = connected.cell.file.mend_of_lateness
+        mend = cell.file.mend_of_lateness
         problems[late[-1]] = replace(problems[late[-1]], mend=mend or None)  # once for all
     if problems:
         raise InputError(*problems)

@@ -18,12 +18,11 @@ from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
-from sqrp_cli.program.record import Program, ProgramFormula, ProgramResponse, Step
+from sqrp_cli.program.record import ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.perception.detections import Detection, Evidence, MissReason
 from sqrp_cli.run.record.report import Confusion, Disagreement
-from sqrp_cli.run.robot_body import RobotBody
 
 PATIENCE = 0.3
 """How long predicted evidence may be missing before the robot stops [s]; at least three images."""
@@ -38,15 +37,8 @@ def read_formula(text: str | Formula) -> Formula:
     return replace(formula, parts=tuple(read_formula(part) for part in formula.parts))
 
 
-def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
-    """Formulas that the plan contradicts, in words: monitors cannot judge them."""
-    for number, step in enumerate(program.steps, 1):
-        for text in against_the_plan(NominalStep(step, program.joints, robot)):
-            yield f"step {number} (`{step.short_task}`): {text}"
-
-
 def against_the_plan(nominal: NominalStep) -> Iterator[str]:
-    """The formulas of a step that fail as planned, and the faults that are seen as planned, in words.
+    """What no monitor can judge, in words: formulas of a step that fail as planned, faults that are seen as planned.
 
     Of the atoms that operators require at a time, only those count that stay constant to the end of the interval. One
     that changes within an interval is only late: a lifted object leaves its place after a while.
