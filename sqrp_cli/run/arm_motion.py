@@ -143,26 +143,10 @@ class ArmMotion:
             if primitive.action == JOINT_MOVE:
                 offset = np.zeros_like(offset)
             elif primitive.guard is not None:
-                duration = primitive.trajectory.duration
-                planned = primitive.trajectory.positions([duration])[0]
-                offset = offset + self._guarded_motion(index, np.array([duration]), 0)[0][0] - planned
+                planned = primitive.trajectory.positions([primitive.trajectory.duration])[0]
+                offset = self._on_path(index, np.array([primitive.end]))[0][0] - planned
             self._offsets.append(offset)
         self.revision += 1
-
-    def _guarded_motion(self, index: int, local: Array, order: int) -> list[Array]:
-        """As `Trajectory.motion`, but it comes to rest where the primitive was halted."""
-        trajectory, halt = self._moving[index], self._halts.get(index)
-        if halt is None:
-            return trajectory.motion(local, order)
-        share = np.clip((local - halt) / HALT, 0.0, 1.0)
-        slowed = np.where(local <= halt, local, halt + HALT * (share - share**2 / 2))
-        rate = np.where(local <= halt, 1.0, 1.0 - share)[:, None]
-        change = np.where((local > halt) & (share < 1.0), -1.0 / HALT, 0.0)[:, None]
-        q, *rest = trajectory.motion(slowed, order)
-        if not rest:
-            return [q]
-        velocity, acceleration = rest
-        return [q, velocity * rate, acceleration * rate**2 + velocity * change]
 
     def stop(self, t: float, *, protective: bool = False) -> float:
         """Slow down from time t [s] on; returns when the arm stands [s].
@@ -208,9 +192,9 @@ class ArmMotion:
         if self._primitives:
             tau, rate, change = self._clock(t)
             index = np.minimum(np.searchsorted(self._ends, tau, side="right"), len(self._ends) - 1)
-            for primitive in np.unique(index):
+            for primitive in np.unique(index).tolist():
                 rows = index == primitive
-                q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows])
+                q[rows], velocity[rows], acceleration[rows] = self._on_path(primitive, tau[rows])
             acceleration = acceleration * rate[:, None] ** 2 + velocity * change[:, None]
             velocity = velocity * rate[:, None]
         for joint, wanted in self._placed.items():
@@ -229,15 +213,23 @@ class ArmMotion:
             tau[rows], change[rows] = np.minimum(stop.tau + stop.duration * clock, stop.last), slower / stop.duration
         return tau, rate, change
 
-    def _on_path(self, tau: Array) -> list[Array]:
+    def _on_path(self, index: int, tau: Array) -> list[Array]:
         """Positions and two derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
 
-        A primitive ends at rest, so later times stand still there. What guarded moves left over fades in a joint move.
+        A primitive ends at rest, so later times stand still there; a guarded move comes to rest where it was halted.
+        What guarded moves left over fades in a joint move.
         """
-        index = self._index(float(tau[0]))
-        primitive, offset = self._primitives[index], self._offsets[index]
+        primitive, offset, halt = self._primitives[index], self._offsets[index], self._halts.get(index)
         local = np.clip(tau - primitive.start, 0.0, self._moving[index].duration)
-        motion = self._guarded_motion(index, local, 2)
+        if halt is None:
+            motion = self._moving[index].motion(local, 2)
+        else:
+            share = np.clip((local - halt) / HALT, 0.0, 1.0)
+            slowed = np.where(local <= halt, local, halt + HALT * (share - share**2 / 2))
+            rate = np.where(local <= halt, 1.0, 1.0 - share)[:, None]
+            change = np.where((local > halt) & (share < 1.0), -1.0 / HALT, 0.0)[:, None]
+            q, velocity, acceleration = self._moving[index].motion(slowed, 2)
+            motion = [q, velocity * rate, acceleration * rate**2 + velocity * change]
         if not offset.any():
             return motion
         duration = primitive.trajectory.duration
@@ -255,7 +247,8 @@ class ArmMotion:
         (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
         if tau < 0.0 or tau >= self._ends[-1]:
             return PathStop(t, max(tau, 0.0), 0.0, max(tau, 0.0), _ON, protective)
-        last = self._ends[int(np.searchsorted(self._ends, tau, side="right"))]
+        index = self._index(tau)
+        last = self._ends[index]
         most_acceleration, most_jerk = self._protective if protective else self._limits
         # Without a stop the clock goes on as it would, to the end of the primitive.
         usual = self._stops[-1] if self._stops else PathStop(t, tau, max(last - tau, 0.0), last, _ON, protective)
@@ -265,7 +258,7 @@ class ArmMotion:
         while enough == np.inf or (too_short > 0.0 and enough > FINENESS * too_short):
             law = slowing(rate, duration * change)
             clock, *rates = law.derivatives(np.linspace(0.0, 1.0, 65))
-            _, v, a = self._on_path(tau + duration * clock)
+            _, v, a = self._on_path(index, tau + duration * clock)
             first, second, third = (one[:, None] / duration**k for k, one in enumerate(rates))
             acceleration, jerk = np.abs(a * first**2 + v * second), np.abs(3 * a * first * second + v * third)
             if (acceleration <= LIMIT_SLACK * most_acceleration).all() and (jerk <= LIMIT_SLACK * most_jerk).all():

@@ -28,52 +28,39 @@ DRAWN_WITHIN = 120.0
 """A process that takes longer for an image [s] is taken for dead."""
 
 
-class RenderPool:
-    """Draws images in processes that end with its pool. Images do not depend on their number."""
+def start_drawing(
+    model: mujoco.MjModel, cameras: Sequence[Camera], seed: int
+) -> tuple[Pool[Task, None], list[NDArray[np.uint8]]]:
+    """Start processes that draw images, which get ready while the caller goes on, and end when their pool is closed.
 
-    def __init__(self, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int) -> None:
-        """Starts the processes, which get ready while the caller goes on."""
-        self._cameras = tuple(cameras)
-        self._index = {camera.name: index for index, camera in enumerate(cameras)}
-        sizes = [camera.height * camera.width * 3 for camera in cameras]
-        self._offsets = np.concatenate([[0], np.cumsum(sizes)]).tolist()
-        context = fresh(NEEDED)
-        # Memory that has no name, which would outlive processes that are killed.
-        self._memory = context.RawArray(ctypes.c_uint8, max(1, self._offsets[-1]))
-        count = min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)
-        arguments = (model, self._cameras, seed, self._memory, self._offsets)
-        self.pool = Pool[Task, None](count, context, _drawing, *arguments, deadline=DRAWN_WITHIN)
-        """The processes, which end by themselves at the latest when the interpreter does."""
-
-    def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
-        """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
-
-        Raises InputError if OpenGL cannot draw.
-        """
-        indices = [self._index[name] for name in cameras]
-        for _ in self.pool.map([(index, positions, t) for index in indices]):
-            pass
-        return [_slot(self._memory, self._offsets[index], self._cameras[index]).copy() for index in indices]
+    Returns them with the image of each camera, shape (height, width, 3): what its last task has drawn. Images do not
+    depend on the number of processes. A task raises InputError if OpenGL cannot draw.
+    """
+    context, size = fresh(NEEDED), sum(camera.height * camera.width * 3 for camera in cameras)
+    memory = context.RawArray(ctypes.c_uint8, max(1, size))  # without a name, which would outlive killed processes
+    count = min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)
+    pool = Pool[Task, None](count, context, _drawing, model, tuple(cameras), seed, memory, deadline=DRAWN_WITHIN)
+    return pool, _images(memory, cameras)
 
 
-def _slot(memory: Memory, offset: int, camera: Camera) -> NDArray[np.uint8]:
-    """Where the image of a camera lies in the shared memory, shape (height, width, 3)."""
-    shape = (camera.height, camera.width, 3)
-    return np.ndarray(shape, dtype=np.uint8, buffer=memoryview(memory), offset=offset)
+def _images(memory: Memory, cameras: Sequence[Camera]) -> list[NDArray[np.uint8]]:
+    """Where the image of each camera lies in the shared memory, shape (height, width, 3)."""
+    sizes = [(camera.height, camera.width, 3) for camera in cameras]
+    offsets = np.cumsum([0, *(height * width * depth for height, width, depth in sizes)]).tolist()
+    view = memoryview(memory)
+    return [np.ndarray(size, np.uint8, view, offset) for size, offset in zip(sizes, offsets[:-1], strict=True)]
 
 
-def _drawing(
-    model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory: Memory, offsets: list[int]
-) -> Callable[[Task], None]:
+def _drawing(model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory: Memory) -> Callable[[Task], None]:
     """What draws images into the shared memory. Raises InputError if OpenGL cannot draw."""
     os.environ["LP_NUM_THREADS"] = "0"  # threads of Mesa's software renderer would get in the other processes' way
     from sqrp_cli.run.cell.renderer import Renderer
 
-    renderer = Renderer(model, cameras, seed)
+    renderer, images = Renderer(model, cameras, seed), _images(memory, cameras)
 
     def draw(task: Task) -> None:
         index, positions, t = task
         renderer.move(positions)
-        _slot(memory, offsets[index], cameras[index])[:] = renderer.image(cameras[index].name, t)
+        images[index][:] = renderer.image(cameras[index].name, t)
 
     return draw

@@ -126,8 +126,13 @@ class Renderer:
         """The picture that a camera sees from a pose in its frame (4, 4); depth: takes its depths, upside down."""
         body, optics = self._data.body(camera.frame), self._optics[camera.name]
         X_WC = pose(body.xmat.reshape(3, 3), body.xpos) @ X_FC
-        if not self._shadows:
-            self._leave_out_unseen(X_WC, optics)
+        (left, top), (right, bottom) = optics.low, optics.high
+        if not self._shadows:  # objects that lie outside the field of view, by the spheres around them, are left out
+            centers, radii = self._data.geom_xpos[self._drawn] - X_WC[:3, 3], self._model.geom_rbound[self._drawn]
+            sides = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, 1]])
+            sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+            seen = (centers @ X_WC[:3, :3] @ sides.T > -radii[:, None]).all(axis=1) | (radii == 0.0)
+            self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
         mujoco.mjv_updateScene(
             self._model, self._data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
@@ -135,9 +140,8 @@ class Renderer:
             eye.pos, eye.forward, eye.up = X_WC[:3, 3], X_WC[:3, 2], -X_WC[:3, 1]
             eye.orthographic = 0
             eye.frustum_near, eye.frustum_far = NEAR, FAR
-            eye.frustum_center = NEAR * (optics.low[0] + optics.high[0]) / 2
-            eye.frustum_width = NEAR * (optics.high[0] - optics.low[0]) / 2
-            eye.frustum_top, eye.frustum_bottom = -NEAR * optics.low[1], -NEAR * optics.high[1]
+            eye.frustum_center, eye.frustum_width = NEAR * (left + right) / 2, NEAR * (right - left) / 2
+            eye.frustum_top, eye.frustum_bottom = -NEAR * top, -NEAR * bottom
         for light in self._scene.lights[: self._scene.nlight]:
             if self._shadows:  # before colours are clipped, unlike in the picture
                 light.diffuse, light.ambient = gain * light.diffuse, gain * light.ambient
@@ -154,17 +158,6 @@ class Renderer:
         """Give the OpenGL context back."""
         self._context.free()
         self._gl.free()
-
-    def _leave_out_unseen(self, X_WC: Array, optics: Optics) -> None:
-        """Put the objects that lie outside the camera's field of view, by the spheres around them, in another group."""
-        R_CW = X_WC[:3, :3].T
-        centers = (self._data.geom_xpos[self._drawn] - X_WC[:3, 3]) @ R_CW.T
-        radii = self._model.geom_rbound[self._drawn]
-        (left, top), (right, bottom) = optics.low, optics.high
-        sides = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, 1]])
-        sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-        seen = (centers @ sides.T > -radii[:, None]).all(axis=1) | (radii == 0.0)
-        self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.run.arm_motion import ArmReference
 from sqrp_cli.run.cell.mujoco_model import FRICTION, TIME_STEP, TIP, TIP_RADIUS, build_model, mujoco, quaternion
-from sqrp_cli.run.cell.render_pool import RenderPool
+from sqrp_cli.run.cell.render_pool import start_drawing
 from sqrp_cli.run.image import CameraImage, check_image_sizes
 from sqrp_cli.run.record.report import Stopped
 
@@ -73,9 +73,7 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
             check_image_sizes(workspace)
         self._workspace, self._built = workspace, build_model(workspace, placed_objects(world))
         self.reset(world)
-        self._renderers = None
-        if seed is not None:
-            self._renderers = RenderPool(self._built, tuple(workspace.cameras.values()), seed)
+        self._drawing = None if seed is None else start_drawing(self._built, tuple(workspace.cameras.values()), seed)
 
     @interrupts_later()
     def reset(self, world: World) -> None:
@@ -241,9 +239,12 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
         """An image of each camera, taken now, by name in the order given."""
-        assert self._renderers is not None, "a cell without a seed has no images"  # noqa: S101
-        images = self._renderers.images(cameras, self.positions, self.t)
-        return {name: CameraImage(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
+        assert self._drawing is not None, "a cell without a seed has no images"  # noqa: S101
+        pool, images = self._drawing
+        indices = [list(self._workspace.cameras).index(name) for name in cameras]
+        for _ in pool.map([(index, self.positions, self.t) for index in indices]):
+            pass
+        return {name: CameraImage(name, self.t, images[i].copy()) for name, i in zip(cameras, indices, strict=True)}
 
     def measured_joints(self, t: float | None = None) -> Mapping[str, float]:  # noqa: ARG002 - it knows no other time
         """Position of every movable joint of robot and tool as its encoder says now [rad or m]."""
@@ -267,8 +268,8 @@ class SimulatedCell(AbstractContextManager["SimulatedCell"]):
 
     def __exit__(self, *_: object) -> None:
         """End the processes that draw."""
-        if self._renderers is not None:
-            self._renderers.pool.close()
+        if self._drawing is not None:
+            self._drawing[0].close()
 
 
 def placed_objects(world: World) -> dict[str, Array]:

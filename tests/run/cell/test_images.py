@@ -21,7 +21,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.run.cell.mujoco_model import build_model
-from sqrp_cli.run.cell.render_pool import RenderPool
+from sqrp_cli.run.cell.render_pool import start_drawing
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.perception.vision import find_markers
@@ -112,13 +112,13 @@ def test_a_camera_on_a_link_moves_with_it() -> None:
     assert np.linalg.norm(seen - Projection(eye).pixels(point_C)[0]) < 0.3
 
 
-def test_leaving_out_what_is_out_of_view_changes_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_leaving_out_what_is_out_of_view_changes_no_pixel() -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
     with drawing(tuple(base.objects.values()), cameras, base=base) as renderer:
         culled = [renderer.image(eye.name, 0.0) for eye in cameras]
-        monkeypatch.setattr(Renderer, "_leave_out_unseen", lambda *_: None)
         renderer._model.geom_group[renderer._drawn] = 0
+        renderer._drawn = renderer._drawn[:0]
         whole = [renderer.image(eye.name, 0.0) for eye in cameras]
     assert all(np.array_equal(a, b) for a, b in zip(culled, whole, strict=True))
 
@@ -128,11 +128,12 @@ def test_processes_draw_what_one_process_draws() -> None:
     cameras = tuple(base.cameras.values())
     names = [eye.name for eye in cameras]
     physics = SimulatedCell(base, world(base))
-    pool = RenderPool(physics.model, cameras, 7)
-    try:
-        apart = [pool.images(names, physics.positions, t) for t in (0.0, 0.1)]
-    finally:
-        pool.pool.close()
+    pool, drawn = start_drawing(physics.model, cameras, 7)
+    apart = []
+    for t in (0.0, 0.1):
+        list(pool.map([(index, physics.positions, t) for index in range(len(cameras))]))
+        apart.append([image.copy() for image in drawn])
+    pool.close()
     renderer = Renderer(physics.model, cameras, 7)
     renderer.move(physics.positions)
     for t, images in zip((0.0, 0.1), apart, strict=True):
