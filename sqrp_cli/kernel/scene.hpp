@@ -139,9 +139,9 @@ public:
             if (!face.known) light_up(scene, face, side);
             double brightest = 0;
             for (int l = 0; l < lights; l++) brightest += face.strength[l];
-            // Where shadows change nothing, none is looked for.
+            // Where shadows change nothing, none counts, whatever cameras of other gains have asked for.
             bool asked = brightest >= lowest_told && (ambient < lowest_told || brightest > highest_told);
-            if (asked && !face.knows_shadows) cast_shadows(scene, face, side);
+            if (asked != face.knows_shadows) asked ? cast_shadows(scene, face, side) : light_up(scene, face, side);
             double dark = 0, bright = 0;
             for (int on = 0; on < 1 << lights; on++) {  // which lights reach a point, by chance: shadows are independent
                 double chance = 1, total = ambient;
@@ -195,7 +195,7 @@ private:
     };
 
     void light_up(const Scene& scene, Face& face, int side) const {
-        face.known = true;
+        face.known = true, face.knows_shadows = false;
         V3 point = X_WB(middle(scene.boxes[box], side)), out = X_WB.turn(normal(side));
         for (int l = 0; l < scene.light_count; l++) {
             const Light& light = scene.lights[l];
