@@ -8,7 +8,7 @@ import os
 import re
 import shlex
 import string
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -98,18 +98,17 @@ def _marks(program: Program) -> dict[Keys, str]:
     Values are what the file has on one line: plain ones and lists of them. Signs are short, as there are hundreds: a
     changed value keeps its sign once in 64 times.
     """
-
-    def values(value: Any, at: Keys) -> Iterator[tuple[Keys, Any]]:  # noqa: ANN401
+    marks: dict[Keys, str] = {}
+    waiting: list[tuple[Keys, Any]] = [((), _summed(program))]  # the next one last
+    while waiting:
+        at, value = waiting.pop()
         if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
             value = dict(enumerate(value))
-        if not isinstance(value, Mapping) or not value:
-            yield at, value
-            return
-        for key, item in value.items():
-            yield from values(item, (*at, key))
-
-    signs = ((keys, int(_digest([keys, value])[:8], 16)) for keys, value in values(_summed(program), ()))
-    return {keys: _SIGNS[number % len(_SIGNS)] for keys, number in signs}
+        if isinstance(value, Mapping) and value:
+            waiting += [((*at, key), item) for key, item in reversed([*value.items()])]
+        else:
+            marks[at] = _SIGNS[int(_digest([at, value])[:8], 16) % len(_SIGNS)]
+    return marks
 
 
 def _digest(value: Any) -> str:  # noqa: ANN401

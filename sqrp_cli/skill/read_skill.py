@@ -227,31 +227,32 @@ class _SkillReader:
             *((None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)),
             *((name, entry, ("faults", name)) for name, entry in self.file.faults.items()),
         ]
+        names = [primitive.name for primitive in self.file.primitives]
         found: list[skill.Requirement] = []
         for name, text_or_entry, path in stated:
             at: KeyPath = path if isinstance(text_or_entry, str) else (*path, "formula")
             entry = skill.FormulaEntry(formula=text_or_entry) if isinstance(text_or_entry, str) else text_or_entry
-            formula, condition = self._formula(entry.formula, at), None
-            if isinstance(entry.response, skill.RetryEntry) and entry.response.when is not None:
-                when: KeyPath = (*path, "response", "when")
-                condition = self._formula(entry.response.when, when)
-                if condition is not None and (over_time := [one for one in nested(condition) if one.interval]):
+            when = entry.response.when if isinstance(entry.response, skill.RetryEntry) else None
+            parsed: list[Formula | None] = []
+            for text, key in ((entry.formula, at), (when, (*path, "response", "when"))):
+                place = self.document.value_place(key)
+                try:
+                    one = None if text is None else parse_formula(text, place, indent=(place.column or 1) - 1)
+                except InputError as error:
+                    self.problems.extend(error.problems)
+                    one = None
+                parsed.append(one)
+                if one is None:
+                    continue
+                self.problems.extend(check_formula(one, self.domain, self.action, names))
+                over_time = [part for part in nested(one) if part.interval]
+                if key != at and over_time:
                     message = f"`{over_time[0]}` is about a stretch of time; expected what must be seen now, such as"
-                    self._report("temporal-condition", when, f"{message} `obj_on_table`")
+                    self._report("temporal-condition", key, f"{message} `obj_on_table`")
+            formula, condition = parsed
             if formula is not None:
                 found.append(skill.Requirement(name, entry, formula, condition, self.document.value_place(at)))
         return tuple(found)
-
-    def _formula(self, text: str, path: KeyPath) -> Formula | None:
-        place = self.document.value_place(path)
-        try:
-            formula = parse_formula(text, place, indent=(place.column or 1) - 1)
-        except InputError as error:
-            self.problems.extend(error.problems)
-            return None
-        names = [entry.name for entry in self.file.primitives]
-        self.problems.extend(check_formula(formula, self.domain, self.action, names))
-        return formula
 
     def _check_targets(self) -> None:
         grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, skill.Grasp)]

@@ -20,7 +20,6 @@ import numpy as np
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.session import Session
 from sqrp_cli.ask.requests import TaskRequest
-from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError, Problem, bad_input
 from sqrp_cli.geometry import matrix_to_quaternion
 from sqrp_cli.motion.cell import Cell
@@ -141,7 +140,8 @@ class _Worker:
     _model: Mapping[str, object] | None = None
     _task: tuple[str, Session] | None = None
     """The last task with plans, as it was asked for; None once anything but cameras has changed."""
-    _ranking: list[CandidateResult] = field(default_factory=list)
+    _ranking: dict[str, CandidateResult] = field(default_factory=dict)
+    """The candidates by their names, the best first."""
     _session: Session | None = None
     _chosen: str = ""
     _sketches: dict[str, tuple[list[Sketch], CoverageShown]] = field(default_factory=dict)
@@ -169,7 +169,7 @@ class _Worker:
             question = self.pipe.recv()
             while question[0] == "hold" and self.pipe.poll():  # only the newest counts
                 question = self.pipe.recv()
-            self._answer(question)
+            self.answer(question)
             return
         for worker in workers:
             if worker.pipe in ready and (run := self.run) is not None:
@@ -191,7 +191,8 @@ class _Worker:
                 self._base()  # so that a hand need not wait for it
                 give_back_memory()  # nor for this: cells that are no longer shown refer to themselves
 
-    def _answer(self, question: Question) -> None:
+    def answer(self, question: Question) -> None:
+        """Begin with what is asked, or say why that cannot be."""
         kind, about, *number = question
         try:
             if kind == "hold":
@@ -270,20 +271,17 @@ class _Worker:
         if run.of_saved:
             self.say("saved-ranking", **fields)
             return
-        self._ranking, self._session = ranking, run.session
+        self._ranking, self._session = {one.candidate.name: one for one in ranking}, run.session
         self.say("ranking", summary=f"{summary(ranking, run.asked.by)}.", **fields)
-        if self._find(self._chosen) is None:
-            self._chosen = ranking[0].candidate.name
+        if self._chosen not in self._ranking:
+            self._chosen = next(iter(self._ranking))
         self._explain()
 
     # The chosen candidate
 
-    def _find(self, name: str) -> CandidateResult | None:
-        return next((one for one in self._ranking if one.candidate.name == name), None)
-
     def _explain(self) -> None:
         """Show the chosen candidate over time, once another process has computed that."""
-        chosen = self._find(self._chosen)
+        chosen = self._ranking.get(self._chosen)
         if chosen is None or self._session is None:
             return
         if self.explaining is not None:
@@ -293,9 +291,10 @@ class _Worker:
 
     def _base(self) -> tuple[list[Sketch], CoverageShown] | None:
         """The chosen candidate's motions, and what is seen of them in the cell as it is written."""
-        chosen = self._find(self._chosen)
+        chosen = self._ranking.get(self._chosen)
         if self._chosen not in self._sketches and self._session is not None and chosen is not None and chosen.feasible:
-            found = sketches_of(self._session.cell, chosen)
+            found = sketches_of(self._session.cell, [step.way for step in chosen.steps or (chosen,)])
+            found = [] if isinstance(found, Infeasible) else found
             self._sketches = (
                 {self._chosen: (found, joined(found, [one.seen_by(one.cell) for one in found]))} if found else {}
             )
@@ -316,10 +315,11 @@ class _Worker:
             self.say("sketch", name=self._chosen, seen=seen, was=was, number=number)
             return
         cell = Cell.load(workspace, self.seed)
-        found = _sketched(cell, sketches[0].scene.candidate, cell.initial_world)
-        if isinstance(found, Infeasible):
-            self.say("sketch", name=self._chosen, reasons=found.reasons, number=number)
+        alone = sketches_of(cell, [sketches[0].scene.candidate])
+        if isinstance(alone, Infeasible):
+            self.say("sketch", name=self._chosen, reasons=alone.reasons, number=number)
             return
+        (found,) = alone
         # Where everything is at the instants of the sketch: poses (m, 4, 4) or (1, 4, 4), as they change.
         stage, samples, X_WF = found.scene.stage, found.samples, found.states.X_WF
         values, poses = [cell.model.joint_values(row) for row in stage.positions(samples)], {}
@@ -332,19 +332,13 @@ class _Worker:
         self.say("sketch", name=self._chosen, seen=found.seen_by(cell), was=was, track=track, number=number)
 
 
-def sketches_of(cell: Cell, assessment: CandidateResult) -> list[Sketch]:
-    """The motions of a feasible candidate in a cell, a sketch for each step; none if it has none there."""
+def sketches_of(cell: Cell, ways: Sequence[Candidate]) -> list[Sketch] | Infeasible:
+    """The motions of a candidate in a cell, a sketch for the way of each step; or why one is not possible there."""
     world, sketches = cell.initial_world, list[Sketch]()
-    for step in assessment.steps or (assessment,):
-        found = _sketched(cell, step.way, world)
-        if isinstance(found, Infeasible):
-            return []
-        sketches.append(found)
-        world = world_after(step.way, found.scene.motion, world)
+    for way in ways:
+        motion = feasible_motion(cell, way, world)
+        if isinstance(motion, Infeasible):
+            return motion
+        sketches.append(Sketch.of(cell, planned_motion(cell, way, world, motion)))
+        world = world_after(way, motion, world)
     return sketches
-
-
-def _sketched(cell: Cell, way: Candidate, world: World) -> Sketch | Infeasible:
-    """The motion of a way in a cell, from a world."""
-    motion = feasible_motion(cell, way, world)
-    return motion if isinstance(motion, Infeasible) else Sketch.of(cell, planned_motion(cell, way, world, motion))

@@ -478,8 +478,8 @@ def _judging(
     """
     if not boxes or not observer.cameras:
         return {box: np.zeros((count, len(observer.cameras)), dtype=bool) for box in boxes}
-    others = [one.part.name for one in observer.solids if robot_alone and one.color is not None]
-    asked = [replace(box, limits=box.limits.judging).seen_through(others) for box in boxes]
+    others = dict.fromkeys(one.part.name for one in observer.solids if robot_alone and one.color is not None)
+    asked = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *others)) for box in boxes]
     targets, rows = [Target(Atom(box.name), 1, (box,)) for box in asked], [np.arange(count)] * len(asked)
     verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
     found = (

@@ -70,7 +70,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
     assignment = ranking.session.assignment
     whole = assignment.explain(ranking.candidates[0])
     assert len(whole.steps) == 2
-    sketches = sketches_of(assignment.cell, ranking.candidates[0])
+    sketches = sketches_of(assignment.cell, [step.way for step in ranking.candidates[0].steps])
     shown, exact = (
         joined(sketches, [one.seen_by(one.cell) for one in sketches]),
         tidy(played(assignment, whole, brief=True), digits=None)["samples"],
