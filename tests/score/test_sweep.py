@@ -24,9 +24,6 @@ def test_a_grid_has_every_combination_with_both_ends() -> None:
     assert found[0] == (("cameras.a.pose.position.0", "0.8"), ("cameras.a.far", "1 m"))
     assert found[-1] == (("cameras.a.pose.position.0", "1.2"), ("cameras.a.far", "2 m"))
     assert len(set(found)) == 6
-
-
-def test_a_unit_stays_the_unit_of_the_value() -> None:
     assert [values[0][1] for values in grid("a.b=-90 deg:-45 deg:3")] == ["-90 deg", "-67.5 deg", "-45 deg"]
 
 

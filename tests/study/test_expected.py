@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.ask.api.cell import OpenCell
-from sqrp_cli.camera.detector import COEFFICIENTS, Curve
+from sqrp_cli.camera.detector import COEFFICIENTS, Curve, Detector
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.likelihood import at_least
@@ -119,20 +119,13 @@ def test_a_curve_as_steep_as_a_limit_gives_the_quality_of_the_limit(tabletop: Wo
     assert sure == pytest.approx(qualities_over(found.timeline).q_avg, abs=1e-6)
 
 
-def test_without_curves_nothing_is_computed(tabletop: Workspace) -> None:
+def test_a_longer_exposure_is_never_better_and_without_curves_nothing_is_computed(tabletop: Workspace) -> None:
+    sharp, blurred = (expected(with_curve(tabletop, CURVE, exposure))[0] for exposure in (0.0, 0.1))
+    assert sharp is not None and blurred is not None and blurred < sharp  # noqa: PT018
     assert expected(tabletop)[0] is None
 
 
-def test_a_longer_exposure_is_never_better(tabletop: Workspace) -> None:
-    sharp, blurred = (expected(with_curve(tabletop, CURVE, exposure))[0] for exposure in (0.0, 0.1))
-    assert sharp is not None
-    assert blurred is not None
-    assert blurred < sharp
-
-
 def test_a_term_of_the_curve_replaces_the_limit_and_no_other() -> None:
-    from sqrp_cli.camera.detector import Detector
-
     stated = Detector(kind="color", distance=(0.5, 2.0), max_incidence=1.0, min_pixels=12.0, min_visible=0.5)
     assert stated.hard_limits == stated
     hard_limits = replace(stated, curve=Curve(bias=0.0, pixels=1.0, incidence=1.0)).hard_limits

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import re
 from dataclasses import replace
 from itertools import product
@@ -48,8 +47,7 @@ def studies(cell: Cell) -> dict[str, Analysis]:
 def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Analysis]) -> None:
     found = studies[name]
     timeline = found.timeline
-    blind = timeline.observation.blind
-    text = verdict(cell, found)
+    text, blind = verdict(cell, found), timeline.observation.blind
     if not blind.any():
         assert text == "Every literal is covered all the time."
         return
@@ -70,18 +68,14 @@ def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
 ) -> None:
     found = studies[name]
     weights, observation = sample_weights(found), found.timeline.observation
+    assert weights.sum() == pytest.approx(found.motion.time, abs=1e-9)
     totals = cause_totals(cell, found)
     for column, target in enumerate(found.targets):
-        required = observation.required[:, column]
+        required, seen = observation.required[:, column], sees_all(observation.full_matrix[column])
         for index, camera in enumerate(cell.observer.cameras):
-            sees = np.all([box.cause[:, index] == Cause.NONE for box in observation.full_matrix[column]], axis=0)
             lost = sum(t.seconds for t in totals if (t.literal, t.camera) == (str(target.atom), camera.name))
-            assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
-
-
-def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Analysis]) -> None:
-    for found in studies.values():
-        assert sample_weights(found).sum() == pytest.approx(found.motion.time, abs=1e-9)
+            together = lost + weights[required & seen[:, index]].sum()
+            assert together == pytest.approx(weights[required].sum(), abs=1e-9)
 
 
 def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Analysis]) -> None:
@@ -91,10 +85,10 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
         (row, index)
         for boxes in timeline.observation.full_matrix
         for row, index in np.argwhere(boxes[0].cause == Cause.HIDDEN)
-        if timeline.monitored[row] and not timeline.covered[row]
+        if timeline.observation.blind[row]
     ]
     row, index = hidden[0]
-    alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
+    alone = replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
     stretch = explain_stretch(alone, found, np.array([row]))
     assert stretch.causes[0].limit is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
@@ -115,7 +109,7 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     asked = SimpleNamespace(
         timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
         stage=found.stage,
-        targets=[dataclasses.replace(found.targets[0], cameras=2)],
+        targets=[replace(found.targets[0], cameras=2)],
     )
     stretch = explain_stretch(cell, asked, rows)
     share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
@@ -155,6 +149,14 @@ def test_a_camera_is_to_be_turned_only_where_that_was_tried() -> None:
         assert blind.advice == advice
 
 
+def longest_blind(found: Analysis) -> np.ndarray | None:
+    """The samples of the longest stretch that is not covered, in the events of interest if there is any."""
+    blind, t = found.timeline.observation.blind, found.timeline.samples.t
+    interesting = blind & found.timeline.interesting
+    rows = list(stretches(interesting if interesting.any() else blind))
+    return max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]], default=None)
+
+
 RANGES = [(0.2, 4.0), (0.5, 4.0), (0.8, 4.0), (1.2, 4.0), (0.2, 0.7), (0.2, 0.9), (0.2, 1.15)]
 
 
@@ -168,14 +170,9 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
         found = observed(before, studies[name], Adaptive(), full=False)
-        blind = found.timeline.observation.blind
-        rows = list(
-            stretches(blind & found.timeline.interesting if (blind & found.timeline.interesting).any() else blind)
-        )
-        if not rows:
+        if (rows := longest_blind(found)) is None:
             continue
-        t = found.timeline.samples.t
-        stretch = explain_stretch(before, found, max(rows, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+        stretch = explain_stretch(before, found, rows)
         sentence = verdict(before, found)
         change = stretch.causes[0].change if stretch.causes else None
         assert (f"It would help to {stretch.advice}." in sentence) == (change is not None)
@@ -202,33 +199,24 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
     assert said == {"turn", "back", "closer"}
 
 
-def turned(cell: Cell, angle: float, directions: int = 16) -> Observer:
-    """All cameras, turned about their lenses by an angle [deg] in so many directions, those of a camera together."""
-    turns = np.radians(angle) * np.array(
-        [(np.cos(d), np.sin(d)) for d in np.linspace(0, 2 * np.pi, directions + 1)[1:]]
-    )
-    cameras = tuple(
-        dataclasses.replace(camera, X_FC=camera.X_FC @ displacement(np.zeros(3), np.array([up, right, 0.0])))
-        for camera in cell.observer.cameras
-        for up, right in turns
-    )
-    return Observer(cameras, cell.observer.solids)
-
-
 @pytest.mark.parametrize("name", ["g2", "g3", "g5"])
 def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
     name: str, cell: Cell, studies: dict[str, Analysis]
 ) -> None:
     found = studies[name]
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
-    blind = timeline.observation.blind
-    rows = max(stretches(blind & timeline.interesting if (blind & timeline.interesting).any() else blind), key=len)
+    rows = longest_blind(found)
+    assert rows is not None
     stretch = explain_stretch(cell, found, rows)
     column = [target.atom for target in found.targets].index(stretch.atom)
     states = found.stage.states(timeline.samples)
 
     def closing(angle: float) -> list[str]:
-        (boxes,) = turned(cell, angle).verdicts([found.targets[column]], states, rows=[rows], shares=False)
+        """The cameras that see it all, turned about their lenses by an angle [deg] in one of 16 directions."""
+        turns = [np.radians(angle) * np.array([np.cos(d), np.sin(d), 0.0]) for d in np.pi / 8 * np.arange(16)]
+        there = [(one, one.X_FC @ displacement(np.zeros(3), t)) for one in cell.observer.cameras for t in turns]
+        observer = Observer(tuple(replace(one, X_FC=X_FC) for one, X_FC in there), cell.observer.solids)
+        (boxes,) = observer.verdicts([found.targets[column]], states, rows=[rows], shares=False)
         return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
 
     nearest = stretch.causes[0]
