@@ -225,8 +225,8 @@ class Detector(DetectorEntry):
     def usual(self) -> Detector:
         """With the limits within which it usually sees: markers as images show them, see `smallest` and `BESIDE`.
 
-        One of colours judges what the image's edge leaves of a part as it does what others leave, see
-        `allows_truncation`. Of other detectors, and of those with a curve, no more is known than what is stated.
+        One of colours judges what the image's edge leaves of a part as it does what others leave. Of other detectors,
+        and of those with a curve, no more is known than what is stated.
         """
         if self.curve is not None:
             return self
@@ -243,11 +243,6 @@ class Detector(DetectorEntry):
             return np.full(incidence.shape, self.min_pixels)
         found: Array = np.max([least_pixels(camera, one, incidence) for one in self.dictionaries], axis=0)
         return found
-
-    @property
-    def allows_truncation(self) -> bool:
-        """Whether what the image's edge leaves of a box counts as what a part does that hides some of it."""
-        return self.is_usual and self.kind == "color"
 
     @property
     def hard_limits(self) -> Detector:

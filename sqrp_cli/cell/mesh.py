@@ -186,7 +186,7 @@ def _obj(path: Path, content: bytes) -> _Surface:
         message = f"this mesh has more than {10 * MAX_TRIANGLES:,} lines"
         raise bad_input("mesh-too-large", message, Place(path), mend="simplify the mesh")
     vertices, lines = list[list[bytes]](), list[int]()
-    corners, sizes, number, triangles = list[int](), list[int](), 1, 0
+    corners, sizes, faces_at, number, triangles = list[int](), list[int](), list[int](), 1, 0
     total, polygons = (len(re.findall(rb"^\s*%b\s" % keyword, content, re.MULTILINE)) for keyword in (b"v", b"f"))
     _check_count(path, polygons)
     # A backslash continues a line. The vertical tab in its place is a blank that can be counted.
@@ -205,12 +205,11 @@ def _obj(path: Path, content: bytes) -> _Surface:
             except ValueError:
                 message = f"found the face `{_shown(words[1:])}`, expected numbers such as `7/1/1`"
                 raise _damaged(path, message, number) from None
-            if not 3 <= len(stated) <= MAX_CORNERS:
-                raise _polygon(path, len(stated), number)
             if wrong := [index for index in stated if not (1 <= index <= total or 1 <= -index <= len(vertices))]:
                 raise _damaged(path, f"found the vertex {wrong[0]:,}, of {total:,} that there are", number)
             corners += [index - 1 if index > 0 else len(vertices) + index for index in stated]
             sizes.append(len(stated))
+            faces_at.append(number)
             triangles += len(stated) - 2
             if triangles > MAX_TRIANGLES:
                 _check_count(path, triangles)
@@ -220,8 +219,8 @@ def _obj(path: Path, content: bytes) -> _Surface:
             raise _damaged(path, message, number)
         number += 1 + line.count(b"\v")
     points = np.array(vertices, dtype=float).reshape(-1, 3)
-    faces = _cut(path, points, np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64))
-    return points, faces, 1.0, lines.__getitem__
+    each = np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)
+    return points, _cut(path, points, *each, faces_at.__getitem__), 1.0, lines.__getitem__
 
 
 def _shown(words: list[bytes]) -> str:
@@ -231,17 +230,19 @@ def _shown(words: list[bytes]) -> str:
 # Polygons
 
 
-def _polygon(path: Path, corners: int, line: int | None) -> InputError:
-    message = f"found a polygon with {corners:,} corners, expected 3 to {MAX_CORNERS:,}"
-    return _damaged(path, message, line, mend="triangulate the mesh when exporting it")
+def _cut(
+    path: Path, points: Array, corners: Integers, sizes: Integers, line_of: Callable[[int], int | None]
+) -> Integers:
+    """Triangles (n, 3) of polygons, given by indices of all their corners in a row and how many each has.
 
-
-def _cut(path: Path, points: Array, corners: Integers, sizes: Integers, line: int | None = None) -> Integers:
-    """Triangles (n, 3) of polygons, given by indices of all their corners in a row and how many each has."""
+    line_of: gives the line of a polygon, for messages.
+    """
+    mend = "triangulate the mesh when exporting it"
     triangles, budget, starts = [np.empty((0, 3), dtype=np.int64)], MAX_CUTS, np.cumsum(sizes) - sizes
     for size in np.unique(sizes).tolist():
         if not 3 <= size <= MAX_CORNERS:
-            raise _polygon(path, size, line)
+            message = f"found a polygon with {size:,} corners, expected 3 to {MAX_CORNERS:,}"
+            raise _damaged(path, message, line_of(int((sizes == size).argmax())), mend)
         polygons = corners[starts[sizes == size][:, None] + np.arange(size)]
         if size == 3:
             triangles.append(polygons)
@@ -257,7 +258,7 @@ def _cut(path: Path, points: Array, corners: Integers, sizes: Integers, line: in
             triangles.append(polygons[polygon][ears])
             if (budget := budget - tried) < 0:
                 message = "the polygons of this mesh that are not convex are too many"
-                raise _damaged(path, message, line, mend="triangulate the mesh when exporting it")
+                raise _damaged(path, message, line_of(int(np.flatnonzero(sizes == size)[polygon])), mend)
     return np.concatenate(triangles)
 
 
@@ -399,7 +400,7 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
         message = f"`count` is {count:,}, but there are {len(sizes):,} polygons of {sizes.sum():,} corners in all"
         raise _wrong(part, f"{part}: {message}, and its <p> has {len(corners):,}")
     if part.tag not in ("trifans", "tristrips"):
-        return points, _cut(part.place.file, points, corners, sizes, part.place.line)
+        return points, _cut(part.place.file, points, corners, sizes, lambda _: part.place.line)
     faces = [np.empty((0, 3), dtype=np.int64)]
     for one in lists:
         step = np.arange(max(len(one) - 2, 0))

@@ -16,7 +16,6 @@ from sqrp_cli.motion.collision import Contact
 from sqrp_cli.motion.sections import MotionProblem, Ways
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import find_way, motion_through
-from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import JointMove
 from sqrp_cli.trajectory import Trajectory
 
@@ -86,14 +85,8 @@ _Siblings = tuple[tuple[int, ...], tuple[float, ...], Array, Iterator[int]]
 """What gives the sequences that differ in the last branch: as `push` takes it."""
 
 
-@dataclass(frozen=True, eq=False)
-class FoundMove:
-    """A move between two branches, with the obstacle that it goes around, if any."""
-
-    trajectory: Trajectory
-    around: str | None = None
-
-
+FoundMove = tuple[Trajectory, str | None]
+"""A move between two branches, and the obstacle that it goes around, if any."""
 _How = Literal["direct", "through", "around"]
 
 
@@ -129,7 +122,7 @@ class JointMoves:
         has_vias = around and self._problem.primitives[section.first - 1].vias is not None
         hows: tuple[_How, ...] = ("through", "around") if has_vias else ("around",) if around else ("direct",)
         found = (self._move(i, previous, chosen, how) for how in hows)
-        return (section.move is None and not around) or any(isinstance(move, FoundMove) for move in found)
+        return (section.move is None and not around) or any(isinstance(move, tuple) for move in found)
 
     def along(self, chosen: Sequence[int]) -> list[FoundMove] | Infeasible:
         """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
@@ -141,7 +134,7 @@ class JointMoves:
                 return move
             if isinstance(move, Contact):
                 move = self._move(i, chosen[i - 1], chosen[i], "around")
-            moves += [move] if isinstance(move, FoundMove) else []
+            moves += [move] if isinstance(move, tuple) else []
         return moves
 
     def _find(self, i: int, previous: int, chosen: int, how: _How) -> FoundMove | Contact | Infeasible | None:
@@ -156,20 +149,20 @@ class JointMoves:
             contact, said = self._contact(index, trajectory)
             if contact is not None:
                 problem.failures.append((index, said))
-            return contact or FoundMove(trajectory)
+            return contact or (trajectory, None)
         direct = self._move(i, previous, chosen, "direct")
         obstacle = direct.second if isinstance(direct, Contact) else None
         if how == "through":
             vias = np.zeros((0, len(q0))) if primitive.vias is None else primitive.vias
             trajectory = motion_through(q0, vias, q1, limits)
             contact, said = self._contact(index, trajectory)
-            return FoundMove(trajectory, obstacle) if contact is None else Infeasible((f"{said} with its vias",))
+            return (trajectory, obstacle) if contact is None else Infeasible((f"{said} with its vias",))
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
         if tries == 0 or primitive.via_home or obstacle is None:
             return None
         found, checked = find_way(scene, q0, q1, problem.bounds, limits, tries, problem.seed)
         self.tries += checked
-        return None if found is None else FoundMove(found, obstacle)
+        return None if found is None else (found, obstacle)
 
     def _check_tied(self, i: int, branch: int) -> bool:
         """Whether all primitives tied to the start of a branch of section i are free, and fingers that move in them."""

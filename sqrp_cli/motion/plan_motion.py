@@ -241,7 +241,7 @@ class _Planner:
         for through, k, move in zip(ways, chosen, [None, *along], strict=True):
             done += [move] if move is not None else []
             tied = through.trajectories[through.of[k]]
-            done += [FoundMove(Trajectory(one.path.shifted(through.turns[k]), one.law)) for one in tied]
+            done += [(Trajectory(one.path.shifted(through.turns[k]), one.law), None) for one in tied]
         motion = self._motion(done, ways[-1].q_end[chosen[-1]])
         for primitive in motion.primitives if isinstance(motion, Motion) else ():
             if (past := worst_past_limit(self.problem.model, primitive.trajectory.path)) is not None:
@@ -262,24 +262,24 @@ class _Planner:
         """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
         primitives, start, model = [], 0.0, self.problem.model
         resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
-        for index, (primitive, move) in enumerate(zip(self.problem.primitives, moves, strict=True)):
-            world, end = primitive.world, start + move.trajectory.duration
+        for index, (primitive, (trajectory, around)) in enumerate(zip(self.problem.primitives, moves, strict=True)):
+            world, end = primitive.world, start + trajectory.duration
             fingers, unmet = positions_of(model.fingers.joints, world.joints), None
             if primitive.force is not None:
                 # The whole motion where it meets nothing; that of the move is up to contact.
-                whole, still = move.trajectory, np.zeros_like(model.turns)
+                whole, still = trajectory, np.zeros_like(model.turns)
                 for curve in primitive.legs[len(primitive.curves) :]:
                     (path,) = self.problem.follow(index, primitive, curve, whole.path.end[None], still)
                     if path is None:
                         return self._infeasible()
                     (beyond,) = self.problem.timed([(path, primitive, curve)])
-                    whole = move.trajectory.shortened(move.trajectory.duration - beyond.duration).followed_by(beyond)
+                    whole = trajectory.shortened(trajectory.duration - beyond.duration).followed_by(beyond)
                 if (contact := self.problem.scenes[index].check_path(whole.path)) is not None:
                     return Infeasible((f"{contact} if {primitive.name} meets nothing",))
                 unmet = with_fingers(model, whole, None, fingers)
             too_slow = None
             if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
-                q, velocity = move.trajectory.motion(move.trajectory.law.breaks, 1)  # it is fastest where phases meet
+                q, velocity = trajectory.motion(trajectory.law.breaks, 1)  # it is fastest where phases meet
                 J = model.tool_poses_and_jacobians(q)[1][:, :3]
                 reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
                 if reached < REACHED * primitive.speed:
@@ -291,11 +291,11 @@ class _Planner:
                     name=primitive.name,
                     start=start,
                     end=end,
-                    trajectory=with_fingers(model, move.trajectory, primitive.fingers, fingers),
+                    trajectory=with_fingers(model, trajectory, primitive.fingers, fingers),
                     held=world.held,
                     X_TO=world.X_TO,
                     X_WO=resting[id(world)],
-                    around=move.around,
+                    around=around,
                     force=primitive.force,
                     unmet=unmet,
                     too_slow=too_slow,

@@ -179,6 +179,7 @@ class RobotModel(JointLimits[Array]):
     turns: Mask  # which of them turn; the others slide
     home: Array
     """Their positions at the start of a program."""
+    links: tuple[str, ...]  # all of robot and tool
     joints: tuple[str, ...]  # names of those that are driven: of the arm, then of the fingers; n + f of them
     fingers: FingerModel  # those of its gripper
     tool_links: frozenset[str]
@@ -231,6 +232,7 @@ class RobotModel(JointLimits[Array]):
         names = tuple(tree.joints[index].name for index in arm)
         return RobotModel(
             arm=names,
+            links=tuple(tree.mounts),
             joints=(*names, *fingers.joints),
             turns=tree.turns[arm],
             **_limit_arrays([tree.joints[index] for index in arm], robot),
@@ -255,11 +257,6 @@ class RobotModel(JointLimits[Array]):
                 offsets=of_arm.offsets[chain],
             ),
         )
-
-    @cached_property
-    def links(self) -> tuple[str, ...]:
-        """Every link of robot and tool."""
-        return tuple(self.tree.mounts)
 
     @cached_property
     def position_limits(self) -> JointSpan:

@@ -124,9 +124,11 @@ class SightScene:
                 one.modules * (MODULE_PIXELS * ((one.modules - 2) / (1 + one.corrected)) ** PER_BIT) for one in codes
             )
         told = MARKER if limits.kind == "aruco" else ANY_BRIGHTNESS if box.color is None else brightness_of(box.color)
+        # Whether what the image's edge leaves of a box counts as what a part does that hides some of it.
+        truncates = limits.is_usual and limits.kind == "color"
         return (
             0.5 * np.asarray(box.size), *shrunk, box.normal or (0.0, 0.0, 0.0), box.normal is not None,
-            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, limits.allows_truncation,
+            *limits.distance, limits.max_incidence, limits.min_pixels, limits.min_visible, truncates,
             reads, *told, box.color is None, self._frame(box.frame), box.X_FB[:3],
         )  # fmt: skip
 

@@ -134,7 +134,7 @@ def limit(scene: Scene) -> Verdict:
     shown, (left, top), (right, bottom) = all(in_lens(camera, p) for p in corners), pixels.min(0), pixels.max(0)
     out = [-0.5 - left, right - w, -0.5 - top, bottom - h]
     outside = fails(max(out))
-    if limits.allows_truncation and outside and shown:
+    if limits.is_usual and limits.kind == "color" and outside and shown:
         whole = ConvexHull(pixels)
         sides = [((-1, 0), 0.5), ((1, 0), w), ((0, -1), 0.5), ((0, 1), h)]
         rest = cut(list(pixels[whole.vertices]), [(np.array(n, dtype=float), o) for n, o in sides])
