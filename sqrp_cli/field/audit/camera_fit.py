@@ -99,10 +99,10 @@ class SeenEdges:
         camera = projection.camera
         reach, size = float(np.clip(TURN * camera.matrix[0, 0], LEAST_REACH, MOST_REACH)), [camera.width, camera.height]
         steps = np.arange(-reach, reach + GRAIN / 2, GRAIN)
-        names = ("points", "speeds", "levers", "body", "owner", "freedom")
+        names = ("points", "speeds", "levers", "body", "owner", "freedom", "R_CW")
         found: list[tuple[Array, ...]] = []
         for edges, image in images:
-            (pixels, inside), (beside, _) = projection.pixels(edges.points), projection.pixels(edges.beside)
+            (pixels, inside), (beside, _) = projection.pixels(edges["points"]), projection.pixels(edges["beside"])
             normals = beside - pixels
             lengths = np.linalg.norm(normals, axis=1)
             kept = inside & (lengths > 0.2) & ((pixels > 3) & (pixels < np.array(size) - 4)).all(axis=1)
@@ -114,11 +114,10 @@ class SeenEdges:
             values = cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             outside = (x < 1) | (x > size[0] - 2) | (y < 1) | (y > size[1] - 2)
             contrast = np.where(outside, 0.0, np.abs(np.gradient(values, GRAIN, axis=1)))
-            R_CW = np.tile(edges.R_CW, (len(pixels), 1, 1))
-            found.append((*(getattr(edges, name)[kept] for name in names), pixels, normals, contrast, R_CW))
+            found.append((*(edges[name][kept] for name in names), pixels, normals, contrast))
         if not found:
             return None
-        points, speeds, levers, body, owner, freedom, pixels, normals, contrast, R_CW = map(
+        points, speeds, levers, body, owner, freedom, R_CW, pixels, normals, contrast = map(
             np.concatenate, zip(*found, strict=True)
         )
         objects, first = np.unique(owner[owner >= 0], return_index=True)

@@ -7,6 +7,7 @@ in it, smoothed, gives points of its edge to a fraction of a pixel, with their p
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -17,7 +18,6 @@ from sqrp_cli.field.audit.bag_footage import Footage
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Indices, inverse, matrix_to_quaternion, transform
 from sqrp_cli.program.record import Program
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import PixelSolids, Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
@@ -40,26 +40,15 @@ STEP = 0.005
 """Time over which speeds are measured [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class ExpectedEdges:
-    """n points of the edges in an image.
+ExpectedEdges: TypeAlias = Mapping[str, Array]
+"""n points of the edges in an image, by what is known of them.
 
-    points: in the optical frame [m], (n, 3). speeds: how they move in it [m/s], (n, 3). beside: the same points, one
-    pixel further along the normal from body to background, (n, 3). body: a number for each body, (n,).
-    owner: the number of the object that they are of, -1 for the robot, (n,).
-    levers: how points would move in the optical frame if their object turned about the world's vertical [m/rad],
-    (n, 3). freedom: standard deviations of the place of their object along the world's axes [m] and of that turn [rad],
-    (n, 4). R_CW: the world's axes in the optical frame, (3, 3).
-    """
-
-    points: Array
-    speeds: Array
-    beside: Array
-    body: Indices
-    owner: Indices
-    levers: Array
-    freedom: Array
-    R_CW: Array
+points: in the optical frame [m], (n, 3). speeds: how they move in it [m/s], (n, 3). beside: the same points, one pixel
+further along the normal from body to background, (n, 3). body: a number for each body, (n,). owner: the number of the
+object that they are of, -1 for the robot, (n,). levers: how points would move in the optical frame if their object
+turned about the world's vertical [m/rad], (n, 3). freedom: standard deviations of the place of their object along the
+world's axes [m] and of that turn [rad], (n, 4). R_CW: the world's axes in the optical frame, (n, 3, 3).
+"""
 
 
 class EdgeRenderer:
@@ -121,16 +110,16 @@ class EdgeRenderer:
             if self._objects[index] and name in X_WO:
                 arms = points[rows] - transform(X_CW, X_WO[name][None, :3, 3])
                 levers[rows] = np.cross(X_CW[:3, 2], arms)
-        return ExpectedEdges(
-            points=points,
-            speeds=(later - points) / STEP,
-            beside=beside,
-            body=body,
-            owner=owner,
-            levers=levers,
-            freedom=np.where(np.isin(owner, self._movable)[:, None], LOOSE, FIXED),
-            R_CW=X_CW[:3, :3],
-        )
+        return {
+            "points": points,
+            "speeds": (later - points) / STEP,
+            "beside": beside,
+            "body": body,
+            "owner": owner,
+            "levers": levers,
+            "freedom": np.where(np.isin(owner, self._movable)[:, None], LOOSE, FIXED),
+            "R_CW": np.tile(X_CW[:3, :3], (len(points), 1, 1)),
+        }
 
     def _positions(self, joints: Mapping[str, float], X_WO: Mapping[str, Array]) -> Array:
         """MuJoCo's qpos."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import field, replace
+from dataclasses import replace
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -25,7 +26,6 @@ from sqrp_cli.field.audit.report import AuditedCamera, AuditedClock, AuditedPose
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, displacement, inverse, transform
 from sqrp_cli.program.record import Program
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.robot_body import RobotBody
 
 IMAGES = 24
@@ -48,16 +48,9 @@ MEETS = 0.75
 """Largest mean loss of edges (`CameraFit.cost`) of an image that shows the cell at all."""
 
 
-@dataclass
-class FilmedImages:
-    """What is needed of the images of a camera: some of them, in grey, and by how much each differs from the last."""
-
-    kept: list[tuple[Frame, NDArray[np.uint8]]] = field(default_factory=list)
-    """Images that edges are looked for in."""
-    times: list[float] = field(default_factory=list)
-    """Of all images [s]."""
-    changes: list[float] = field(default_factory=list)
-    """Between each image and the next one: mean over the pixels, small changes only [of 255]."""
+Filmed: TypeAlias = tuple[list[tuple[Frame, NDArray[np.uint8]]], Array, Array]
+"""What is needed of the images of a camera: those in which edges are looked for, in grey; the times of all [s], (n,);
+and by how much each differs from the next, (n - 1,): mean over the pixels, small changes only [of 255]."""
 
 
 def survey(
@@ -84,7 +77,7 @@ def survey(
             advance(1)
             if fit is None:
                 clock = AuditedClock(offset=None, error=None, wrong=False)
-                found[name] = AuditedCamera(images=len(images.times), clock=clock, pose=None)
+                found[name] = AuditedCamera(images=len(images[1]), clock=clock, pose=None)
                 continue
             deviations = np.sqrt(np.diag(fit.covariance))
             error = float(deviations[6])
@@ -104,13 +97,13 @@ def survey(
             )
             wrong = offset is not None and abs(offset) > max(LATE, SURE * error)
             clock = AuditedClock(offset=offset, error=None if offset is None else error, wrong=wrong)
-            found[name] = AuditedCamera(images=len(images.times), clock=clock, pose=seen)
+            found[name] = AuditedCamera(images=len(images[1]), clock=clock, pose=seen)
     return found
 
 
 def _read(
     workspace: Workspace, footage: Footage, of_camera: Mapping[str, Sequence[Frame]], done: Callable[[], object]
-) -> dict[str, FilmedImages]:
+) -> dict[str, Filmed]:
     """What is needed of all images, by camera."""
     wanted = set()
     for name, frames in of_camera.items():
@@ -121,26 +114,26 @@ def _read(
         if len(near):  # evenly spread
             chosen = np.unique(np.linspace(0, len(near) - 1, min(len(near), most)).round().astype(int))
             wanted |= {frames[near[i]] for i in chosen}
-    found = {name: FilmedImages() for name, frames in of_camera.items() if frames}
+    kept: dict[str, list[tuple[Frame, NDArray[np.uint8]]]] = {name: [] for name, frames in of_camera.items() if frames}
+    times, changes = {name: list[float]() for name in kept}, {name: list[float]() for name in kept}
     last: dict[str, NDArray[np.uint8]] = {}
     for frame, image in footage.images(footage.frames):
         done()
         gray = cv2.cvtColor(image.image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
-        filmed, height = found[frame.camera], max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))
+        name, height = frame.camera, max(1, round(_WIDTH * gray.shape[0] / gray.shape[1]))
         small = cv2.GaussianBlur(cv2.resize(gray, (_WIDTH, height), interpolation=cv2.INTER_AREA), (0, 0), 1.0)
-        if frame.camera in last:
-            change = np.minimum(cv2.absdiff(small, last[frame.camera]), _MOST_CHANGE)
-            filmed.changes.append(float(change.mean()))
-        filmed.times.append(frame.t)
-        last[frame.camera] = small.astype(np.uint8, copy=False)
+        if name in last:
+            changes[name].append(float(np.minimum(cv2.absdiff(small, last[name]), _MOST_CHANGE).mean()))
+        times[name].append(frame.t)
+        last[name] = small.astype(np.uint8, copy=False)
         if frame in wanted:
-            filmed.kept.append((frame, gray))
-    return found
+            kept[name].append((frame, gray))
+    return {name: (kept[name], np.array(times[name]), np.array(changes[name])) for name in kept}
 
 
-def _fit(camera: Camera, filmed: FilmedImages, renderer: EdgeRenderer, footage: Footage) -> CameraFit | None:
+def _fit(camera: Camera, filmed: Filmed, renderer: EdgeRenderer, footage: Footage) -> CameraFit | None:
     """The pose error of a camera and the offset of its clock."""
-    projection, kept = Projection(camera), filmed.kept
+    projection, (kept, filmed_at, changes) = Projection(camera), filmed
 
     def seen_in(some: Sequence[tuple[Frame, NDArray[np.uint8]]], offset: float, X_FC: Array) -> SeenEdges | None:
         """What images show if the clock is ahead by an offset [s] and the camera is at a pose."""
@@ -152,12 +145,12 @@ def _fit(camera: Camera, filmed: FilmedImages, renderer: EdgeRenderer, footage: 
         return None
     spans = [np.arange(start - FARTHEST, end + FARTHEST, SPACING) for start, end in renderer.spans]
     t, guesses = np.unique(np.concatenate(spans).round(3)), []
-    middles = (np.array(filmed.times[1:]) + np.array(filmed.times[:-1])) / 2
+    middles = (filmed_at[1:] + filmed_at[:-1]) / 2
     times = [frame.t for frame, _ in kept]
-    around = np.interp(times, middles, filmed.changes) if len(middles) else np.zeros(len(times))
+    around = np.interp(times, middles, changes) if len(middles) else np.zeros(len(times))
     tried = [kept[i] for i in sorted(np.argsort(-around, kind="stable")[:TRIED].tolist())]
     way = motion_in_image(camera, renderer.body, footage, t)
-    for at in dict.fromkeys([*rough_offsets(filmed, t, way), 0.0]):
+    for at in dict.fromkeys([*rough_offsets(filmed_at, changes, t, way), 0.0]):
         few = seen_in(tried, at, camera.X_FC)
         guess = None if few is None else fitted(few, first_guess(few, AROUND))
         if guess is not None:
@@ -194,13 +187,13 @@ _VERTICES = 40
 """Points of each solid part of the robot whose motion is followed."""
 
 
-def rough_offsets(seen: FilmedImages, known: Array, way: Array) -> list[float]:
+def rough_offsets(t: Array, changes: Array, known: Array, way: Array) -> list[float]:
     """Offsets of the clock at which images change when the robot moves in them, the best one first [s].
 
-    known: times of the robot's clock [s], (m,), at which it is known how far everything has moved: way, (m,), as
-    `motion_in_image` gives it. What counts is the correlation of what changes with what moves.
+    t: of the images [s], (n,). changes: between each and the next, (n - 1,), as in `Filmed`. known: times of the
+    robot's clock [s], (m,), at which it is known how far everything has moved: way, (m,), as `motion_in_image` gives
+    it. What counts is the correlation of what changes with what moves.
     """
-    t, changes = np.array(seen.times), np.array(seen.changes)
     gaps = np.diff(t)
     usable = (gaps > 1e-6) & (gaps < 3.0 * np.median(gaps)) if len(gaps) else np.zeros(0, dtype=bool)
     offsets = np.arange(-FARTHEST, FARTHEST + SPACING / 2, SPACING)
