@@ -14,6 +14,8 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.field.calibrating.labelled import read_labels
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.files.xml_file import read_xml
+from sqrp_cli.run.record.images import read_frames
+from sqrp_cli.run.record.log import read_log
 from tests.cells import ROOT, read_cases, refused
 from tests.damage.bombs import text_of
 from tests.trials.detectors import write_workspace
@@ -23,6 +25,8 @@ READERS: dict[str, Callable[[Path, Workspace], object]] = {
     "hand_eye": lambda path, _: read_hand_eye(path, carriers=("world", "base", "wrist")),
     "calibration": lambda path, _: read_calibration(path),
     "json": lambda path, _: parse_json(path, path.read_text(encoding="utf-8")),
+    "frames": lambda path, _: list(read_frames(path.parent, ["cam1"], 1)),
+    "log": lambda path, _: list(read_log(path)),
     "labels": lambda path, workspace: list(read_labels(path.parent, workspace)),
     "xml": lambda path, _: read_xml(path, "robot"),
 }
@@ -39,7 +43,10 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 def test_what_is_wrong_is_told_where_it_stands(
     reader: str, case: dict[str, Any], workspace: Workspace, tmp_path: Path
 ) -> None:
-    cameras, path = ROOT / "tests" / "cases" / "cameras", tmp_path / "labels.csv"
+    cameras, path = (
+        ROOT / "tests" / "cases" / "cameras",
+        tmp_path / ("frames.csv" if reader == "frames" else "labels.csv"),
+    )
     text = (cameras / case["file"]).read_text(encoding="utf-8") if "file" in case else text_of(case["text"])
     for old, new in case.get("replace", {}).items():
         assert old in text
