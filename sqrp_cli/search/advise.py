@@ -32,7 +32,7 @@ from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.verdict import verdict, without_remedy
 from sqrp_cli.study.whole_study import WholeAnalysis, reasons_of_step, whole_study, worst_seen
-from sqrp_cli.task.feasibility import unready_world
+from sqrp_cli.task.feasibility import impossible_start
 
 MOST_OBJECTS = 3
 """Objects that are moved: those that are handled, then those that hide most."""
@@ -91,7 +91,7 @@ def _why_not(start: Start, kind: Kind) -> str:
     """Why a kind of change cannot help, without any search; empty if it may."""
     question, goal = start.question, start.question.goal
     first = (*question.fastest.steps, question.fastest)[0]
-    unready = unready_world(question.cell, first, question.world)  # whatever is changed in the cell
+    unready = impossible_start(question.cell, first, question.world, contacts=False)  # whatever is changed in it
     if unready is not None:
         return unready.reasons[0]
     if kind in MOTION or kind == "object":

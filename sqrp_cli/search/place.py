@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import count, permutations
+from itertools import count, permutations, product
+from operator import attrgetter
 from time import monotonic
 from typing import Any, TypeVar
 
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, assumed_latency
+from sqrp_cli.cell.mounts import Spot
 from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.geometry import Array, Mask, read_only
@@ -35,12 +37,11 @@ from sqrp_cli.search.placing_result import (
     PlaceDocument,
     proof_in_words,
 )
-from sqrp_cli.search.sites import Installation, JudgedWay, blocked, hidden_by, judged, touching_pairs, verdicts_of
+from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
-from sqrp_cli.study.assessment import Analysis, Observed
+from sqrp_cli.study.assessment import Analysis, Observed, with_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
-from sqrp_cli.study.result import CandidateResult
 
 ROUNDS, ROUNDS_ASIDE = 200, 12  # most times that cameras are chosen: for the question, and to say what others would do
 _SAME_TIME = 1e-3  # times that differ by less may count as the same in a ranking [s]
@@ -49,6 +50,8 @@ _FINEST = 0.005  # moves are not tried in smaller steps than this [m]; aims not 
 _HALVINGS = 4  # how often the step is halved, at most
 
 _COMPARED = ("q_eoi", "q_avg", "time")  # the figures that tell whether `rank` takes a way with others
+
+_BOTH = attrgetter("q_eoi", "q_avg")
 
 Found = TypeVar("Found")
 
@@ -112,7 +115,7 @@ class CameraPlacer:
         best_in_all = (
             found.selection is not None
             and found.value >= 1.0 - ROUNDED
-            and found.problem.worth(wanted, found.selection)[1] <= found.problem.quickest + 1e-3
+            and found.problem.worth(wanted, found.selection)[1] <= min(found.problem.tiers, default=0.0) + 1e-3
             and len(found.selection.options) <= wanted.at_least(len(table.kept))
         )
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
@@ -204,13 +207,11 @@ class CameraPlacer:
         found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
         if goal is not None and goal.delay is not None:
             only = Goal(delay=goal.delay)
-            pairs = zip(selection.ways, table.with_delays(cameras, found), strict=True)
+            exact = with_delays(table.cell_with(cameras), found, self.question.sampling)
+            pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
-        return self._value(wanted, [one.without_delays for one in found]), found, late
-
-    def _value(self, wanted: Requirements, figures: Sequence[CandidateResult]) -> float:
-        """The quality that counts first."""
-        return wanted.value([(one.q_eoi, one.q_avg) for one in figures], self.table.weights)
+        value = wanted.value([_BOTH(one.without_delays) for one in found], table.weights)
+        return value, found, late
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
         """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
@@ -231,14 +232,18 @@ class CameraPlacer:
         found["met"] = selection is not None and not table.too_slow
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
-            pairs = zip(firsts, table.with_delays(stay, table.watched(stay, firsts)), strict=True)
-            unseen = [_candidate(table.ways[number], one.assessment("")) for number, one in pairs]
+            cell = table.cell_with(stay)
+            analysed = with_delays(cell, table.watched(stay, firsts), self.question.sampling)
+            unseen = []
+            for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
+                about = {"task": way.task, "candidate": way.candidate.name, "found": one.assessment("")}
+                unseen.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
             why = obstacle(problem, wanted, blind=blind) if result.proven or blind else ""
-            return self._document(problem, **found, reason=why, candidates=unseen, cell=table.cell_with(stay))
+            return self._document(problem, **found, reason=why, candidates=unseen, cell=cell)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
-        studies: Sequence[Analysis] = table.with_delays(everyone, watched)
+        studies: Sequence[Analysis] = with_delays(table.cell_with(everyone), watched, self.question.sampling)
         if result.value < 1.0 - ROUNDED and not spare:
             cameras, studies = self._unless_stopped(
                 lambda: self._refined(result, selection, cameras, stay, studies), (cameras, studies)
@@ -289,7 +294,7 @@ class CameraPlacer:
             survive=wanted.failure_tolerance,
             by=wanted.objective,
             too_slow=table.too_slow,
-            quickest=0.0 if problem is None else problem.quickest,
+            quickest=0.0 if problem is None else min(problem.tiers, default=0.0),
             delay_worst=None if np.inf in delays else max(delays, default=None),
             unseen_faults=max((one.unseen for one in candidates if one.unseen is not None), default=None),
             price=sum(camera.price for camera in cameras),
@@ -325,7 +330,7 @@ class CameraPlacer:
         @cache
         def quality(*options: int) -> float:
             watched = table.watched(map(table.camera_at, options), selection.ways)
-            return self._value(wanted, [one.without_delays for one in watched])
+            return wanted.value([_BOTH(one.without_delays) for one in watched], table.weights)
 
         names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
         everyone, placed = (*selection.options, *table.kept), []
@@ -354,13 +359,13 @@ class CameraPlacer:
             there = CameraPlaced.at(to, placed.name, alone=placed.alone, loss=placed.loss)
             moved.append(replace(there, mount=placed.mount, moved=distance))
         all_cameras = [*(placed.camera for placed in moved), *stay]
-        better = table.with_delays(all_cameras, table.watched(all_cameras, selection.ways))
+        watched, cell = table.watched(all_cameras, selection.ways), table.cell_with(all_cameras)
+        better = with_delays(cell, watched, self.question.sampling)
         before, after = ([study.assessment("") for study in some] for some in (studies, better))
-        kept = goal is None or all(goal.met(new) or not goal.met(old) for old, new in zip(before, after, strict=True))
-        gained = self._value(self.question.requirements, after) > (
-            self._value(self.question.requirements, before) + 2 * ROUNDED
-        )
-        return (tuple(moved), better) if kept and gained else (cameras, studies)
+        kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
+        wanted = self.question.requirements
+        old, new = (wanted.value(map(_BOTH, some), table.weights) for some in (before, after))
+        return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, studies)
 
     def _judged(
         self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Analysis]
@@ -390,17 +395,11 @@ class CameraPlacer:
             named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
             figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
-            if not any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs):
-                ranked = None
-            all_judged.append(_candidate(way, figures, ranked))
+            others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
+            about = {"task": way.task, "candidate": way.candidate.name, "found": figures}
+            about["ranked"] = AdvisedFigures.of(ranked) if others and ranked is not None else None
+            all_judged.append(from_fields(PlacedCandidate, figures, **about))
         return tuple(all_judged)
-
-
-def _candidate(way: JudgedWay, found: CandidateResult, ranked: CandidateResult | None = None) -> PlacedCandidate:
-    """A candidate in a way by its figures. ranked: the way that `rank` takes, if that has others."""
-    other = None if ranked is None else AdvisedFigures.of(ranked)
-    name = way.candidate.name
-    return from_fields(PlacedCandidate, found, task=way.task, candidate=name, ranked=other, found=found)
 
 
 def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Sequence[int]) -> tuple[Installation, ...]:
@@ -454,7 +453,7 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
 
 def _around(place: Installation, share: float) -> Iterator[Installation]:
     """The camera a share of a step away along its mount, and turned by a share of a step of its cone."""
-    spot, entry = place.spot, place.spot.entry
+    spot, entry, tried = place.spot, place.spot.entry, list[tuple[Spot, Array | None]]()
     laid = entry.rail or entry.grid
     if laid is not None:
         start, end = np.array(laid.start), np.array(laid.end)
@@ -465,23 +464,17 @@ def _around(place: Installation, share: float) -> Iterator[Installation]:
             position = np.round(inside, 3) + 0.0
             if np.abs(position - spot.position).max() >= _FINEST:
                 name = f"{spot.name.removesuffix(', moved')}, moved"
-                yield _looking(replace(place, spot=replace(spot, name=name, position=read_only(position))), place.at)
+                tried.append((replace(spot, name=name, position=read_only(position)), place.at))
     cone = None if entry.aims is None else entry.aims.cone
-    if cone is None or place.at is None or share * cone.step < np.radians(1):
-        return
-    axis, forward = np.array(cone.axis) / np.linalg.norm(cone.axis), place.X_FC[:3, 2]
-    for side in (place.X_FC[:3, 0], place.X_FC[:3, 1]):
-        for sign in (-1.0, 1.0):
+    if cone is not None and place.at is not None and share * cone.step >= np.radians(1):
+        axis, forward = np.array(cone.axis) / np.linalg.norm(cone.axis), place.X_FC[:3, 2]
+        far = float(np.linalg.norm(place.at - spot.position))
+        for side, sign in product((place.X_FC[:3, 0], place.X_FC[:3, 1]), (-1.0, 1.0)):
             turned = np.cos(share * cone.step) * forward + sign * np.sin(share * cone.step) * side
             if turned @ axis >= np.cos(cone.angle) - 1e-9:
-                point = np.round(spot.position + float(np.linalg.norm(place.at - spot.position)) * turned, 6)
-                yield _looking(place, point)
-
-
-def _looking(place: Installation, point: Array | None) -> Installation:
-    """The camera turned to a point, or in the same direction where there is none."""
-    eye, X_FC = place.spot.position, place.X_FC.copy()
-    if point is not None:
-        return replace(place, X_FC=read_only(looking_at(eye[None], point[None], place.up)[0]), at=point)
-    X_FC[:3, 3] = eye
-    return replace(place, X_FC=read_only(X_FC))
+                tried.append((spot, np.round(spot.position + far * turned, 6)))
+    for there, point in tried:  # turned to the point, or in the same direction where there is none
+        eye, X_FC = there.position, place.X_FC.copy()
+        X_FC[:3, 3] = eye
+        X_FC = X_FC if point is None else looking_at(eye[None], point[None], place.up)[0]
+        yield replace(place, spot=there, X_FC=read_only(X_FC), at=point)

@@ -162,11 +162,6 @@ class Problem:
         return [option for option in range(len(self.site)) if option not in self.kept]
 
     @property
-    def quickest(self) -> float:
-        """The shortest response of any option [s]; 0 without options."""
-        return min(self.tiers, default=0.0)
-
-    @property
     def shut(self) -> frozenset[int]:
         """The sites where a camera is in the way of a candidate in all of its ways."""
         of_way = [{site for site, way in self.blocked if way == number} for number in range(len(self.ways))]

@@ -469,7 +469,7 @@ class PlacementProgram:
             for tier in problem.tiers
         ]
         values = np.unique(np.ceil(np.concatenate([np.zeros(0), *some]) / DELAY_STEP - 1e-6) * DELAY_STEP)
-        values = values[np.isfinite(values) & (values >= problem.quickest - SLACK)]
+        values = values[np.isfinite(values) & (values >= min(problem.tiers, default=0.0) - SLACK)]
         low, high = 0, int(np.searchsorted(values, problem.worth(self._requirements, known)[1] - SLACK))
         at_best = high == 0
         rows, variables, covered = len(self._program.rows), len(self._program.whole), dict(self._covered)

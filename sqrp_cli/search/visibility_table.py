@@ -33,7 +33,7 @@ from sqrp_cli.search.sites import (
     touching_pairs,
     varied,
 )
-from sqrp_cli.study.assessment import Analysis, Observed, all_observed, with_delays
+from sqrp_cli.study.assessment import Observed, all_observed
 from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult
@@ -77,6 +77,7 @@ class VisibilityTable:
         self.plans, self.ways = Plans(), list[JudgedWay]()  # all ways of the candidates; those to choose from
         self.candidates, self.others = list[tuple[int, ...]](), list[list[PlannedMotion]]()
         """Of each candidate: which of the ways are its own, and ways that are looked at only if they may be better."""
+        self.weights: Array = np.zeros(0)  # how much each candidate counts in the mean, shape (candidates,)
         self.infeasible = list[tuple[str, CandidateResult]]()
         self.too_slow = False  # whether no camera helps, because a candidate takes longer than the goal allows
         self.sees, self._shut, self._least_delays = list[Mask](), list[Mask](), list[Array]()
@@ -109,6 +110,8 @@ class VisibilityTable:
                 self.others.append(others)
                 same = of_first_grip is first  # what is aimed at does not depend on a choice of ways
                 aimed_at.append(self.ways[-1] if same else judged(cell, task.text, candidate, of_first_grip))
+        tasks, stated = [way.task for way in self.ways], question.mounts.weights
+        self.weights = np.array([stated.get(task, 1.0) / tasks.count(task) for task in tasks])
         mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
         if self.ways:
             self.options = [one for spot in self.spots for one in installations_at(spot, middle, middles)]
@@ -153,13 +156,6 @@ class VisibilityTable:
             self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in others]
         self.others = []
         self.judge()
-
-    @property
-    def weights(self) -> Array:
-        """How much each candidate counts in the mean, shape (candidates,)."""
-        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
-        weights = self.question.mounts.weights
-        return np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks])
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""
@@ -223,10 +219,6 @@ class VisibilityTable:
             more = [[replace(one, cameras=one.cameras + spare) for one in scene.targets] for scene in scenes]
             scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
         return all_observed(self.cell_with(cameras), scenes, self.question.sampling, full=False)
-
-    def with_delays(self, cameras: Iterable[Camera], watched: Sequence[Observed]) -> list[Analysis]:
-        """The same with how late faults are noticed."""
-        return with_delays(self.cell_with(cameras), watched, self.question.sampling)
 
     def add_samples(self, number: int, found: Observed) -> bool:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""

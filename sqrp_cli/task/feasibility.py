@@ -18,20 +18,17 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     return obstacle or plan_motion(candidate, world, cell.collision, cell.seed)
 
 
-def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
-    """Why a candidate cannot even begin in a world; None if it can."""
-    unready = unready_world(cell, candidate, world)
-    contact = cell.collision.contact_in(world) if unready is None else None
-    return Infeasible((f"{contact} before anything moves",)) if contact else unready
+def impossible_start(cell: Cell, candidate: Candidate, world: World, *, contacts: bool = True) -> Infeasible | None:
+    """Why a candidate cannot even begin in a world: its precondition, where its objects are, contacts; None if it can.
 
-
-def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
-    """What a candidate needs and a world lacks: its precondition, and where its objects are; None if nothing."""
-    unmet = unmet_preconditions(cell, candidate, world)
-    if unmet:
+    contacts: whether anything that touches is looked for.
+    """
+    if unmet := unmet_preconditions(cell, candidate, world):
         return Infeasible(unmet)
-    lost = [name for name in candidate.binding.values() if name not in world.X_WO]
-    return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost)) if lost else None
+    if lost := [name for name in candidate.binding.values() if name not in world.X_WO]:
+        return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost))
+    contact = cell.collision.contact_in(world) if contacts else None
+    return Infeasible((f"{contact} before anything moves",)) if contact else None
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
