@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import NamedTuple, Protocol
 
@@ -172,11 +172,6 @@ class ArmMotion:
         self._placed.update({self.joints.index(name): q for name, q in joints.items() if name in self.joints})
         self.revision += 1
 
-    def keep(self, joints: Collection[str], t: float) -> None:
-        """Want some joints to stay where they are wanted at time t [s], until the next step."""
-        wanted = dict(zip(self.joints, self.state(t)[0].tolist(), strict=True))
-        self.place({name: wanted[name] for name in joints if name in wanted})
-
     def step_time(self, t: float) -> float:
         """The time of the step's own clock [s] at time t [s]."""
         return float(self._clock(np.array([t]))[0][0])
@@ -246,12 +241,13 @@ class ArmMotion:
         """The stop that begins at time t [s], or the one under way where that is over sooner."""
         (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
         if tau < 0.0 or tau >= self._ends[-1]:
-            return PathStop(t, max(tau, 0.0), 0.0, max(tau, 0.0), _ON, protective)
+            return PathStop(t, max(tau, 0.0), 0.0, t, max(tau, 0.0), _ON, protective)
         index = self._index(tau)
         last = self._ends[index]
         most_acceleration, most_jerk = self._protective if protective else self._limits
         # Without a stop the clock goes on as it would, to the end of the primitive.
-        usual = self._stops[-1] if self._stops else PathStop(t, tau, max(last - tau, 0.0), last, _ON, protective)
+        left = max(last - tau, 0.0)
+        usual = self._stops[-1] if self._stops else PathStop(t, tau, left, t + left, last, _ON, protective)
         longest = usual.stands - t
         # The shortest duration that keeps the limits: doubled until it does, then halved in between.
         too_short, enough, duration = 0.0, np.inf, LEAST_STOP
@@ -270,7 +266,7 @@ class ArmMotion:
             duration = 2.0 * too_short if enough == np.inf else 0.5 * (too_short + enough)
         if enough >= longest:
             return usual
-        return PathStop(t, tau, enough, last, slowing(rate, enough * change), protective)
+        return PathStop(t, tau, enough, t + enough, last, slowing(rate, enough * change), protective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,17 +276,14 @@ class PathStop:
     t: float
     tau: float
     duration: float
+    stands: float
+    """When the arm stands [s]."""
     last: float
     """What the clock never passes [s]."""
     law: PiecewiseCubic
     """The clock, less tau, over the time since t, both as shares of the duration."""
     protective: bool
     """Whether it may go to the limits of a protective stop."""
-
-    @property
-    def stands(self) -> float:
-        """When the arm stands [s]."""
-        return self.t + self.duration
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:

@@ -264,8 +264,10 @@ class FaultTracker:
             attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
         self._publisher.publish("injected", t, fault=fault.text)
 
-    def look(self, t: float, tau: float, attempt: Attempt, truths: Mapping[str, bool]) -> None:
+    def look(self, t: float, tau: float | None, attempt: Attempt, truths: Mapping[str, bool]) -> None:
         """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
+        if tau is None:
+            return
         for name, operators in ((watch.entry.fault, watch.operators) for watch in attempt.watches):
             for one in operators if name is not None else ():
                 holds = all(truths[str(literal.atom)] == literal.positive for literal in one.literals)

@@ -1,4 +1,4 @@
-"""The true state of a run's cell, for checks of what was detected, pictures and the log, never for perception.
+"""What the log says of the true state of a cell, for checks of what was detected and pictures, never for perception.
 
 And the events of a run that goes exactly as planned: a program for ROS tools.
 """
@@ -7,25 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.ros.bag import written
-from sqrp_cli.run.arm_motion import ArmMotion
-from sqrp_cli.run.monitor.nominal_step import NominalStep, in_boxes, planned_joints
+from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
 from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.record.bag_recorder import BagRecorder
-from sqrp_cli.run.record.events import AskedBox, EventPublisher, ShownAtom, event
-from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
-
-if TYPE_CHECKING:
-    from sqrp_cli.run.cell import RunnableCell
+from sqrp_cli.run.record.events import AskedBox, ShownAtom, event
+from sqrp_cli.run.robot_body import RobotBody
 
 RATE = 25.0
 """States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
@@ -36,68 +32,11 @@ DIGITS = 5
 """
 
 
-class GroundTruth:
-    """The true state of a cell: a simulated one knows it; of a real one joints are measured, the rest is planned.
+def changes(state: Mapping[str, Any], before: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """What the event of a state says: the fields that are not as they were before, all of the first one.
 
-    Time passes by it, so that it can publish the state at a fixed rate, without any other effect. The first event of
-    that is complete, the others have only changes.
+    Of objects it says nothing without any.
     """
-
-    def __init__(self, cell: RunnableCell, body: RobotBody, world: World, publisher: EventPublisher | None) -> None:
-        """world: before the first step. publisher: of the states; None if nobody wants them."""
-        self._cell, self._body, self._world, self._publisher = cell, body, world, publisher
-        self.attempt: Attempt | None = None
-        """What the robot is at."""
-        self.now = 0.0
-        """The time to which the cell was advanced last [s]."""
-        self._number, self._told = 0, -float("inf")
-        self._last: Mapping[str, Any] | None = None
-
-    def atoms(self, attempt: Attempt, tau: float | None) -> dict[str, bool]:
-        """The present value of each atom that an attempt monitors; in a real cell as planned for a time tau [s]."""
-        targets = attempt.step.targets
-        if (truth := self._cell.truth()) is None:
-            return {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in targets}
-        is_open, X_WL = self._body.closure(truth.joints) <= OPEN_SHARE, self._body.link_poses(truth.joints)
-        found = {}
-        for atom, target in targets.items():
-            inside = in_boxes(atom, target, X_WL, truth.X_WO, attempt.step.before.X_WO, truth.held)
-            found[atom] = attempt.nominal.when_open[atom] == is_open if inside is None else inside
-        return found
-
-    def advance(self, t: float, reference: ArmMotion) -> float:
-        """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
-        while self._publisher is not None and (due := self._number / RATE) <= t + 1e-9:
-            self.now = self._cell.advance(due, reference)
-            self.publish(due)
-            self._number += 1
-        self.now = self._cell.advance(t, reference)
-        return self.now
-
-    def publish(self, t: float | None = None) -> None:
-        """Publish the state now, at time t [s]; without, that at the end unless it is known."""
-        if self._publisher is None:
-            return
-        if (truth := self._cell.truth()) is not None:
-            now, X_WO, held, joints, _ = truth
-        else:
-            now, attempt, X_WO, held = self.now, self.attempt, self._world.X_WO, self._world.held
-            joints = self._cell.measured_joints()
-            if attempt is not None:
-                tau = 0.0 if attempt.start is None else now - attempt.start
-                begun = [one for one in attempt.step.primitives if one.start <= tau]
-                X_WO, held = attempt.beliefs(tau), begun[-1].held if begun and not attempt.failed else None
-        if t is None and now <= self._told + 1e-9:
-            return
-        q = [round(q, DIGITS) + 0.0 for q in joints.values()]
-        state = {"joints": list(joints), "q": q, "held": held, "objects": _logged_poses(X_WO)}
-        self._told = now if t is None else t
-        self._publisher.publish("state", self._told, **_changes(state, self._last))
-        self._last = state
-
-
-def _changes(state: Mapping[str, Any], before: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """The fields of a state that are not as they were before, all of the first one; of objects nothing without any."""
     if before is None:
         return {key: value for key, value in state.items() if value or key != "objects"}
     moved = {name: X for name, X in state["objects"].items() if before["objects"].get(name) != X}
@@ -145,9 +84,9 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
                     primitive = due.pop(0)
                     recorder(event("primitive", begin + primitive.start, name=primitive.name))
                 held = next((p.held for p in step.primitives if now <= p.end), step.after.held)
-                objects = _logged_poses(nominal.object_poses(now))
+                objects = logged_poses(nominal.object_poses(now))
                 state = {"joints": list(program.joints), "q": positions, "held": held, "objects": objects}
-                recorder(event("state", begin + now, **_changes(state, last)))
+                recorder(event("state", begin + now, **changes(state, last)))
                 last, asked, seen = state, monitor.monitored(now), dict[str, ShownAtom]()
                 for atom in step.targets:
                     value = Truth.TRUE if nominal.holds(atom, now) else Truth.FALSE
@@ -161,7 +100,7 @@ def write_planned_run(path: Path, program: Program, workspace: Workspace) -> Non
         recorder(event("done", begin))
 
 
-def _logged_poses(X_WO: Mapping[str, Array]) -> dict[str, list[float]]:
+def logged_poses(X_WO: Mapping[str, Array]) -> dict[str, list[float]]:
     """Poses (4, 4) as the log has them: x, y, z [m] and a quaternion x, y, z, w."""
     return {
         name: [round(float(x), DIGITS) + 0.0 for x in (*X[:3, 3], *matrix_to_quaternion(X[:3, :3]))]

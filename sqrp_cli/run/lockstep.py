@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -17,13 +17,15 @@ from sqrp_cli.program.record import Program, ProgramPrimitive
 from sqrp_cli.robot.robot import Robot
 from sqrp_cli.run.arm_motion import ArmMotion
 from sqrp_cli.run.faults import FaultTracker, InjectedFault
-from sqrp_cli.run.ground_truth import GroundTruth, step_began
+from sqrp_cli.run.ground_truth import DIGITS, RATE, changes, logged_poses, step_began
+from sqrp_cli.run.monitor.nominal_step import in_boxes
 from sqrp_cli.run.monitor.step_monitor import Attempt
 from sqrp_cli.run.perception.detections import BelievedState, Detection, DetectionTargets, Evidence, FusedTruth, fuse
 from sqrp_cli.run.perception.streams import Streams
 from sqrp_cli.run.record.events import EventPublisher, ShownAtom
 from sqrp_cli.run.record.images import ImageRecorder
 from sqrp_cli.run.record.report import TRUTH_SPACING, StopTimes
+from sqrp_cli.run.robot_body import OPEN_SHARE, RobotBody
 
 if TYPE_CHECKING:
     from sqrp_cli.run.cell import RunnableCell
@@ -186,7 +188,8 @@ class EvidenceCollector:
 class Lockstep:
     """Everything of a run that time passes for, with the robot as it is commanded, and its faults.
 
-    Only images show whether the tool really holds what it is commanded to hold.
+    Only images show whether the tool really holds what it is commanded to hold. The true state of a simulated cell is
+    known, of a real one joints are measured, and the rest is planned: it is for checks and for the log.
     """
 
     def __init__(
@@ -194,15 +197,19 @@ class Lockstep:
         program: Program,
         robot: Robot,
         cell: RunnableCell,
+        body: RobotBody,
         collector: EvidenceCollector,
-        truth: GroundTruth,
         publisher: EventPublisher,
+        *,
+        states: bool,
     ) -> None:
-        """The robot standing where a program begins."""
+        """The robot standing where a program begins. states: whether the true state is published at a fixed rate."""
         before, joints = program.steps[0].before, program.joints
         q = np.array([before.joints[name] for name in joints])
         self.motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
-        self.fingers, self.cell, self.truth = robot.fingers, cell, truth
+        self.fingers, self.cell, self._body, self._world = robot.fingers, cell, body, before
+        self._states, self._number, self._told = states, 0, -float("inf")
+        self._last: Mapping[str, Any] | None = None
         self.collector, self.publisher = collector, publisher
         self.faults = FaultTracker(cell, collector.streams, publisher)
         self._commands = deque([(-float("inf"), before.held is not None)], MOST_COMMANDS)
@@ -216,7 +223,7 @@ class Lockstep:
 
     def begin(self, attempt: Attempt, number: int) -> None:
         """Be at an attempt at the step of a number, from now on; time may have passed since, as for planning."""
-        self.attempt = self.truth.attempt = attempt
+        self.attempt = attempt
         self.now = self.collector.streams.present(self.now, resume=True)
         self.collector.watch(attempt, number, self.now)
         self.publisher.publish("step", self.now, **step_began(attempt.step, number))
@@ -231,15 +238,55 @@ class Lockstep:
 
     def command_hold(self, *, holding: bool) -> None:
         """The tool counts as commanded to hold, or not, from now on."""
-        self._commands.append((self.truth.now, holding))
+        self._commands.append((self.now, holding))
 
     def _moment(self, t: float) -> Moment:
         """What is known of the time of an image [s]; the clock of a simulation steps from time to time."""
-        assert self.attempt is not None  # noqa: S101 - images are looked at in attempts alone
+        attempt = self.attempt
+        assert attempt is not None  # noqa: S101 - images are looked at in attempts alone
         at = self.now if abs(t - self.now) < SAME_INSTANT else t
-        tau = None if self.attempt.start is None else self.motion.step_time(at)
-        held = next((held for since, held in reversed(self._commands) if since <= at + 1e-9), self._commands[0][1])
-        return tau, self.truth.atoms(self.attempt, tau), held
+        tau = None if attempt.start is None else self.motion.step_time(at)
+        holds = next((holds for since, holds in reversed(self._commands) if since <= at + 1e-9), self._commands[0][1])
+        if (truth := self.cell.truth()) is None:
+            return tau, {atom: attempt.nominal.holds(atom, tau or 0.0) for atom in attempt.step.targets}, holds
+        is_open, X_WL = self._body.closure(truth.joints) <= OPEN_SHARE, self._body.link_poses(truth.joints)
+        truths = {}
+        for atom, target in attempt.step.targets.items():
+            inside = in_boxes(atom, target, X_WL, truth.X_WO, attempt.step.before.X_WO, truth.held)
+            truths[atom] = attempt.nominal.when_open[atom] == is_open if inside is None else inside
+        return tau, truths, holds
+
+    def advance(self, t: float) -> None:
+        """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then.
+
+        That has no other effect. The first state is complete, the others say only what has changed.
+        """
+        while self._states and (due := self._number / RATE) <= t + 1e-9:
+            self.now = self.cell.advance(due, self.motion)
+            self.publish_state(due)
+            self._number += 1
+        self.now = self.cell.advance(t, self.motion)
+
+    def publish_state(self, t: float | None = None) -> None:
+        """Publish the state now, at time t [s]; without, that at the end unless it is known. Only if states are."""
+        if not self._states:
+            return
+        if (truth := self.cell.truth()) is not None:
+            now, X_WO, held, joints, _ = truth
+        else:
+            now, attempt, X_WO, held = self.now, self.attempt, self._world.X_WO, self._world.held
+            joints = self.cell.measured_joints()
+            if attempt is not None:
+                tau = 0.0 if attempt.start is None else now - attempt.start
+                begun = [one for one in attempt.step.primitives if one.start <= tau]
+                X_WO, held = attempt.beliefs(tau), begun[-1].held if begun and not attempt.failed else None
+        if t is None and now <= self._told + 1e-9:
+            return
+        q = [round(q, DIGITS) + 0.0 for q in joints.values()]
+        state = {"joints": list(joints), "q": q, "held": held, "objects": logged_poses(X_WO)}
+        self._told = now if t is None else t
+        self.publisher.publish("state", self._told, **changes(state, self._last))
+        self._last = state
 
     def pass_time(self, end: float = float("inf")) -> list[Evidence]:
         """Let time pass until the next event, at most until `end` [s].
@@ -255,14 +302,14 @@ class Lockstep:
         coming += [self.now + TRUTH_SPACING] if pending else []
         coming += [self.now + FEELING] if motion.force_limit(self.now) is not None else []
         with self.publisher.timed("physics"):
-            self.now = self.truth.advance(max(min(coming), self.now), motion)
+            self.advance(max(min(coming), self.now))
         limit = motion.force_limit(self.now)
         if limit is not None and (force := self.cell.tool_force()) >= limit:  # a guarded move meets what it looks for
             motion.halt_primitive(self.now)
             self.publisher.publish("contact", self.now, force=round(force, 1))
-        if pending and attempt is not None and attempt.start is not None:
-            tau = motion.step_time(self.now)
-            faults.look(self.now, tau, attempt, self.truth.atoms(attempt, tau))
+        if pending and attempt is not None:
+            tau, truths, _ = self._moment(self.now)
+            faults.look(self.now, tau, attempt, truths)
         with self.publisher.timed("waiting for perception"):
             arrived = streams.collect(self.now)
         while self._due and self._due[0][0] <= self.now + 1e-9 and attempt is not None:
@@ -299,7 +346,7 @@ class Lockstep:
         self.publisher.publish("stopping", self.now, reason=reason)
         stands = self.motion.stop(self.now, protective=protective)
         if protective:
-            self.now = self.truth.advance(max(self.now, stands), self.motion)
+            self.advance(max(self.now, stands))
         while self.now < stands - 1e-9:
             self.pass_time(stands)
         self.last_stop = StopTimes(self.last_stop.told, self.now)

@@ -19,7 +19,6 @@ from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.ros_cell import RosCell
 from sqrp_cli.run.faults import InjectedFault, parse_fault
-from sqrp_cli.run.ground_truth import GroundTruth
 from sqrp_cli.run.lockstep import SAME_INSTANT, EvidenceCollector, Lockstep
 from sqrp_cli.run.monitor.nominal_step import NominalStep
 from sqrp_cli.run.monitor.step_monitor import PATIENCE, Alarm, Attempt, PredictionCheck, read_formula
@@ -82,10 +81,10 @@ class Run:
         self._streams: Streams = ImageStreams(cameras, self._detectors)
         if isinstance(cell, RosCell):
             self._streams = ReceivedStreams(cameras, self._detectors, lambda: cell.t, cell.file.mend_of_lateness)
-        publisher, world = EventPublisher(recording.listeners), program.steps[0].before
-        truth = GroundTruth(cell, self._body, world, publisher if recording.states else None)
+        publisher = EventPublisher(recording.listeners)
         collector = EvidenceCollector(cell, self._streams, publisher, recording.images)
-        self._lockstep = Lockstep(program, workspace.robot, cell, collector, truth, publisher)
+        states, robot = recording.states, workspace.robot
+        self._lockstep = Lockstep(program, robot, cell, self._body, collector, publisher, states=states)
         self._report = RunReport(workspace=workspace.name)
 
     def run(self, *, moves: bool = True) -> RunReport:
@@ -109,7 +108,7 @@ class Run:
                 outcome, reason = "stopped", str(stopped)
                 tracker.stopped(lockstep.now, stopped)
                 lockstep.stop(str(stopped), protective=True)
-            lockstep.truth.publish()
+            lockstep.publish_state()
         truth = self._cell.truth()
         if outcome == "done" and truth is not None:
             meant = self._program.steps[-1].after.X_WO
@@ -269,7 +268,8 @@ def prepare_retry(lockstep: Lockstep, replanner: Replanner, attempt: Attempt, al
             until = round(stop_at, 6)
             lockstep.publisher.publish("moving on", began, to_see=when, cameras=cameras, until=until)
             if lockstep.fingers is not None:  # they stay, whatever the rest of the motion does with them
-                motion.keep(lockstep.fingers.open.keys(), began)
+                wanted = dict(zip(motion.joints, motion.state(began).positions.tolist(), strict=True))
+                motion.place({name: wanted[name] for name in lockstep.fingers.open if name in wanted})
             while lockstep.now < began + stop_at - tau - 1e-9 and not is_seen():
                 lockstep.pass_time(began + stop_at - tau)
             lockstep.faults.note(moved_on=round(lockstep.now - began, 6))

@@ -94,7 +94,7 @@ def test_a_stop_that_is_nearly_over_is_left_to_itself_and_one_while_standing_tak
 def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() -> None:
     reference = playback()
     kept = reference.state(1.5)[0][1]
-    reference.keep(["b", "not of this arm"], 1.5)
+    reference.place({"b": kept, "not of this arm": 1.0})
     q, velocity, acceleration = reference.state(2.5)
     assert (q[1], velocity[1], acceleration[1]) == (kept, 0.0, 0.0)
     assert q[0] > reference.state(1.5)[0][0]

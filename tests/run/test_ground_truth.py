@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.cell.simulated_cell import CellState
-from sqrp_cli.run.ground_truth import GroundTruth, step_began
+from sqrp_cli.run.ground_truth import step_began
+from sqrp_cli.run.lockstep import Lockstep
 from sqrp_cli.run.record.events import Event, EventPublisher, event
 from sqrp_cli.run.record.log import Track
 from tests.run.steps import box, step
@@ -44,10 +46,11 @@ def told() -> tuple[Falling, list[Event]]:
     """What is told of 0.17 s that pass in steps of which none is as long as another."""
     events: list[Event] = []
     cell = Falling()
-    witness = GroundTruth(cell, None, None, EventPublisher([events.append]))  # type: ignore[arg-type]
+    program, robot, publisher = MagicMock(steps=[step([], {})], joints=()), MagicMock(), EventPublisher([events.append])
+    witness = Lockstep(program, robot, cell, MagicMock(), MagicMock(), publisher, states=True)  # type: ignore[arg-type]
     for t in (0.0, 0.013, 0.041, 0.16, 0.17):
-        witness.advance(t, None)  # type: ignore[arg-type]
-    witness.publish()
+        witness.advance(t)
+    witness.publish_state()
     return cell, events
 
 

@@ -36,8 +36,8 @@ class Trial:
         limits = [JointLimits(-9.0, 9.0, 0.2, 1.0, 10.0)]
         self.motion = ArmMotion(("a",), limits, limits, np.zeros(1))
         self.motion.play(entry.primitives, 0.0)
-        self.motion.keep = lambda joints, t: self.done.append(("keep", *joints, t))
-        self.fingers = SimpleNamespace(open={"finger": 0.04})
+        self.motion.place = lambda joints: self.done.append(("place", *joints))
+        self.fingers = SimpleNamespace(open={"a": 0.04, "not of this arm": 0.04})
         self.attempt = Attempt(nominal, PERIOD, undisturbed=True, start=0.0)
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
         self.planned, self.slowest = SimpleNamespace(), 0.0
@@ -144,7 +144,7 @@ def test_it_moves_on_to_where_all_of_the_condition_is_predicted_to_be_seen() -> 
     assert trial.when("replan") == pytest.approx(trial.motion.state(99.0)[0][0])
     assert ("moving on", ("cam", "eye")) in trial.done
     assert trial.done[0] == ("cancel", "tool")  # no command to the tool is given on the way, and the fingers stay
-    assert ("keep", "finger", 2.0) in trial.done
+    assert ("place", "a") in trial.done
     assert trial.when("moved on") == pytest.approx(trial.when("stop") - 2.0, abs=1e-3)
 
 

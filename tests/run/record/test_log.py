@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.ground_truth import _changes
+from sqrp_cli.run.ground_truth import changes
 from sqrp_cli.run.record.events import KINDS, MODELS, VERSION, AskedBox, Event, ProgramStep, ShownAtom, event
 from sqrp_cli.run.record.log import LogWriter, Track, read_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
@@ -112,14 +112,14 @@ def test_an_event_of_a_kind_that_is_not_known_is_passed_over_but_has_its_time(tm
     ],
 )
 def test_a_state_tells_what_is_not_as_it_was(later: dict[str, object], told: dict[str, object]) -> None:
-    assert _changes({**WHOLE, **later}, WHOLE) == told
+    assert changes({**WHOLE, **later}, WHOLE) == told
     assert event("state", 1.0, **told).line() == {"t": 1.0, "event": "state", **told}
 
 
 def test_a_state_tells_that_nothing_is_held_any_more_and_no_objects_where_there_are_none() -> None:
-    changed = event("state", 0.0, **_changes(WHOLE, {**WHOLE, "held": "g"}))
+    changed = event("state", 0.0, **changes(WHOLE, {**WHOLE, "held": "g"}))
     assert changed.line() == {"t": 0.0, "event": "state", "held": None}
-    assert _changes({**WHOLE, "objects": {}}, None).keys() == {"joints", "q", "held"}
+    assert changes({**WHOLE, "objects": {}}, None).keys() == {"joints", "q", "held"}
 
 
 def test_what_is_no_event_cannot_be_published() -> None:
