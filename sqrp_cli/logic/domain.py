@@ -132,18 +132,13 @@ class Domain:
 
         Types that this domain does not declare are compared by name, so a workspace may have finer types than a skill.
         """
-        return parameter_type == OBJECT or any(
-            parameter_type in with_ancestors(name, self.types) for name in object_types
-        )
-
-
-def with_ancestors(type_name: str, parents: Mapping[str, str]) -> frozenset[str]:
-    """The type and every type above it; one without a parent is right below `object`. `parents` has no cycles."""
-    above = {type_name, OBJECT}
-    while type_name in parents:
-        type_name = parents[type_name]
-        above.add(type_name)
-    return frozenset(above)
+        for name in object_types:
+            above = name
+            while above != parameter_type and above in self.types:
+                above = self.types[above]
+            if above == parameter_type:
+                return True
+        return parameter_type == OBJECT
 
 
 def merge_domains(domains: Sequence[Domain]) -> Domain:

@@ -29,10 +29,6 @@ class TimeInterval:
         """Its duration [s]."""
         return self.end - self.start
 
-    def later(self, by: float) -> TimeInterval:
-        """The same, so much later [s]."""
-        return TimeInterval(self.start + by, self.end + by)
-
     @property
     def when(self) -> str:
         """In words, such as `from 6.0 s to 7.2 s`, with more digits where both would look the same."""
@@ -154,8 +150,3 @@ def merge(stretches: Iterable[TimeInterval]) -> tuple[TimeInterval, ...]:
         else:
             merged.append(TimeInterval(stretch.start, stretch.end))
     return tuple(merged)
-
-
-def union_length(stretches: Iterable[TimeInterval]) -> float:
-    """Duration of the union [s]: T over all ground operators, T_eoi over those of events of interest."""
-    return sum(stretch.length for stretch in merge(stretches))

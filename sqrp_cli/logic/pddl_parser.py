@@ -353,8 +353,10 @@ class _Reader:
         else:
             declared = {*self.types, pddl.OBJECT}
             for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
-                known = found in declared and parameter.type in declared
-                if found is not None and known and parameter.type not in pddl.with_ancestors(found, self.types):
+                above = found if found in declared and parameter.type in declared else parameter.type
+                while above != parameter.type and above in self.types:
+                    above = self.types[above]
+                if parameter.type not in (above, pddl.OBJECT):
                     message = f"`{term}` is of type `{found}`, but `{word.text}` expects `{parameter.type}`"
                     self.report("pddl-type", message, item)
         return pddl.Holds(word.text, tuple(term for term, _ in terms))

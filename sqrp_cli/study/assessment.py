@@ -19,7 +19,8 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.fault_sights import all_fault_windows, fault_onsets
+from sqrp_cli.study.drop_detection import onset
+from sqrp_cli.study.fault_sights import all_fault_windows
 from sqrp_cli.study.quality import figures_of
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
@@ -189,7 +190,14 @@ def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> 
             windows = all_fault_windows(one, one.timeline, cell.observer, sampling)
             starts = (pieces.fault_intervals(one.formulas, fault)[0].start for fault in one.faults)
             recovery = recovery_over(one.motion, cell.model, min(starts, default=one.motion.time))
-            onsets = fault_onsets(one, cell.observer)
+            targets = {target.atom: target for target in one.targets}
+            onsets = {
+                fault: tuple(
+                    onset(one.stage, cell.observer, literals, targets, interval)
+                    for interval in pieces.fault_intervals(one.formulas, fault)
+                )
+                for fault, literals in pieces.fault_literals(one.formulas).items()
+            }
             one = Analysis(**vars(one), recovery=recovery, windows=windows, onsets=onsets)
         done.append(one)
     return done

@@ -197,9 +197,9 @@ def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:
         start = max(primitives.values(), default=0.0)
         primitives |= {f"{number}.{name}": start + end for name, end in step.primitives.items()}
         for atom, target in step.targets.items():
-            required = tuple(one.later(start) for one in target.required)
+            required = tuple(TimeInterval(start + one.start, start + one.end) for one in target.required)
             blind = {
-                camera: tuple((stretch.later(start), why) for stretch, why in spans)
+                camera: tuple((TimeInterval(start + one.start, start + one.end), why) for one, why in spans)
                 for camera, spans in target.blind.items()
             }
             targets[f"{number}.{atom}"] = TargetCoverage(target.needed, required, blind)

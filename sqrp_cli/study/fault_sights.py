@@ -15,13 +15,13 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import SAME_INSTANT, TimeInterval
-from sqrp_cli.logic.image_time import Onset, Window
+from sqrp_cli.logic.image_time import Window
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.skill.target_box import object_of
-from sqrp_cli.study.drop_detection import held_in, least_delays, onset
+from sqrp_cli.study.drop_detection import held_in, least_delays
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import PlannedMotion, Timeline, observe
@@ -172,18 +172,6 @@ def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array
         return (target,)
     with_object = [box for box in target.boxes if object_of(str(target.atom), box, objects) is not None]
     return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
-
-
-def fault_onsets(scene: PlannedMotion, observer: Observer) -> dict[str, tuple[Onset, ...]]:
-    """From when on images show each fault, for each interval in which it may happen, by its name."""
-    targets = {target.atom: target for target in scene.targets}
-    return {
-        fault: tuple(
-            onset(scene.stage, observer, literals, targets, interval)
-            for interval in fault_intervals(scene.formulas, fault)
-        )
-        for fault, literals in fault_literals(scene.formulas).items()
-    }
 
 
 def least_fault_delays(scene: PlannedMotion, observer: Observer, response: float) -> Array:

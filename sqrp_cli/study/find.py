@@ -6,7 +6,7 @@ A way is no longer looked at once another one, which takes no longer, surely see
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import partial
 from itertools import compress
 from math import inf
@@ -214,13 +214,14 @@ Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
 """How many ways were tried, and those that can be done, or why none can."""
 
 
+@dataclass(eq=False)
 class Plans:
     """The planned ways of candidates in one world, for cells that differ in their cameras only."""
 
-    def __init__(self, sights: tuple[Cell, Sampling] | None = None) -> None:
-        """sights: the cell and the sampling for which it is kept what is seen of the ways, if it is."""
-        self._known: dict[tuple[int, bool], tuple[Candidate, Planned]] = {}
-        self._sights, self._seen = sights, dict[int, Observed]()
+    sights: tuple[Cell, Sampling] | None = None
+    """The cell and the sampling for which it is kept what is seen of the ways, if it is."""
+    _known: dict[tuple[int, bool], tuple[Candidate, Planned]] = field(default_factory=dict)
+    _seen: dict[int, Observed] = field(default_factory=dict)
 
     def observed(
         self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
@@ -229,7 +230,7 @@ class Plans:
 
         contending: whether others than `contenders` may be left at fewer samples, if nothing is kept.
         """
-        if self._sights is None or self._sights[0] is not cell or self._sights[1] != sampling:
+        if self.sights is None or self.sights[0] is not cell or self.sights[1] != sampling:
             return (_contending if contending else partial(all_observed, full=False))(cell, scenes, sampling)
         missing = [scene for scene in scenes if id(scene) not in self._seen]
         self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)

@@ -169,27 +169,20 @@ def recalibrated(results: Sequence[CandidateResult], by: Criterion, calibration:
     results: of all candidates, with the qualities of each draw, in the order of the task: of equal ones the first wins.
     """
     feasible = [one for one in results if one.feasible]
-    firsts = winners(feasible, by)
-
-    def span(name: str, one: CandidateResult) -> list[float] | None:
-        """The 5th and 95th percentile of a quality, None where it is undefined."""
-        drawn = [getattr(quality, name) for quality in one.recalibrated]
-        return None if not drawn or None in drawn else [float(end) for end in np.percentile(drawn, [5, 95])]
-
+    firsts, found = winners(feasible, by), []
+    for one in feasible:
+        spans: dict[str, list[float] | None] = {}  # the 5th and 95th percentile of each quality
+        for name in ("q_avg", "q_eoi"):
+            drawn = [getattr(quality, name) for quality in one.recalibrated]
+            spans[name] = None if not drawn or None in drawn else np.percentile(drawn, [5, 95]).tolist()
+        parameters, first = one.candidate.parameters, firsts[one.candidate.name]
+        found.append(RecalibratedCandidate(parameters=parameters, first=first, **spans))
     return Recalibrated(
         position=calibration.position,
         rotation=calibration.rotation,
         seed=calibration.seed,
         draws=DRAWS,
-        candidates=tuple(
-            RecalibratedCandidate(
-                parameters=one.candidate.parameters,
-                q_avg=span("q_avg", one),
-                q_eoi=span("q_eoi", one),
-                first=firsts[one.candidate.name],
-            )
-            for one in feasible
-        ),
+        candidates=tuple(found),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, TimeInterval, merge, union_length
+from sqrp_cli.logic.formula_time import SAME_INSTANT, GroundOperator, TimeInterval, merge
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.records import dataclass
 
@@ -54,7 +54,8 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
 
 def monitored_times(formulas: Sequence[GroundOperator]) -> tuple[float, float]:
     """T and T_eoi: durations of the union of all intervals, and of those of the events of interest [s]."""
-    return union_length(formulas), union_length(one for one in formulas if one.operator == "eventually")
+    events = [one for one in formulas if one.operator == "eventually"]
+    return sum(one.length for one in merge(formulas)), sum(one.length for one in merge(events))
 
 
 def fault_literals(formulas: Sequence[GroundOperator]) -> dict[str, tuple[Literal, ...]]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.logic.formula_time import TimeInterval, merge, union_length
+from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.study.assessment import study
@@ -18,6 +18,11 @@ from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Adaptive, FixedCount
 from sqrp_cli.task.task import read_task
+
+
+def union_length(stretches):
+    return sum(one.length for one in merge(stretches))
+
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.logic.formula_time import union_length
 from sqrp_cli.score.comparison import compare_versions
 from sqrp_cli.score.compute import Means, open_computer
 from sqrp_cli.score.kept import Outcome
@@ -16,6 +15,7 @@ from sqrp_cli.score.result import Scorecard
 from sqrp_cli.score.score import ScoredCell, read_cell
 from sqrp_cli.study.blind_spans import difference
 from sqrp_cli.study.sampling import Adaptive
+from tests.score.test_coverage import union_length
 
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "peg.yaml"
 
