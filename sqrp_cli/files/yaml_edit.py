@@ -9,7 +9,7 @@ import difflib
 import io
 import os
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ import yaml
 from sqrp_cli.errors import InputError, Place, bad_input, expected_names, nearest
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.yaml_file import parse_yaml
+
+_ABSENT = object()  # in place of a value that is missing
 
 
 def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
@@ -77,24 +79,22 @@ def changed_values(before: SourceDocument, content: bytes) -> dict[str, str] | N
     """What `with_values` writes to make a content of a document; None where that cannot make it."""
     after = parse_yaml(before.path, content)
     text, root = _text_and_root(after)
-    nodes = {path: _node(root, path) for path in _differing(before.data, after.data, ())}
-    values = {dotted(path): text[node.start_mark.index : _end(node)] for path, node in nodes.items()}
+    # The shortest paths below which the two differ, and of what the second one adds.
+    values: dict[str, str] = {}
+    pairs: list[tuple[object, object, KeyPath]] = [(before.data, after.data, ())]  # the next one last
+    while pairs:
+        old, new, path = pairs.pop()
+        if isinstance(old, dict) and isinstance(new, dict) and old.keys() <= new.keys():
+            pairs += [(old.get(key, _ABSENT), new[key], (*path, key)) for key in reversed([*new])]
+        elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+            pairs += [(old[index], new[index], (*path, index)) for index in reversed(range(len(new)))]
+        elif old != new or type(old) is not type(new):
+            node = _node(root, path)
+            values[dotted(path)] = text[node.start_mark.index : _end(node)]
     try:
         return values if with_values(before, values) == content else None
     except InputError:
         return None
-
-
-def _differing(before: object, after: object, path: KeyPath) -> Iterator[KeyPath]:
-    """The shortest paths below which two documents differ, and of what the second one adds."""
-    if isinstance(before, dict) and isinstance(after, dict) and before.keys() <= after.keys():
-        for key in after:
-            yield from _differing(before[key], after[key], (*path, key)) if key in before else [(*path, key)]
-    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
-        for index, pair in enumerate(zip(before, after, strict=True)):
-            yield from _differing(*pair, (*path, index))
-    elif before != after or type(before) is not type(after):
-        yield path
 
 
 def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
-from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs
+from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs, entry, refused
 from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.skill.settings import ANY, FASTEST
@@ -26,47 +26,45 @@ from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
 
-
-Piece = TypeVar("Piece")
-
-
-class _Pieces(Entry, Generic[Piece]):
-    breaks: Numbers
-    coefficients: tuple[Piece, ...]
-
-
-class _TrajectoryNumbers(Entry):
-    """Fields of a `trajectory.Trajectory` with its path and law in a file, checked before arrays are made of them."""
-
-    path: _Pieces[tuple[Numbers, ...]]
-    law: _Pieces[Numbers]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> _TrajectoryNumbers:
-        for part, breaks, count in (
-            ("path", self.path.breaks, len(self.path.coefficients)),
-            ("law", self.law.breaks, len(self.law.coefficients)),
-        ):
-            if count == 0 or len(breaks) != count + 1 or any(b < a for a, b in pairwise(breaks)):
-                message = "the breaks of the {part} must rise and be one more than there are pieces"
-                raise PydanticCustomError("program-motion", message, {"part": part})
-        if any(a == b for a, b in pairwise(self.path.breaks)):
-            raise PydanticCustomError("program-motion", "the breaks of the path must be different")
-        if any(len(piece) != 4 for piece in self.law.coefficients):
-            raise PydanticCustomError("program-motion", "every piece of the law must have four coefficients")
-        rows = {len(row) for piece in self.path.coefficients for row in piece}
-        if len(rows) != 1 or 0 in rows or len({len(piece) for piece in self.path.coefficients}) != 1:
-            message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
-            raise PydanticCustomError("program-motion", message)
-        return self
+_PATH = entry(
+    __name__,
+    "_Path",
+    "The path in joint space.",
+    breaks=(Numbers, "Ends of its pieces, from 0 to 1."),
+    coefficients=(tuple[tuple[Numbers, ...], ...], "Of each piece, for all joints."),
+)
+_LAW = entry(
+    __name__,
+    "_Law",
+    "How far along its path an arm is over time.",
+    breaks=(Numbers, "Ends of its pieces [s]."),
+    coefficients=(tuple[Numbers, ...], "Of each piece."),
+)
+_NUMBERS = entry(
+    __name__, "_Numbers", "A `trajectory.Trajectory` as a file has it.", path=(_PATH, Field()), law=(_LAW, Field())
+)
 
 
-_Motion = Annotated[
-    Trajectory,
-    SerializedAs(
-        _TrajectoryNumbers, lambda numbers: Trajectory.from_numbers(numbers.model_dump()), Trajectory.to_numbers
-    ),
-]
+def _trajectory(numbers: Any) -> Trajectory:  # noqa: ANN401 - as above
+    """The trajectory of checked numbers. Raises PydanticCustomError where they are not consistent."""
+    path, law = numbers.path, numbers.law
+    for part, pieces in (("path", path), ("law", law)):
+        count = len(pieces.coefficients)
+        if count == 0 or len(pieces.breaks) != count + 1 or any(b < a for a, b in pairwise(pieces.breaks)):
+            message = f"the breaks of the {part} must rise and be one more than there are pieces"
+            raise refused("program-motion", message)
+    if any(a == b for a, b in pairwise(path.breaks)):
+        raise refused("program-motion", "the breaks of the path must be different")
+    if any(len(piece) != 4 for piece in law.coefficients):
+        raise refused("program-motion", "every piece of the law must have four coefficients")
+    rows = {len(row) for piece in path.coefficients for row in piece}
+    if len(rows) != 1 or 0 in rows or len({len(piece) for piece in path.coefficients}) != 1:
+        message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
+        raise refused("program-motion", message)
+    return Trajectory.from_numbers(numbers.model_dump())
+
+
+_Motion = Annotated[Trajectory, SerializedAs(_NUMBERS, _trajectory, Trajectory.to_numbers)]
 
 
 class _Sparse(Entry):

@@ -215,7 +215,7 @@ class Studio:
             case "stop":
                 self.under_way.stop()
             case "difference":
-                saved = self._document(self._draft.saved)
+                saved = read_workspace_document(self._draft.path, self._draft.saved)
                 text = patch(saved, self._draft.content, from_here(self._draft.path))
                 line_of_it = self._setting(saved, self._draft.content)
                 self.connections.tell(message("difference", patch=text.splitlines(), line=line_of_it))
@@ -224,15 +224,12 @@ class Studio:
             case "reread":
                 self._reread()
 
-    def _document(self, content: bytes | None = None) -> SourceDocument:
-        return read_workspace_document(self._draft.path, self._draft.content if content is None else content)
-
     def _edit(self, label: str, make: Callable[[SourceDocument], bytes], line: str | None = None) -> None:
         """Change the text. Raises InputError where that makes no workspace; then nothing changes.
 
         line: the command that does it, if it is not the one that sets what differs.
         """
-        document = self._document()
+        document = read_workspace_document(self._draft.path, self._draft.content)
         content = make(document)
         if content == self._draft.content:
             self._tell_state()
@@ -264,7 +261,8 @@ class Studio:
 
     def _step(self, *, back: bool) -> None:
         """Take back a change, or make it again."""
-        before, changes = self._document(), self._draft.past[-1:] if back else self._draft.future[:1]
+        before = read_workspace_document(self._draft.path, self._draft.content)
+        changes = self._draft.past[-1:] if back else self._draft.future[:1]
         for change in changes:
             self._go_on(self._draft.stepped(back=back))
             label = f"{'undone' if back else 'again'}: {change.label}"
@@ -276,7 +274,7 @@ class Studio:
             message = "the workspace has changed meanwhile"
             mend = "mend the file, or read it again; unsaved changes are kept where they still fit"
             raise bad_input("changed-meanwhile", message, Place(self._draft.path), mend=mend)
-        saved = self._document(self._draft.saved)
+        saved = read_workspace_document(self._draft.path, self._draft.saved)
         line = self._setting(saved, self._draft.content)
         if self._draft.dirty:
             replace_workspace(saved, self._draft.content)

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 
 from sqrp_cli.document import Record
 from sqrp_cli.figures import Qualities
-from sqrp_cli.geometry import Mask
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
@@ -26,6 +26,7 @@ from sqrp_cli.study.whole_study import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
 
+_UNASKED: Any = None  # in place of whether an atom is covered, where no formula asks
 _COLUMNS = ("cause", "by", "figure", "visible")  # of verdicts, each with a column for every camera
 
 Matrix = tuple[tuple[BoxVerdicts, ...], ...]  # per target and box, the verdicts of cameras
@@ -96,13 +97,13 @@ class Sketch(SampledScene):
         table: dict[Verdict, int] = {}
         atoms = {}
         for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
-            covered = _where(observation.covered[:, column], self.required[:, column])
+            covered = np.where(self.required[:, column], observation.covered[:, column], _UNASKED).tolist()
             rows = _rows(cell, boxes, [box.name for box in target.boxes], table)
             atoms[str(target.atom)] = AtomShown(covered=covered, cameras=dict(zip(names, rows, strict=True)))
         qualities, lost = qualities_over(timeline), observation.blind
         return CoverageShown(
             t=self.samples.t.tolist(),
-            covered=_where(timeline.covered, timeline.monitored),
+            covered=np.where(timeline.monitored, timeline.covered, _UNASKED).tolist(),
             verdicts=list(table),
             atoms=atoms,
             q_avg=qualities.q_avg,
@@ -141,10 +142,6 @@ def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> Covera
         q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
         blind=sum(part.blind for part in parts),
     )
-
-
-def _where(values: Mask, asked: Mask) -> list[bool | None]:
-    return [value if held else None for value, held in zip(values.tolist(), asked.tolist(), strict=True)]
 
 
 def _rows(cell: Cell, boxes: Sequence[BoxVerdicts], names: Sequence[str], table: dict[Verdict, int]) -> list[list[int]]:
