@@ -41,7 +41,14 @@ DOCUMENTS = {
     f"{command}-{cell}": (command, ROOT / "workspaces" / cell, *([task] if command == "rank" else []), "--json")
     for command in ("check", "rank", "score")
     for cell, task in {"tabletop": "pickup green", "screws": "pickup screw", "tower": "stack red green"}.items()
-} | {"show-watch": ("show", ROOT / "tests" / "cases" / "watch", "--json")}
+} | {
+    "show-watch": ("show", ROOT / "tests" / "cases" / "watch", "--json"),
+    "show-tabletop": ("show", ROOT / "workspaces" / "tabletop", "--json"),
+    "explain-watch": (
+        *("explain", ROOT / "tests" / "cases" / "watch", "watch object=turned,behind"),
+        *("--all", "--samples", 3, "--json"),
+    ),
+}
 """Words of commands, by the name of the file that has their document."""
 
 

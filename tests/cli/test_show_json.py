@@ -38,25 +38,6 @@ def root(show: Document) -> ElementTree.Element:
     return ElementTree.parse(show["robot"]["urdf"]).getroot()  # noqa: S314 - our own files
 
 
-def test_the_document_has_the_fields_of_the_contract(show):
-    assert {
-        "schema", "robot", "cameras", "detectors", "objects", "opaque", "state", "skills", "tasks",
-    } <= set(show)  # fmt: skip
-    assert show["schema"] == 1
-    assert {"urdf", "package_roots", "base", "tool_frame", "joints", "home", "geometry"} <= set(show["robot"])
-    for camera in show["cameras"].values():
-        assert set(camera) == {
-            "width", "height", "K", "distortion_model", "D", "frame", "pose", "near", "far", "rate", "latency",
-        }  # fmt: skip
-    for detector in show["detectors"].values():
-        assert set(detector) == {"kind", "distance", "max_incidence", "min_pixels", "min_visible"}
-    for thing in show["objects"].values():
-        assert set(thing) - {"on", "attributes"} == {"type", "color", "size", "pose", "fixed"}
-    for joint in show["robot"]["joints"].values():
-        assert set(joint) - {"slides"} == {"lower", "upper", "velocity", "acceleration", "jerk"}
-    assert set(show["robot"]["arm"]) <= set(show["robot"]["joints"])
-
-
 def test_every_pose_is_rigid(show):
     found = poses(show)
     assert len(found) > len(show["cameras"])
