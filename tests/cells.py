@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import shlex
 import shutil
@@ -53,6 +54,34 @@ def write_cell(cell: dict[str, Any], folder: Path) -> Path:
     path = folder / "workspace.yaml"
     path.write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
     return path
+
+
+def follow(document: Any, dotted: str) -> tuple[Any, Any]:
+    """The container of a value, and its key there."""
+    *path, last = dotted.split(".")
+    for key in path:
+        document = document[int(key) if isinstance(document, list) else key]
+    return document, int(last) if isinstance(document, list) else last
+
+
+def set_values(document: Any, values: dict[str, Any]) -> None:
+    """Set values by their dotted paths; one after the last of a list is added."""
+    for path, value in values.items():
+        container, key = follow(document, path)
+        container[slice(key, key + 1) if isinstance(container, list) else key] = (
+            [value] if isinstance(container, list) else value
+        )
+
+
+def made_cell(name: str, folder: Path) -> Path:
+    """Write a cell of tests/cases/made_cells.yaml into a folder; the folder."""
+    case = copy.deepcopy(read_cases("made_cells.yaml")[name])  # its anchors are shared
+    cell = shipped_cell(case["of"])
+    cell["cameras"] = {one: cell["cameras"][one] for one in case.get("cameras", cell["cameras"])}
+    if "skills" in case:
+        cell["skills"] = [str(ROOT / "skills" / one) for one in case["skills"]]
+    set_values(cell, case["set"])
+    return write_cell(cell, folder).parent
 
 
 def refused(call: Callable[..., object], *arguments: object, **named: object) -> Problem:

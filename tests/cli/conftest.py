@@ -21,7 +21,7 @@ import pytest
 import yaml
 
 from sqrp_cli.cli.main import run
-from tests.cells import read_cell, shipped_cell, write_cell
+from tests.cells import made_cell, read_cases, read_cell, set_values, shipped_cell, write_cell
 
 if TYPE_CHECKING:
     from tests.cli.slip_run import Cell, SlipRun
@@ -176,13 +176,7 @@ def shown(asked, tabletop):
 @pytest.fixture
 def tabletop_cell():
     """What the tabletop's file says, to be changed and written elsewhere."""
-    return _read_tabletop()
-
-
-def _read_tabletop() -> dict[str, Any]:
-    cell = shipped_cell("tabletop")
-    cell["skills"] = [str(ROOT / "skills" / "pickup")]
-    return cell
+    return {**shipped_cell("tabletop"), "skills": [str(ROOT / "skills" / "pickup")]}
 
 
 @pytest.fixture(scope="session")
@@ -208,49 +202,16 @@ def started(once):
 
 @pytest.fixture(scope="session")
 def harsh(once):
-    """The tabletop made hard to see.
+    """The tabletop made hard to see."""
 
-    Lenses of every kind, a camera on the wrist, narrow limits, two boxes or two cameras for a literal, nested formulas.
-    """
-    folder: Path = once("harsh", _write_harsh)
-    return folder
+    def write(folder: Path) -> Path:
+        skill_folder = Path(shutil.copytree(ROOT / "skills" / "pickup", folder / "pickup"))
+        skill = yaml.safe_load((skill_folder / "skill.yaml").read_text(encoding="utf-8"))
+        set_values(skill, read_cases("made_cells.yaml")["harsh_skill"])
+        (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
+        return made_cell("harsh", folder)
 
-
-def _write_harsh(folder: Path) -> Path:
-    cell = _read_tabletop()
-    skill_folder = Path(shutil.copytree(ROOT / "skills" / "pickup", folder / "pickup"))
-    cell["robot"]["base"] = {"position": [0.01, -0.02, 0.005], "rpy": [0.002, -0.001, 0.01]}
-    cell["skills"] = ["pickup"]
-    cell["detectors"]["color"].update(distance=["60 cm", "150 cm"], min_pixels=24)
-    cell["detectors"]["flat"] = {
-        "kind": "aruco", "distance": [0.1, 3], "max_incidence": "65 deg", "min_pixels": 6, "min_visible": 1,
-    }  # fmt: skip
-    lenses = {
-        "cam1": ("plumb_bob", [-0.28, 0.09, 0.001, -0.0007, -0.01]),
-        "cam2": ("rational_polynomial", [0.4, 0.1, 0.0004, -0.001, 0.02, 0.5, 0.15, 0.01]),
-        "cam3": ("equidistant", [-0.02, 0.01, -0.004, 0.001]),
-    }
-    for name, (model, coefficients) in lenses.items():
-        cell["cameras"][name]["image"]["distortion"] = {"model": model, "coefficients": coefficients}
-    cell["cameras"]["cam2"].update(rate="25 Hz", latency="120 ms")
-    cell["cameras"]["cam4"]["far"] = "1.3 m"
-    cell["cameras"]["cam6"]["near"] = "85 cm"
-    cell["cameras"]["wrist"] = {
-        "frame": "wrist_2_link",
-        "pose": {"position": [0, 0.05, 0.05], "rpy": [0, "90 deg", 0]},
-        "image": {"width": 320, "height": 200, "fx": 150, "fy": 155, "cx": 150, "cy": 110},
-        "near": "5 cm", "rate": "30 Hz",
-    }  # fmt: skip
-    skill = yaml.safe_load((skill_folder / "skill.yaml").read_text(encoding="utf-8"))
-    skill["targets"]["hold"]["cameras"] = 2
-    skill["targets"]["obj_on_table"]["boxes"].append(
-        {"name": "top", "frame": "object@start", "size": [0.03, 0.03, 0.001], "normal": [0, 0, 1],
-         "pose": {"position": [0, 0, 0.0205]}, "detector": "flat"}
-    )  # fmt: skip
-    skill["formulas"].append("always[a1.start + 0.5, a2.end - 0.3] (eventually[0, 0.2] (obj_on_table))")
-    skill["faults"]["late"] = {"formula": "eventually[a5.start, a5.end] (not hold)", "response": "continue"}
-    (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
-    write_cell(cell, folder)
+    folder: Path = once("harsh", write)
     return folder
 
 

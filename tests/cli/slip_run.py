@@ -10,17 +10,9 @@ from unittest import mock
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
-from tests.cells import shipped_cell, write_cell
+from tests.cells import made_cell
 
-ROOT = Path(__file__).parents[2]
-RATE = 8.0
-QUICK_ARM = {
-    "velocity": "120 deg/s",
-    "acceleration": "400 deg/s^2",
-    "jerk": "3000 deg/s^3",
-    "stop_acceleration": "1500 deg/s^2",
-    "stop_jerk": "30000 deg/s^3",
-}
+RATE = 8.0  # of its cameras [Hz]
 
 
 @dataclass(frozen=True)
@@ -54,11 +46,7 @@ class SlipRun:
 
 def quick_cell(sqrp: Callable[..., Any], folder: Path) -> Cell:
     """A program for the tabletop with two of its cameras and a faster arm."""
-    workspace = shipped_cell("tabletop")
-    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("cam3", "cam5")}
-    workspace["robot"]["limits"] = QUICK_ARM
-    workspace["skills"] = [str(ROOT / "skills" / "pickup")]
-    write_cell(workspace, folder)
+    made_cell("quick", folder)
     program = folder / "pick.yaml"
     assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     return Cell(program, folder)

@@ -16,7 +16,7 @@ import yaml
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import check_program, load_program
-from tests.cells import read_cases, read_cell, write_cell
+from tests.cells import follow, read_cases, read_cell, write_cell
 
 CASES = read_cases("bad_programs.yaml")
 
@@ -27,14 +27,6 @@ def sound(sqrp, laying, holding):
     shutil.copy(holding, path)
     assert sqrp("rank", laying, "lay g2", "--program", path).code == 0
     return path
-
-
-def follow(document: Any, dotted: str) -> tuple[Any, Any]:
-    """The container of a value, and its key there."""
-    *path, last = dotted.split(".")
-    for key in path:
-        document = document[int(key) if isinstance(document, list) else key]
-    return document, int(last) if isinstance(document, list) else last
 
 
 def damaged(text: str, case: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,8 @@ from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
-from tests.cells import read_cell, shipped_cell, write_cell
+from tests.cells import made_cell, shipped_cell, write_cell
 from tests.cli.pages import overview_of
-from tests.cli.slip_run import QUICK_ARM
 
 pytestmark = pytest.mark.slow
 
@@ -22,16 +22,7 @@ pytestmark = pytest.mark.slow
 def under_the_table(once):
     """The cell `tabletop` with two cameras that look at the table from below."""
 
-    def write(folder: Path) -> Path:
-        cell = shipped_cell("tabletop")
-        camera = {"image": {"width": 320, "height": 240, "horizontal_fov": "60 deg"}, "near": 0.2, "far": 4.0}
-        camera |= {"rate": 10, "latency": 0.05}
-        poses = ({"position": [0.4, y, -0.5], "look_at": [0.4, 0.1, 0.0]} for y in (-0.2, 0.3))
-        cell["cameras"] = {f"below{i}": camera | {"pose": pose} for i, pose in enumerate(poses)}
-        cell["tasks"] = [{"task": "pickup g2", "max_delay": 5.0}]
-        return write_cell(cell, folder).parent
-
-    folder: Path = once("under-the-table", write)
+    folder: Path = once("under-the-table", partial(made_cell, "under_the_table"))
     return folder
 
 
@@ -62,16 +53,10 @@ def test_no_threshold_and_no_goal_is_met(sqrp, under_the_table):
     ("fault", "said"),
     [("slip@a4+0.5", "no image showed slip, which happened at "), ("slip@a5+0.5", "no image showed ")],
 )
-def test_a_run_that_misses_a_fault_says_so_even_of_a_part_for_which_no_formula_asks(
-    sqrp, once, under_the_table, tmp_path, fault, said
-):
+def test_a_run_that_misses_a_fault_says_so_even_of_a_part_for_which_no_formula_asks(sqrp, once, tmp_path, fault, said):
     def write(folder: Path) -> Path:
-        cell = read_cell(under_the_table)
-        cell["robot"]["limits"] = QUICK_ARM
-        for camera in cell["cameras"].values():
-            camera["rate"] = 4
-        program = folder / "p.yaml"
-        assert sqrp("rank", write_cell(cell, folder), "pickup g2", "--ways", "fastest", "--program", program).code == 0
+        program, cell = folder / "p.yaml", made_cell("quick_under_the_table", folder)
+        assert sqrp("rank", cell, "pickup g2", "--ways", "fastest", "--program", program).code == 0
         return program
 
     program, log, page = once("quick-under-the-table", write), tmp_path / "run.jsonl", tmp_path / "run.html"
@@ -110,13 +95,7 @@ def test_an_assumed_latency_is_said_where_delays_are_and_written_nowhere(sqrp, t
 
 def test_a_camera_on_the_robot_shows_no_drop_before_its_latency_has_passed(sqrp, tmp_path):
     """Of the cell `tabletop` with one camera, on the flange: 30 Hz, 200 ms."""
-    cell = shipped_cell("tabletop")
-    pose = {"position": [0.16, 0.0, 0.0], "look_at": [0.0, 0.0, 0.16], "up": [1, 0, 0]}
-    image = {"width": 640, "height": 480, "horizontal_fov": "80 deg"}
-    hand = {"frame": "tool0", "pose": pose, "image": image, "near": 0.03, "far": 2.0, "rate": 30, "latency": 0.2}
-    cell["detectors"]["color"]["distance"] = [0.05, 3.0]
-    cell |= {"cameras": {"hand": hand}, "skills": cell["skills"][:1], "tasks": []}
-    flange = write_cell(cell, tmp_path).parent
+    flange = made_cell("flange", tmp_path)
     slip = sqrp("rank", flange, "pickup g2", "--ways", "fastest", "--json").document["candidates"][0]["faults"]["slip"]
     assert slip["unseen"] == 0.0
     assert 0.2 + 0.5 / 30 <= slip["delay_mean"] <= 0.25  # slips in the simulated cell take 0.23 s on average ...

@@ -15,9 +15,9 @@ from sqrp_cli.run.faults import InjectedFault
 from sqrp_cli.run.record.events import Event
 from sqrp_cli.run.record.report import FaultRecord, RunReport
 from sqrp_cli.run.start import Simulation
-from tests.cells import read_cell, shipped_cell, write_cell
+from tests.cells import made_cell, read_cell, write_cell
 from tests.cli.conftest import press_ctrl_c
-from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell
+from tests.cli.slip_run import RATE, Cell
 
 pytestmark = pytest.mark.slow
 
@@ -177,12 +177,7 @@ def test_faults_come_several_at_once_and_outlast_a_retry(sqrp, cell):
 def two_steps(sqrp, tmp_path_factory):
     """A program that puts down what the tool holds before it picks up something else, with a faster arm."""
     folder = tmp_path_factory.mktemp("two")
-    workspace = shipped_cell("tower")
-    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": "5 Hz"} for name in ("left", "right")}
-    workspace["robot"]["limits"] = QUICK_ARM
-    workspace["skills"] = [str(ROOT / "skills" / name) for name in ("pickup", "place")]
-    workspace["tasks"] = []
-    write_cell(workspace, folder)
+    made_cell("two_steps", folder)
     program = folder / "two.yaml"
     assert sqrp("check", folder, "pickup blue", "--program", program).code == 0
     return Cell(program, folder)
@@ -258,14 +253,10 @@ def test_ctrl_c_in_a_sweep_keeps_the_slips_that_are_finished(sqrp, cell, monkeyp
     assert [run["delay"] for run in found.document["runs"]] == pytest.approx([0.1] * finished)
 
 
-ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-
-
-def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: str, fault: str) -> Any:
-    """A run of the fastest way of doing a task in a cell, with a fault."""
-    write_cell(cell, folder)
+def run_in(cell: str, folder: Path, sqrp: Callable[..., Any], task: str, fault: str) -> Any:
+    """A run of the fastest way of doing a task in a made cell, with a fault."""
     program = folder / "pick.yaml"
-    assert sqrp("rank", folder, task, "--ways", "fastest", "--program", program).code == 0
+    assert sqrp("rank", made_cell(cell, folder), task, "--ways", "fastest", "--program", program).code == 0
     return sqrp("run", program, "--sim", "--fault", fault, "--json", "--log", folder / "run.jsonl")
 
 
@@ -275,14 +266,8 @@ def moved_on(sqrp, tmp_path_factory):
 
     With a faster arm, fewer cameras, few and small images.
     """
-    cell = shipped_cell("screws")
-    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
-    for camera in cell["cameras"].values():
-        camera["image"] |= {"width": 1024, "height": 768}
-    for limit, value in (("velocity", "45 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
-        cell["robot"]["limits"][limit] |= dict.fromkeys(ARM, value)
     folder = tmp_path_factory.mktemp("screws")
-    return folder, run_in(cell, folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7").document
+    return folder, run_in("moved_on", folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7").document
 
 
 def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on):
@@ -318,16 +303,7 @@ def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on)
 @pytest.fixture(scope="module")
 def from_the_hand(sqrp, tmp_path_factory):
     """A run of g2 that a fixed camera and one beside the suction cup watch, with a slip."""
-    folder = tmp_path_factory.mktemp("hand")
-    cell = shipped_cell("tabletop")
-    hand = {"frame": "tool0", "pose": {"position": [0.0, -0.2, -0.1], "look_at": [0.0, 0.0, 0.2]}}
-    seen = {"image": {"width": 640, "height": 480, "horizontal_fov": "60 deg"}, "near": "2 cm"}
-    cell["cameras"] = {
-        "cam3": {**cell["cameras"]["cam3"], "rate": "8 Hz"},
-        "hand": {**hand, **seen, "rate": "8 Hz", "latency": "50 ms"},
-    }
-    cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
-    return run_in(cell, folder, sqrp, "pickup g2", "slip@a4+1")
+    return run_in("from_the_hand", tmp_path_factory.mktemp("hand"), sqrp, "pickup g2", "slip@a4+1")
 
 
 def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand):

@@ -10,7 +10,7 @@ import pytest
 
 from sqrp_cli import open_cell
 from sqrp_cli.show.pages.assembly import tidy
-from tests.cells import write_cell
+from tests.cells import made_cell, write_cell
 from tests.cli.pages import detail_in
 
 CHOSEN = ("--choose", "g1")
@@ -39,17 +39,8 @@ def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
 
 
 @pytest.fixture
-def walled(tmp_path, tabletop_cell):
-    """The tabletop with one cube behind a wall, and one behind the arm that keeps it from turning all the way round."""
-    cell, things = tabletop_cell, tabletop_cell["objects"]
-    cube = {**things["g1"], "pose": {"position": [0.45, -0.25, 0.02]}}
-    wall = {"type": "wall", "size": [0.6, 0.02, 0.4], "pose": {"position": [0.62, -0.08, 0.2]}, "fixed": True}
-    back = {"type": "wall", "size": [0.02, 1.2, 1.2], "pose": {"position": [-0.3, 0, 0.6]}, "fixed": True}
-    cell["objects"] = {"table": things["table"], "g1": cube, "wall": wall, "back": back}
-    cell["state"] = ["hand_empty", "obj_on_table(g1)"]
-    cell["tasks"] = [{"task": "pickup"}]
-    write_cell(cell, tmp_path)
-    return tmp_path
+def walled(tmp_path):
+    return made_cell("walled", tmp_path)
 
 
 def test_every_command_names_what_goes_around_what(sqrp, walled):
