@@ -1,8 +1,12 @@
-"""A headless Chromium without network, for tests of pages."""
+"""Pages that `--report` wrote: what they carry, and how they look in a headless Chromium without network."""
 
 from __future__ import annotations
 
+import base64
+import json
+import re
 import shutil
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -126,3 +130,21 @@ _CLICKS = """async ([seed, rounds]) => {
   }
   return last.getAttribute('aria-label');
 }"""
+
+
+def detail_in(page: Path, number: int = 0) -> dict[str, Any]:
+    """The document of one of the candidates of a page."""
+    return carried(page, f"detail-{number}")
+
+
+def overview_of(page: Path) -> dict[str, Any]:
+    """What a page shows first."""
+    return carried(page, "overview")
+
+
+def carried(page: Path, name: str) -> dict[str, Any]:
+    """A document that a page carries."""
+    (data,) = re.findall(rf'id="{name}">([^<]*)<', page.read_text(encoding="utf-8"))
+    document = json.loads(zlib.decompress(base64.b64decode(data)))
+    assert isinstance(document, dict)
+    return document

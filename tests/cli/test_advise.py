@@ -30,9 +30,8 @@ from sqrp_cli.study.timeline import observe
 from sqrp_cli.task.grips import grips
 from sqrp_cli.task.task import read_task
 from tests.cells import copied, edit
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, carried
 from tests.cli.conftest import press_ctrl_c
-from tests.cli.pages import carried
 from tests.cli.test_document_schemas import assert_no_other_key_fits, validate
 
 ROOT = Path(__file__).parents[2]
@@ -148,33 +147,6 @@ def apply_patch(own: Path, patch: str) -> None:
     file.write_text(new.join(text.rsplit(old, 1)), encoding="utf-8")
 
 
-def test_what_is_applied_meets_the_goal_and_keeps_comments(sqrp, own, aims):
-    command = ("advise", own, TASK, *aims)
-    comments = [line.partition("#")[2] for line in (own / "workspace.yaml").read_text().splitlines()]
-    outcome = sqrp(*command, "--apply", 1)
-    assert outcome.code == 0
-    assert "change 1 is in" in outcome.err
-    text = (own / "workspace.yaml").read_text(encoding="utf-8")
-    assert [line.partition("#")[2] for line in text.splitlines()] == comments
-    assert sqrp("rank", own, TASK, "--json").document["candidates"][0]["q_eoi"] == 1.0
-    again = sqrp(*command)
-    assert again.code == 0
-    assert "nothing has to change" in again.out
-
-
-def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, aims, tmp_path):
-    patch = tmp_path / "advice.patch"
-    command = ("advise", own, TASK, *aims, "--patch", patch)
-    before = (own / "workspace.yaml").read_bytes()
-    assert sqrp(*command).code == 0
-    assert patch.read_text().startswith("# A change that `sqrp advise` found\n--- ")
-    assert (own / "workspace.yaml").read_bytes() == before
-    patch.write_text("mine")
-    refused = sqrp(*command)
-    assert refused.code == 2
-    assert patch.read_text() == "mine"
-
-
 def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
     found = open_cell(small).advise("pickup g3", ways="fastest", kinds=["aim"])
     first, *others = found.advice
@@ -187,24 +159,6 @@ def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
     with pytest.raises(InputError, match="would have to say"):
         write_change(found, small, 1, file)
     assert "No patch: the file of cam6 would have to say 1, 2 and 3." in str(replace(found, advice=(unwritten,)))
-
-
-def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_the_way(sqrp, own):
-    copied(own.parents[1], camera="cam3")
-    kept = own.parent / "kept"
-    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
-    outcome = sqrp(*command)
-    assert outcome.code == 1
-    assert "Nothing meets the goal." in outcome.out
-    assert max(map(len, outcome.out.splitlines())) <= 80
-    document = sqrp(*command, "--json").document
-    assert document["advice"] == []
-    nearest = document["nearest"]
-    assert nearest["kind"] == "aim"
-    assert nearest["q_eoi"] < 1
-    assert nearest["missing"] == [f"Q_eoi is {100 * nearest['q_eoi']:.1f} %, not 100 %"]
-    assert "g1" in nearest["limit"]
-    assert document["kinds"][0]["nearest"] == nearest
 
 
 def test_where_the_time_is_missed_the_limit_is_the_motion(sqrp):
@@ -575,29 +529,3 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
             if qualities_over(timeline).q_eoi == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)
-
-
-@pytest.mark.slow
-def test_the_place_of_an_object_that_a_program_moved_is_not_written_as_its_place_at_the_start(sqrp, tmp_path):
-    tower, program = copied(tmp_path, "tower"), tmp_path / "tower.yaml"
-    before = (tower / "workspace.yaml").read_bytes()
-    assert sqrp("check", tower, "pickup blue", "--program", program).code == 0
-    options = (
-        "--after",
-        program,
-        "--want",
-        "time 6.85 s",
-        "--kinds",
-        "object",
-        "--jobs",
-        1,
-        "--out",
-        tmp_path / "kept",
-    )
-    assert (
-        "has moved `red`"
-        in sqrp("advise", tower, "stack blue red", *options, "--json").document["advice"][0]["unwritten"]
-    )
-    refused = sqrp("advise", tower, "stack blue red", *options, "--apply", 1)
-    assert (refused.code, "has moved `red`" in refused.err) == (2, True)
-    assert (tower / "workspace.yaml").read_bytes() == before

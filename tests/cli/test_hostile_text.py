@@ -32,7 +32,7 @@ from sqrp_cli.show.terminal.run_view import live_view
 from sqrp_cli.shown import one_line
 from tests.cells import command_lines
 from tests.cli.hostile import EVIL, IN_PATH, TASK, hostile_cell, is_harmless
-from tests.cli.test_run_replay import log_of
+from tests.cli.test_run_view import log_of
 
 Command = Callable[..., Any]
 

@@ -13,7 +13,7 @@ from sqrp_cli.cell.edits import with_cameras
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from tests.cells import made_cell, shipped_cell, write_cell
-from tests.cli.pages import overview_of
+from tests.cli.browser import overview_of
 
 pytestmark = pytest.mark.slow
 

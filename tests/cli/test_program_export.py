@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from sqrp_cli.show.pages.assembly import tidy
+from tests.cli.browser import detail_in
 from tests.replay import Replay, assert_continuous, assert_limits, assert_straight
 
 RATE = 50
@@ -47,20 +50,13 @@ def test_every_multiple_of_the_period_and_every_edge_of_a_primitive_has_a_row(re
     assert len(replay.t) <= len(multiples) + len(set(edges))
 
 
-def test_limits_are_kept_jerk_included(replay):
-    assert_limits(replay)
-
-
-def test_positions_velocities_and_accelerations_belong_together(replay):
-    assert_continuous(replay)
-
-
-def test_straight_moves_are_straight(replay):
-    assert_straight(replay)
-
-
-def test_nothing_touches(replay):
-    assert replay.contacts() == set()
+@pytest.mark.parametrize("of", ["replay", "tower_replay"])
+def test_limits_are_kept_derivatives_belong_together_straight_moves_are_straight_and_nothing_touches(request, of):
+    found = request.getfixturevalue(of)
+    assert_limits(found)
+    assert_continuous(found)
+    assert_straight(found)
+    assert found.contacts() == set()
 
 
 def test_the_check_for_contacts_does_see_some(replay, monkeypatch):
@@ -134,3 +130,50 @@ def test_a_program_is_not_overwritten_by_its_own_export(sqrp, watch, tmp_path):
     assert (outcome.code, outcome.out) == (2, "")
     assert "so it is not overwritten" in outcome.err
     assert program.read_bytes() == before
+
+
+# A tower of three, built by three `rank` calls
+
+TOWER = Path(__file__).parents[2] / "workspaces" / "tower"
+STEPS = ("stack red green", "pickup blue", "stack blue red")
+
+
+@pytest.fixture(scope="module")
+def tower(sqrp, tmp_path_factory):
+    path = tmp_path_factory.mktemp("tower") / "tower.yaml"
+    for task in STEPS:
+        assert sqrp("rank", TOWER, task, "--program", path).code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def tower_replay(sqrp, tower):
+    export = tower.with_suffix(".csv")
+    assert sqrp("program", tower, "--export", export, "--rate", 40).code == 0
+    return Replay(sqrp("show", TOWER, "--json").document, export)
+
+
+def test_the_program_lists_its_steps_and_what_the_tool_does(sqrp, tower):
+    document = sqrp("program", tower, "--json").document
+    assert [step["task"] for step in document["steps"]] == list(STEPS)
+    assert document["total"]["time"] == pytest.approx(sum(step["time"] for step in document["steps"]))
+    told = [(command["action"], command["object"]) for command in document["tool"]]
+    assert told == [("release", "red"), ("grasp", "blue"), ("release", "blue")]
+
+
+def test_a_tower_stands_in_the_end(tower_replay):
+    green, red, blue = (tower_replay.X_WO[name].translation for name in ("green", "red", "blue"))
+    # Cubes of 5, 4 and 4 cm; what is put down stands at most 1 mm above what it stands on.
+    for below, above, height in ((green, red, 0.045), (red, blue, 0.04)):
+        np.testing.assert_allclose((above - below)[:2], 0, atol=1e-3)
+        assert height - 1e-6 <= (above - below)[2] <= height + 2e-3
+
+
+def test_a_page_of_scores_begins_with_the_object_in_the_tool_as_the_scores_do(sqrp, tmp_path):
+    page = tmp_path / "page.html"
+    assert sqrp("score", TOWER, "--report", page).code == 0
+    explained = sqrp("explain", TOWER, STEPS[0], "--json").document
+    shown = detail_in(page)
+    assert shown["samples"][0]["held"] == explained["samples"][0]["held"] == "red"
+    for figures in ("q_avg", "q_eoi", "time", "primitives", "formulas"):
+        assert shown[figures] == tidy(explained[figures])

@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.show.pages.assembly import tidy
 from tests.cells import made_cell, write_cell
-from tests.cli.pages import detail_in
+from tests.cli.browser import detail_in
 
 CHOSEN = ("--choose", "g1")
 

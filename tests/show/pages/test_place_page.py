@@ -17,8 +17,7 @@ from sqrp_cli.show.pages.search_pages import write_placement
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.study.assessment import study
 from sqrp_cli.study.sampling import Adaptive
-from tests.cli.browser import Opened
-from tests.cli.pages import carried
+from tests.cli.browser import Opened, carried
 
 TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"
 
