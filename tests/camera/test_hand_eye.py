@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from tests.cells import refused
+from tests.cells import edit, refused
 
 CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
 ORIGINAL = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0, 0, 0, 1]}\n"
@@ -17,25 +17,23 @@ ORIGINAL = "    frame: wrist\n    pose: {position: [0, 0.05, 0], quaternion: [0,
 
 def with_hand_eye(cell: Path, file: str, extra: str = "") -> Path:
     """The cell with its wrist camera where a calibration says."""
-    workspace = cell / "workspace.yaml"
-    text = workspace.read_text(encoding="utf-8")
-    assert ORIGINAL in text
-    workspace.write_text(text.replace(ORIGINAL, f"    hand_eye: {CAMERAS / file}\n{extra}"), encoding="utf-8")
+    edit(cell, ORIGINAL, f"    hand_eye: {CAMERAS / file}\n{extra}")
     return cell
 
 
-def test_an_eye_in_hand_sits_on_the_effector(cell):
-    camera = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml")).cameras["hand"]
-    assert camera.frame == "wrist"
-    np.testing.assert_allclose(
-        camera.X_FC, [[0, 0, 1, 0.03], [0, 1, 0, -0.05], [-1, 0, 0, 0.12], [0, 0, 0, 1]], atol=1e-7
-    )
+IN_HAND = [[0, 0, 1, 0.03], [0, 1, 0, -0.05], [-1, 0, 0, 0.12], [0, 0, 0, 1]]
+ON_BASE = [[1, 0, 0, 0.5], [0, -1, 0, 0], [0, 0, -1, 1.4], [0, 0, 0, 1]]
 
 
-def test_an_eye_on_base_sits_on_the_base_link_and_looks_down(cell):
-    camera = load_workspace(with_hand_eye(cell, "easy_handeye2_on_base.calib")).cameras["hand"]
-    assert camera.frame == "base"
-    np.testing.assert_allclose(camera.X_FC, [[1, 0, 0, 0.5], [0, -1, 0, 0], [0, 0, -1, 1.4], [0, 0, 0, 1]], atol=1e-12)
+@pytest.mark.parametrize(("file", "extra", "frame", "X_FC"), [
+        ("easy_handeye_in_hand.yaml", "", "wrist", IN_HAND),
+        ("easy_handeye2_on_base.calib", "", "base", ON_BASE),  # looks down
+        ("easy_handeye_in_hand.yaml", "    frame: lower\n", "lower", IN_HAND),
+])  # fmt: skip
+def test_a_camera_sits_on_the_effector_the_base_or_the_link_that_the_workspace_names(cell, file, extra, frame, X_FC):
+    camera = load_workspace(with_hand_eye(cell, file, extra)).cameras["hand"]
+    assert camera.frame == frame
+    np.testing.assert_allclose(camera.X_FC, X_FC, atol=1e-7)
 
 
 def test_a_frame_that_is_not_optical_is_doubted_until_the_axes_are_stated(cell):
@@ -48,11 +46,6 @@ def test_body_axes_are_turned_into_optical_ones(cell):
     workspace = load_workspace(with_hand_eye(cell, "easy_handeye_early.yaml", "    convention: body\n"))
     np.testing.assert_allclose(workspace.cameras["hand"].X_FC[:3, 2], [1, 0, 0])
     assert [warning for warning in workspace.warnings if warning.code == "doubtful-axes"] == []
-
-
-def test_the_workspace_may_name_another_link_than_the_file(cell):
-    workspace = load_workspace(with_hand_eye(cell, "easy_handeye_in_hand.yaml", "    frame: lower\n"))
-    assert workspace.cameras["hand"].frame == "lower"
 
 
 def test_pose_and_calibration_exclude_each_other(cell):

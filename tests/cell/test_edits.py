@@ -17,6 +17,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.files.source import SourceDocument
 from sqrp_cli.files.yaml_edit import patch
 from sqrp_cli.geometry import displacement, look_at, read_only
+from tests.cells import edit
 
 POSES = {
     "look_at": "{position: [-0.099, 71.1 cm, 1.162], look_at: [-0.31, -0.027, 0.245]}",
@@ -40,11 +41,10 @@ def file(tabletop: Workspace, tmp_path: Path) -> Path:
     return path
 
 
-def with_text(file: Path, old: str, new: str) -> Path:
-    text = file.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new), encoding="utf-8")
-    return file
+def opened(file: Path, *edits: str) -> tuple[Workspace, SourceDocument]:
+    """The workspace and its file, with pairs of texts replaced."""
+    edit(file, *edits)
+    return load_workspace(file), read_workspace_document(file)
 
 
 def changes(document: SourceDocument, content: bytes) -> list[str]:
@@ -58,8 +58,7 @@ def test_a_camera_elsewhere_is_where_it_should_be(file, notation, convention):
     if convention and "look_at" in POSES[notation]:
         convention = ""
     stated = "{position: [-0.099, 0.711, 1.162], look_at: [-0.31, -0.027, 0.245]}"
-    with_text(file, f"    pose: {stated}", f"    pose: {POSES[notation]}{convention}")
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file, f"    pose: {stated}", f"    pose: {POSES[notation]}{convention}")
     camera = workspace.cameras["cam1"]
     aim = stated_look_at(workspace, "cam1")
     if aim is not None:
@@ -78,8 +77,7 @@ def test_a_camera_elsewhere_is_where_it_should_be(file, notation, convention):
 
 
 def test_only_numbers_that_differ_are_written_in_the_unit_of_the_old_ones(file):
-    with_text(file, "[-0.099, 0.711, 1.162]", "[-0.099, 71.1 cm, 1162 mm]")
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file, "[-0.099, 0.711, 1.162]", "[-0.099, 71.1 cm, 1162 mm]")
     camera, aim = workspace.cameras["cam1"], stated_look_at(workspace, "cam1")
     moved = replace(camera, X_FC=look_at((-0.099, 0.733, 1.1), *aim))
     assert changes(document, with_camera(document, camera, moved, aim[0])) == [
@@ -90,8 +88,7 @@ def test_only_numbers_that_differ_are_written_in_the_unit_of_the_old_ones(file):
 
 @pytest.mark.parametrize("lens", ["horizontal_fov: 18 deg", "horizontal_fov: 0.3142", "fx: 2000", "fx: 2000, fy: 1990"])
 def test_another_lens_is_written_in_its_own_notation(file, lens):
-    with_text(file, "horizontal_fov: 18 deg", lens)
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file, "horizontal_fov: 18 deg", lens)
     camera = workspace.cameras["cam1"]
     K = camera.matrix.copy()
     K[:2, :2] *= 0.8
@@ -106,8 +103,8 @@ def test_a_lens_in_a_calibration_file_is_refused(file):
         "image_width: 640\nimage_height: 480\ncamera_matrix: {rows: 3, cols: 3, data: [2000, 0, 320, 0, 2000, 240, 0,"
         " 0, 1]}\ndistortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
     )
-    with_text(file, "image: {width: 640, height: 480, horizontal_fov: 18 deg}", "calibration: cam.yaml")
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    image = "image: {width: 640, height: 480, horizontal_fov: 18 deg}"
+    workspace, document = opened(file, image, "calibration: cam.yaml")
     camera, aim = workspace.cameras["cam1"], stated_look_at(workspace, "cam1")
     with pytest.raises(InputError, match=r"another file, which would have to say camera_matrix fx 1600, fy 1600$"):
         with_camera(document, camera, replace(camera, matrix=read_only(0.8 * camera.matrix)), aim[0])
@@ -115,11 +112,9 @@ def test_a_lens_in_a_calibration_file_is_refused(file):
 
 
 def test_a_pose_that_an_anchor_shares_is_refused(file):
-    text = file.read_text(encoding="utf-8")
     pose = "{position: [-0.099, 0.711, 1.162], look_at: [-0.31, -0.027, 0.245]}"
     other = "{position: [0.975, 0.356, 1.404], look_at: [0.127, 0.118, 0.589]}"
-    file.write_text(text.replace(pose, f"&same {pose}").replace(other, "*same"), encoding="utf-8")
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file, pose, f"&same {pose}", other, "*same")
     camera = workspace.cameras["cam1"]
     with pytest.raises(InputError, match=r"would also change"):
         with_camera(document, camera, replace(camera, X_FC=look_at((0, 0.7, 1), (0, 0, 0))), np.zeros(3))
@@ -135,7 +130,7 @@ def test_a_further_camera_comes_last_and_has_the_lens_of_another(file, style):
             "image: {width: 640, height: 480, horizontal_fov: 18 deg}}}  # few\n"
         )
         file.write_text(text[:start] + flow + text[end:], encoding="utf-8")
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file)
     point = np.array([0.1, 0.2, 0.3])
     new = replace(workspace.cameras["cam1"], name="cam9", X_FC=look_at((1, 1, 1), point))
     again = load_workspace(file, with_further_camera(document, new, "cam1", point))
@@ -147,7 +142,7 @@ def test_a_further_camera_comes_last_and_has_the_lens_of_another(file, style):
 
 
 def test_an_object_elsewhere_keeps_the_rest(file):
-    workspace, document = load_workspace(file), read_workspace_document(file)
+    workspace, document = opened(file)
     X_WO = workspace.objects["g1"].X_WO.copy()
     X_WO[:3, 3] += (0.05, -0.01, 0)
     content = with_pose(document, ("objects", "g1", "pose"), X_WO)
@@ -165,11 +160,14 @@ def test_a_task_is_added_or_told_more_exactly(file):
     assert added.tasks[1].min_q_eoi == 1.0
 
 
-def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_stricter(file):
+def with_tasks(file: Path, tasks: str) -> SourceDocument:
     text = file.read_text(encoding="utf-8")
-    listed = "tasks:\n  - task: pickup g1\n    min_q_eoi: 50 %  # half\n    max_time: 20 s\n"
-    file.write_text(text[: text.index("tasks:")] + listed, encoding="utf-8")
-    document = read_workspace_document(file)
+    file.write_text(text[: text.index("tasks:")] + tasks, encoding="utf-8")
+    return read_workspace_document(file)
+
+
+def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_stricter(file):
+    document = with_tasks(file, "tasks:\n  - task: pickup g1\n    min_q_eoi: 50 %  # half\n    max_time: 20 s\n")
     wished = {"min_q_eoi": 0.8, "max_time": 25.0, "max_delay": 2.0}
     content = with_task(document, "pickup g1 elbow=up", wished, instead_of="pickup g1")
     (task,) = load_workspace(file, content).tasks
@@ -181,10 +179,7 @@ def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_s
 
 
 def test_a_task_of_several_steps_is_added_or_told_more_exactly_as_its_steps(file):
-    text = file.read_text(encoding="utf-8")
-    listed = "tasks:\n  - steps: [pickup g1, place g1 table]  # both\n    min_q_eoi: 50 %\n"
-    file.write_text(text[: text.index("tasks:")] + listed, encoding="utf-8")
-    document = read_workspace_document(file)
+    document = with_tasks(file, "tasks:\n  - steps: [pickup g1, place g1 table]  # both\n    min_q_eoi: 50 %\n")
     old, new = "pickup g1 then place g1 table", "pickup g1 elbow=up then place g1 table"
     told = with_task(document, new, {"min_q_eoi": 0.8}, instead_of=old).decode()
     assert "  - steps: [pickup g1 elbow=up, place g1 table]  # both\n    min_q_eoi: 80 %\n" in told
@@ -193,8 +188,5 @@ def test_a_task_of_several_steps_is_added_or_told_more_exactly_as_its_steps(file
 
 
 def test_the_first_task_of_a_file_is_added_at_its_end(file):
-    text = file.read_text(encoding="utf-8")
-    file.write_text(text[: text.index("tasks:")], encoding="utf-8")
-    document = read_workspace_document(file)
-    added = load_workspace(file, with_task(document, "pickup g1", {"min_q_eoi": 1.0}, instead_of=None))
+    added = load_workspace(file, with_task(with_tasks(file, ""), "pickup g1", {"min_q_eoi": 1.0}, instead_of=None))
     assert [task.task for task in added.tasks] == ["pickup g1"]

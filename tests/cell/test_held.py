@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
-from itertools import permutations, product
+from collections.abc import Callable
+from itertools import chain, permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError
-from tests.cells import refused
+from tests.cells import edit, refused
 
 Damage = Callable[[dict[str, Any]], Path]
 
@@ -109,13 +109,8 @@ def another_skill(cell: Path, name: str, predicates: str, effect: str, edits: di
         f"   :effect {effect}))\n",
         encoding="utf-8",
     )
-    skill, workspace = cell / name / "skill.yaml", cell / "workspace.yaml"
-    for file, replace in ((skill, edits), (workspace, {"skills: [": f"skills: [{name}, "})):
-        text = file.read_text(encoding="utf-8")
-        for old, new in replace.items():
-            assert text.count(old) == 1
-            text = text.replace(old, new)
-        file.write_text(text, encoding="utf-8")
+    edit(cell / name / "skill.yaml", *chain.from_iterable(edits.items()))
+    edit(cell, "skills: [", f"skills: [{name}, ")
 
 
 def pinching(cell: Path, name: str, edits: dict[str, str]) -> None:
@@ -153,11 +148,8 @@ def test_how_an_object_is_held_is_asked_where_skills_hold_it_in_different_ways(d
     assert facts.split()[-1] in problem.message
     assert "by its side +x" in problem.message
     assert "by its side +z" in problem.message
-    assert problem.mend is not None
     assert "`pose: {held: +" in problem.mend
-    text = (cell / "workspace.yaml").read_text(encoding="utf-8")
-    stated = text.replace("pose: {position: [0.4, 0, 2 cm]}", "pose: {held: +x}")
-    (cell / "workspace.yaml").write_text(stated, encoding="utf-8")
+    edit(cell, "pose: {position: [0.4, 0, 2 cm]}", "pose: {held: +x}")
     assert load_workspace(cell).stated_world.held == "red"
 
 
@@ -169,7 +161,7 @@ def test_what_is_held_does_not_depend_on_the_order_of_facts_and_skills(damaged):
     file = cell / "workspace.yaml"
     text = file.read_text(encoding="utf-8")
     found = []
-    for skills, facts in permutations_of(["abc", "pickup"], ["hold(red)", "pinched(red)"]):
+    for skills, facts in product(permutations(["abc", "pickup"]), permutations(["hold(red)", "pinched(red)"])):
         own = text.replace("skills: [abc, pickup]", f"skills: [{', '.join(skills)}]")
         own = own.replace("  - hold(red)\n  - pinched(red)\n", "".join(f"  - {fact}\n" for fact in facts))
         file.write_text(own, encoding="utf-8")
@@ -178,8 +170,3 @@ def test_what_is_held_does_not_depend_on_the_order_of_facts_and_skills(damaged):
         found.append((told, workspace.stated_world.held, workspace.stated_world.X_TO.tolist()))
     assert len(found) == 4
     assert all(one == found[0] for one in found)
-
-
-def permutations_of(skills: list[str], facts: list[str]) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Every order of both."""
-    return product(permutations(skills), permutations(facts))

@@ -14,7 +14,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.run.robot_body import RobotBody
-from tests.cells import refused
+from tests.cells import edit, refused
 
 Damage = Callable[[dict[str, Any]], Path]
 
@@ -82,9 +82,7 @@ def test_the_workspace_says_which_world_a_calibration_means(damaged, tmp_path, s
 )
 def test_which_world_was_meant_is_said_where_the_two_differ(two_worlds, base, warned):
     cell = two_worlds(**base, **{"  top:\n": "  top:\n    frame: world\n"})
-    skill = cell / "pickup" / "skill.yaml"
-    text = skill.read_text(encoding="utf-8")
-    skill.write_text(text.replace("frame: object@start, fits: object", "frame: world, fits: object"), encoding="utf-8")
+    edit(cell / "pickup" / "skill.yaml", "frame: object@start, fits: object", "frame: world, fits: object")
     workspace = load_workspace(cell)
     assert workspace.cameras["top"].frame == "world"
     meant = "`frame: world` means the cell's world; the robot has a link `world` too, which is elsewhere"

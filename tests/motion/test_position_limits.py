@@ -23,7 +23,7 @@ from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.trajectory import JointPath
 from tests.motion.cells import Cell, assert_keeps_limits, thing
 from tests.motion.test_tool_curves import straight_line
-from tests.task.robots import joint, robot, torso_arm, written_urdf
+from tests.task.robots import robot, small_arm, torso_arm
 
 BENT = (0.3, 0.5, 0.2, -1.4, 0.1, -0.9, 0.3)
 """The seven joints beyond the torso, far from their limits."""
@@ -69,13 +69,10 @@ def test_an_arm_with_a_torso_holds_it_still_where_it_would_leave_its_limit(tmp_p
 
 def test_a_line_past_the_limit_of_a_sliding_joint_says_which_and_how_far(tmp_path):
     rail = '<limit lower="0" upper="0.5" velocity="1" effort="1"/>'
-    urdf = written_urdf(
-        tmp_path / "rail.urdf",
-        joint("rail", "base", "l1", "prismatic", "0 0 0", "1 0 0", rail),
-        joint("lift", "l1", "l2", "prismatic", "0 0 0", "0 0 1"),
-        joint("turn", "l2", "tip", "continuous", "0 0 0", "0 0 1"),
-    )
-    model = RobotModel.load(robot(urdf, "tip"))
+    model = small_arm(
+        tmp_path, "tip", ("rail", "base", "l1", "prismatic", "0 0 0", "1 0 0", rail),
+        ("lift", "l1", "l2", "prismatic", "0 0 0", "0 0 1"), ("turn", "l2", "tip", "continuous", "0 0 0", "0 0 1"),
+    )  # fmt: skip
     q0 = np.array([0.4, 0.2, 0.0])
     X = model.tool_pose(q0)
     result = straight_line(model, q0, tool_line(X, pose(X[:3, :3], X[:3, 3] + [0.119, 0, 0])))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -25,6 +22,11 @@ WAYPOINTS = read_waypoints(
         "over": {"from": "put", "raise": 0.1},
         "turned": {"from": "home", "turn": 0.4, "tilt": 0.2},
         "deep": {"object": "object", "side": "-x", "depth": 0.03},
+        "own": {"from": "grasp", "offset": [0.01, -0.02, 0.03]},
+        "world": {"from": "grasp", "offset": [0.01, -0.02, -0.03], "along": "world"},
+        "of_tray": {"from": "grasp", "offset": [0.01, 0.0, 0.0], "along": "onto"},
+        "at_tray": {"pose": {"position": [0, 0, 0.1], "rpy": [np.pi, 0, 0]}, "frame": "tray"},
+        "box_at_tray": {"pose": {"position": [0, 0, 0.1]}, "frame": "onto", "of": "object"},
     }
 )
 HOME = pose(axis_rotation(0, np.pi), (0.3, 0.1, 0.5))
@@ -37,6 +39,9 @@ def grounder(yaw: float = 0.0, X_WO: np.ndarray | None = None, **X_TO: np.ndarra
     where = {"box": pose() if X_WO is None else X_WO, "tray": pose(axis_rotation(2, 0.7), (0.4, 0.2, 0.01))}
     binding, values = {"object": "box", "onto": "tray"}, {"yaw": yaw, "along": 0.5}
     return WaypointGrounder(WAYPOINTS, binding, values, {"box": box, "tray": tray}, HOME, where, X_TO)
+
+
+NOWHERE = WaypointGrounder(WAYPOINTS, {"object": "box", "onto": "tray"}, {}, {}, HOME, {}, {"box": IN_TOOL})
 
 
 def ground(name: str, yaw: float = 0.0, X_WO: np.ndarray | None = None) -> np.ndarray:
@@ -97,52 +102,25 @@ def test_on_something_narrower_it_stands_in_the_middle():
     np.testing.assert_allclose(put_pose(SIZE, (0.05, 0.05, 0.1), 1.0, -1.0, 0.0)[:3, 3], [0.0, 0.0, 0.2])
 
 
-def missing(one: WaypointGrounder, name: str) -> str | None:
-    try:
-        one.pose(name)
-    except UnknownPlaceError as why:
-        return str(why)
-    return None
-
-
-def test_what_a_waypoint_lacks_is_named_through_others():
-    assert missing(grounder(box=IN_TOOL), "over") is None
-    assert missing(grounder(), "over") == "the tool does not hold `box`"
-    nowhere = WaypointGrounder(WAYPOINTS, {"object": "box", "onto": "tray"}, {}, {}, HOME, {}, {"box": IN_TOOL})
-    assert missing(nowhere, "lifted") == "it is not known where `box` is"
-    assert missing(nowhere, "over") == "it is not known where `tray` is"
-    assert missing(nowhere, "inspect") is None
-    assert missing(nowhere, "turned") is None
-
-
-OFFSETS = read_waypoints(
-    {
-        "grasp": {"object": "object", "side": "+z"},
-        "own": {"from": "grasp", "offset": [0.01, -0.02, 0.03]},
-        "world": {"from": "grasp", "offset": [0.01, -0.02, -0.03], "along": "world"},
-        "of_tray": {"from": "grasp", "offset": [0.01, 0.0, 0.0], "along": "onto"},
-        "at_tray": {"pose": {"position": [0, 0, 0.1], "rpy": [np.pi, 0, 0]}, "frame": "tray"},
-        "box_at_tray": {"pose": {"position": [0, 0, 0.1]}, "frame": "onto", "of": "object"},
-    }
-)
+@pytest.mark.parametrize(("known", "name", "said"), [
+        (grounder(), "over", "the tool does not hold `box`"),
+        (grounder(), "box_at_tray", "the tool does not hold `box`"),
+        (NOWHERE, "lifted", "it is not known where `box` is"),
+        (NOWHERE, "over", "it is not known where `tray` is"),
+])  # fmt: skip
+def test_what_a_waypoint_lacks_is_named_through_others(known, name, said):
+    with pytest.raises(UnknownPlaceError, match=said):
+        known.pose(name)
+    assert all(NOWHERE.pose(other) is not None for other in ("inspect", "turned"))
 
 
 def test_offsets_go_along_the_axes_that_they_name_down_too():
-    one = grounder(box=IN_TOOL)
-    poses = {name: WaypointGrounder(**{**vars_of(one), "waypoints": OFFSETS}).pose(name) for name in OFFSETS}
-    X, tray = poses["grasp"], one.X_WO["tray"]
-    np.testing.assert_allclose(poses["own"], X @ pose(position=(0.01, -0.02, 0.03)), atol=1e-15)
-    np.testing.assert_allclose(poses["world"][:3, 3], X[:3, 3] + [0.01, -0.02, -0.03], atol=1e-15)
-    np.testing.assert_allclose(poses["of_tray"][:3, 3], X[:3, 3] + 0.01 * tray[:3, 0], atol=1e-15)
-    np.testing.assert_allclose(poses["at_tray"], tray @ pose(axis_rotation(0, np.pi), (0, 0, 0.1)), atol=1e-15)
-    np.testing.assert_allclose(poses["box_at_tray"] @ IN_TOOL, tray @ pose(position=(0, 0, 0.1)), atol=1e-15)
-
-
-def test_a_pose_of_something_that_is_not_held_says_so():
-    assert missing(WaypointGrounder(**{**vars_of(grounder()), "waypoints": OFFSETS}), "box_at_tray") == (
-        "the tool does not hold `box`"
+    X, own, world, of_tray, at_tray, box_at_tray = map(
+        ground, ("grasp", "own", "world", "of_tray", "at_tray", "box_at_tray")
     )
-
-
-def vars_of(one: WaypointGrounder) -> dict[str, Any]:
-    return {field.name: getattr(one, field.name) for field in fields(one) if field.init}
+    tray = grounder().X_WO["tray"]
+    np.testing.assert_allclose(own, X @ pose(position=(0.01, -0.02, 0.03)), atol=1e-15)
+    np.testing.assert_allclose(world[:3, 3], X[:3, 3] + [0.01, -0.02, -0.03], atol=1e-15)
+    np.testing.assert_allclose(of_tray[:3, 3], X[:3, 3] + 0.01 * tray[:3, 0], atol=1e-15)
+    np.testing.assert_allclose(at_tray, tray @ pose(axis_rotation(0, np.pi), (0, 0, 0.1)), atol=1e-15)
+    np.testing.assert_allclose(box_at_tray @ IN_TOOL, tray @ pose(position=(0, 0, 0.1)), atol=1e-15)

@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from tests.task.robots import REAL_ARMS, ROBOTS, jacobian, joint, real_arm, robot, spherical_wrist_arm, written_urdf
+from tests.task.robots import REAL_ARMS, ROBOTS, jacobian, real_arm, robot, small_arm, spherical_wrist_arm
 
 
 @pytest.fixture
@@ -174,14 +174,12 @@ def test_a_seven_axis_arm_is_solved_at_stated_positions_of_one_joint(name):
 
 
 def test_arms_with_sliding_joints_are_solved(tmp_path):
-    urdf = written_urdf(
-        tmp_path / "scara.urdf",
-        joint("a", "base", "l1", "revolute", "0 0 1", "0 0 1"),
-        joint("b", "l1", "l2", "revolute", "0.5 0 0", "0 0 1"),
-        joint("c", "l2", "l3", "prismatic", "0.4 0 0", "0 0 -1", '<limit lower="0" upper="0.5" velocity="1"/>'),
-        joint("d", "l3", "tip", "continuous", "0 0 0", "0 0 1"),
-    )
-    model = RobotModel.load(robot(urdf, "tip"))
+    model = small_arm(
+        tmp_path, "tip", ("a", "base", "l1", "revolute", "0 0 1", "0 0 1"),
+        ("b", "l1", "l2", "revolute", "0.5 0 0", "0 0 1"),
+        ("c", "l2", "l3", "prismatic", "0.4 0 0", "0 0 -1", '<limit lower="0" upper="0.5" velocity="1"/>'),
+        ("d", "l3", "tip", "continuous", "0 0 0", "0 0 1"),
+    )  # fmt: skip
     X_WT = model.tool_pose(np.array([0.4, 1.1, 0.3, -0.7]))
     solutions = all_solutions(model, X_WT).solutions
     assert_true(model, X_WT, solutions)
@@ -198,8 +196,8 @@ def test_arms_with_sliding_joints_are_solved(tmp_path):
 @pytest.mark.parametrize("seed", range(3))
 def test_joints_without_limits_are_solved_without_a_warning(tmp_path, joints, seed):
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0")[:joints]
-    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "continuous", "0.02 0 0.25", axis) for k, axis in enumerate(axes)]
-    model = RobotModel.load(robot(written_urdf(tmp_path / "free.urdf", *chain), f"l{joints}"))
+    chain = [(f"j{k}", f"l{k}", f"l{k + 1}", "continuous", "0.02 0 0.25", axis) for k, axis in enumerate(axes)]
+    model = small_arm(tmp_path, f"l{joints}", *chain)
     q = np.random.default_rng(seed).uniform(-2, 2, joints)
     X_WT = model.tool_pose(q)
     found = all_solutions(model, X_WT, seed).solutions

@@ -17,7 +17,18 @@ from sqrp_cli.robot.kinematics import JointTree, RobotModel
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot import Robot, Tool
 from sqrp_cli.robot.urdf import JointType, Mimic, UrdfJoint, UrdfLink, UrdfModel
-from tests.task.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, jacobian, joint, mounted, real_arm, robot, written_urdf
+from tests.task.robots import (
+    REAL_ARMS,
+    ROBOTS,
+    SUCTION_CUP,
+    jacobian,
+    joint,
+    mounted,
+    real_arm,
+    robot,
+    small_arm,
+    written_urdf,
+)
 
 X_WB = pose(rpy_to_matrix([0.3, -0.5, 1.2]), [1.0, -2.0, 0.5])
 X_LT = pose(rpy_to_matrix([0.1, 0.2, 0.3]), [0.01, 0.02, 0.03])
@@ -36,23 +47,13 @@ def random_urdf(rng: np.random.Generator, prefix: str, count: int) -> UrdfModel:
     joints: dict[str, UrdfJoint] = {}
     for index in range(count):
         leaders = [joint.name for joint in joints.values() if joint.movable and joint.mimic is None]
-        kind = KINDS[rng.integers(4)]
+        kind, name, axis = KINDS[rng.integers(4)], f"{prefix}j{index}", rng.normal(size=3)
         follows = kind != "fixed" and leaders and rng.random() < 0.3
-        axis = rng.normal(size=3)
-        joints[f"{prefix}j{index}"] = UrdfJoint(
-            name=f"{prefix}j{index}",
-            type=kind,
-            parent=names[rng.integers(index + 1)],
-            child=names[index + 1],
-            X_PJ=placed(rng),
-            axis=axis / np.linalg.norm(axis),
-            lower=-3.0,
-            upper=3.0,
-            velocity=None,
-            effort=None,
+        joints[name] = UrdfJoint(
+            name=name, type=kind, parent=names[rng.integers(index + 1)], child=names[index + 1], X_PJ=placed(rng),
+            axis=axis / np.linalg.norm(axis), lower=-3.0, upper=3.0, place=PLACE,
             mimic=Mimic(leaders[rng.integers(len(leaders))], *rng.uniform(-2, 2, 2)) if follows else None,
-            place=PLACE,
-        )
+        )  # fmt: skip
     links = {name: UrdfLink(name, (), (), None, PLACE) for name in names}
     return UrdfModel("random", PLACE.file, links, joints, names[0])
 
@@ -186,31 +187,22 @@ def test_moving_the_base_moves_every_link_rigidly():
 
 def test_a_tool_moves_with_the_link_that_carries_it():
     urdf, frame = REAL_ARMS["ur5"]
-    plain, tooled = (
-        real_arm("ur5"),
-        RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, X_LT))),
-    )
+    tooled = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, X_LT)))
+    plain = real_arm("ur5")
     q = np.random.default_rng(5).uniform(-2.0, 2.0, 6)
     along_z = pose(position=[0.0, 0.0, 0.02 + 0.06 + 0.02])
     np.testing.assert_allclose(tooled.tool_pose(q), plain.tool_pose(q) @ X_LT @ along_z, atol=1e-12)
     assert tooled.tool_links == {"suction_mount", "suction_tube", "suction_cup", "suction_tip"}
-    solid = tooled.tool_links - {"suction_tip"}
-    assert (tooled.arm, {one.parent for one in tooled.parts} - {one.parent for one in plain.parts}) == (
-        plain.arm,
-        solid,
-    )
+    solid = {one.parent for one in tooled.parts} - {one.parent for one in plain.parts}
+    assert (tooled.arm, solid) == (plain.arm, tooled.tool_links - {"suction_tip"})
     np.testing.assert_allclose(jacobian(tooled, q), finite_differences(tooled, q), atol=1e-8)
 
 
 def test_neighbours_and_rigidly_connected_links_are_adjacent():
     urdf, frame = REAL_ARMS["ur5"]
     pairs = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, np.eye(4)))).adjacent_pairs
-    assert {
-        ("forearm_link", "upper_arm_link"),
-        ("suction_cup", "suction_tube"),
-        ("suction_cup", "wrist_3_link"),
-    } <= pairs
-    assert ("suction_cup", "wrist_2_link") in pairs
+    near = {("suction_cup", one) for one in ("suction_tube", "wrist_3_link", "wrist_2_link")}
+    assert {("forearm_link", "upper_arm_link"), *near} <= pairs
     assert not {("forearm_link", "shoulder_link"), ("suction_cup", "wrist_1_link")} & pairs
     assert all(first < second for first, second in pairs)
 
@@ -220,16 +212,14 @@ def gantry(folder):
     return written_urdf(
         folder / "gantry.urdf",
         joint("rail", "base", "cart", "prismatic", "0 0 1", "0 1 0"),
-        joint(
-            "geared", "cart", "wheel", "revolute", "0 0 0", "0 0 1", '<mimic joint="rail" multiplier="2" offset="0.5"/>'
-        ),
+        joint("geared", "cart", "wheel", "revolute", "0 0 0", "0 0 1",
+              '<mimic joint="rail" multiplier="2" offset="0.5"/>'),
         joint("turn", "wheel", "arm", "continuous", "0 0 0.3", "0 0 1"),
         joint("mount", "arm", "hand", "fixed", "1 0 0", "0 0 1"),
-        joint(
-            "finger", "hand", "left", "prismatic", "0 0.1 0", "0 1 0", '<limit lower="0.02" upper="1" velocity="1"/>'
-        ),
+        joint("finger", "hand", "left", "prismatic", "0 0.1 0", "0 1 0",
+              '<limit lower="0.02" upper="1" velocity="1"/>'),
         joint("other", "hand", "right", "prismatic", "0 -0.1 0", "0 1 0", '<mimic joint="finger" multiplier="-1"/>'),
-    )
+    )  # fmt: skip
 
 
 def test_sliding_following_and_resting_joints_move_as_the_urdf_says(tmp_path):
@@ -268,10 +258,6 @@ def test_an_arm_needs_a_joint_that_moves_its_tool_and_limits_of_each():
 
 
 def test_the_jacobian_of_an_arm_of_one_joint_has_one_column(tmp_path):
-    urdf = written_urdf(
-        tmp_path / "one.urdf",
-        joint("a", "base", "l1", "revolute", "0 0 0", "0 0 1"),
-        joint("b", "l1", "tip", "fixed", "2 0 0", "0 0 1"),
-    )
-    model = RobotModel.load(robot(urdf, "tip"))
+    turn, end = ("a", "base", "l1", "revolute", "0 0 0", "0 0 1"), ("b", "l1", "tip", "fixed", "2 0 0", "0 0 1")
+    model = small_arm(tmp_path, "tip", turn, end)
     np.testing.assert_allclose(jacobian(model, np.zeros(1)), [[0], [2], [0], [0], [0], [1]], atol=1e-12)

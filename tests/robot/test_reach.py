@@ -12,9 +12,13 @@ from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import Unreachable, beyond_reach
-from tests.task.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
+from tests.task.robots import REAL_ARMS, ROBOTS, real_arm, robot, small_arm, spherical_wrist_arm
 
 UPPER, FORE, SHOULDER = 0.5, 0.3, np.array([0.0, 0.0, 0.5])
+SLIDE, TURN = (
+    ("slide", "base", "l1", "prismatic", "0 0 0", "1 0 0"),
+    ("turn", "l1", "tip", "continuous", "0 0 0", "0 0 1"),
+)
 
 
 @pytest.fixture
@@ -31,21 +35,15 @@ def with_wrist_at(distance: float, seed: int) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("excess", [0.005, 0.21, 1.7])
-def test_too_far_by_what_the_wrist_lacks_beyond_the_stretched_arm(spherical, seed, excess):
-    reason = all_solutions(spherical, with_wrist_at(UPPER + FORE + excess, seed)).reason
-    assert reason.why == "too far"
-    assert reason.missing == pytest.approx(excess, abs=1e-4)
-    assert str(reason) == {0.005: "5 mm too far", 0.21: "0.21 m too far", 1.7: "1.70 m too far"}[excess]
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("lack", [0.02, 0.15])
-def test_too_close_by_what_the_folded_arm_cannot_fold_further(spherical, seed, lack):
-    reason = all_solutions(spherical, with_wrist_at(UPPER - FORE - lack, seed)).reason
-    assert reason.why == "too close"
-    assert reason.missing == pytest.approx(lack, abs=1e-4)
-    assert str(reason) == f"{lack:.2f} m too close"
+@pytest.mark.parametrize(("distance", "missing", "said"), [
+        (UPPER + FORE + 0.005, 0.005, "5 mm too far"), (UPPER + FORE + 0.21, 0.21, "0.21 m too far"),
+        (UPPER + FORE + 1.7, 1.7, "1.70 m too far"), (UPPER - FORE - 0.02, 0.02, "0.02 m too close"),
+        (UPPER - FORE - 0.15, 0.15, "0.15 m too close"),
+])  # fmt: skip
+def test_too_far_or_too_close_by_what_the_stretched_or_folded_arm_lacks(spherical, seed, distance, missing, said):
+    reason = all_solutions(spherical, with_wrist_at(distance, seed)).reason
+    assert reason.missing == pytest.approx(missing, abs=1e-4)
+    assert str(reason) == said
 
 
 @pytest.mark.parametrize("away", [0.0, 0.05])
@@ -106,23 +104,14 @@ def test_the_limit_in_the_way_is_named_with_its_excess():
 
 
 def test_a_sliding_joint_past_its_limit_is_reported_in_metres(tmp_path):
-    urdf = written_urdf(
-        tmp_path / "lift.urdf",
-        joint("lift", "base", "l1", "prismatic", "0 0 0", "0 0 1", '<limit lower="0" upper="0.5" velocity="1"/>'),
-        joint("turn", "l1", "tip", "continuous", "0 0 0", "0 0 1"),
-    )
-    reason = all_solutions(RobotModel.load(robot(urdf, "tip")), pose(position=[0.0, 0.0, 0.75])).reason
+    lift = ("lift", "base", "l1", "prismatic", "0 0 0", "0 0 1", '<limit lower="0" upper="0.5" velocity="1"/>')
+    reason = all_solutions(small_arm(tmp_path, "tip", lift, TURN), pose(position=[0.0, 0.0, 0.75])).reason
     assert str(reason) == "joint `lift` 0.25 m past its limit"
 
 
 def test_an_orientation_that_the_arm_cannot_take_is_reported_as_such(tmp_path):
-    urdf = written_urdf(
-        tmp_path / "turntable.urdf",
-        joint("slide", "base", "l1", "prismatic", "0 0 0", "1 0 0"),
-        joint("turn", "l1", "tip", "continuous", "0 0 0", "0 0 1"),
-    )
     tilted = pose(rpy_to_matrix([0.5, 0.0, 0.0]), [1.0, 0.0, 0.0])
-    reason = all_solutions(RobotModel.load(robot(urdf, "tip")), tilted).reason
+    reason = all_solutions(small_arm(tmp_path, "tip", SLIDE, TURN), tilted).reason
     assert reason.why == "wrong way round"
     assert reason.missing == pytest.approx(0.5, abs=1e-3)
     assert "29 deg at best" in str(reason)
@@ -166,18 +155,12 @@ def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch):
 
 
 def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path):
-    urdf = written_urdf(
-        tmp_path / "rail.urdf",
-        joint("rail", "base", "l1", "prismatic", "0 0 0", "1 0 0"),
-        joint("turn", "l1", "tip", "continuous", "0 0 0", "0 0 1"),
-    )
-    assert beyond_reach(RobotModel.load(robot(urdf, "tip")), pose(position=[99.0, 0, 0])) == -np.inf
+    assert beyond_reach(small_arm(tmp_path, "tip", SLIDE, TURN), pose(position=[99.0, 0, 0])) == -np.inf
 
 
 def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path):
     """Its tool turns about an axis, which the sphere of radius 0 stands for: other places have no bound to fail."""
-    urdf = written_urdf(tmp_path / "one.urdf", joint("turn", "base", "tip", "revolute", "0 0 1", "0 0 1"))
-    model = RobotModel.load(robot(urdf, "tip"))
+    model = small_arm(tmp_path, "tip", ("turn", "base", "tip", "revolute", "0 0 1", "0 0 1"))
     assert beyond_reach(model, model.tool_pose(np.array([0.7]))) == pytest.approx(0.0, abs=1e-9)
     assert beyond_reach(model, pose(position=[0.0, 0.3, 1.4])) == pytest.approx(0.5)
 
@@ -185,6 +168,6 @@ def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path):
 @pytest.mark.filterwarnings("error")
 def test_an_arm_whose_axes_all_meet_in_one_point_is_bound_to_it(tmp_path):
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
-    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "revolute", "0 0 0", axis) for k, axis in enumerate(axes)]
-    model = RobotModel.load(robot(written_urdf(tmp_path / "point.urdf", *chain), "l5"))
+    chain = [(f"j{k}", f"l{k}", f"l{k + 1}", "revolute", "0 0 0", axis) for k, axis in enumerate(axes)]
+    model = small_arm(tmp_path, "l5", *chain)
     assert beyond_reach(model, pose(position=[0.0, 3.0, 4.0])) == pytest.approx(5.0)

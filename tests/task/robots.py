@@ -103,6 +103,13 @@ def written_urdf(path: Path, *joints: str) -> Path:
     return path
 
 
+def small_arm(folder: Path, tool_frame: str, *joints: tuple[str, ...], **named: Any) -> RobotModel:
+    """The model of an arm of such joints; named: as of `robot`."""
+    return RobotModel.load(
+        robot(written_urdf(folder / "small.urdf", *(joint(*one) for one in joints)), tool_frame, **named)
+    )
+
+
 def spherical_wrist_arm(folder: Path, upper: float, fore: float) -> Path:
     """An arm with a shoulder and a wrist whose axes meet in one point each, joined by an elbow: reach in closed form.
 

@@ -21,7 +21,7 @@ from sqrp_cli.geometry import pose
 from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.sight.solids import load_solid
 from tests.cell.mesh.mesh_bombs import bombs, dae, obj, sound_meshes, text_stl
-from tests.cells import refusal
+from tests.cells import edit, refusal
 from tests.damage.mutations import damage
 
 BOMBS = bombs()
@@ -37,15 +37,15 @@ def write(path: Path, content: bytes) -> Path:
 
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_mesh_that_contradicts_itself_is_refused_with_what_is_wrong(name, tmp_path):
-    bomb = BOMBS[name]
-    path = write(tmp_path / f"mesh{bomb.suffix}", bomb.content)
+    content, says = BOMBS[name]
+    path = write(tmp_path / f"mesh.{name[:3]}", content)
     before = time.process_time()
     tracemalloc.start()
     with pytest.raises(InputError) as caught:
         read_mesh(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert re.search(bomb.says, str(caught.value)), str(caught.value)
+    assert re.search(says, str(caught.value)), str(caught.value)
     assert len(str(caught.value)) < 600
     assert peak < 300e6
     assert time.process_time() - before < 30.0
@@ -121,8 +121,7 @@ def end_of_child(path: Path) -> str:
 
 def test_a_refusal_names_the_mesh_and_the_entry_of_the_workspace_that_names_it(cell):
     write(cell / "other.stl", text_stl().replace(b"vertex", b"vertx", 1))
-    path = cell / "workspace.yaml"
-    path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "other.stl"), encoding="utf-8")
+    edit(cell, "cube.stl", "other.stl")
     problem = refusal(cell)
     assert (problem.place.file, problem.place.line) == (cell / "other.stl", 2)
     number = re.search(rf"{re.escape(str(cell / 'workspace.yaml'))}:(\d+):\d+ names this file", problem.message)
@@ -153,8 +152,7 @@ def test_a_mesh_is_loaded_from_a_path_that_is_not_utf8(tmp_path):
 
 def test_a_mesh_of_another_format_is_refused_by_its_name(cell):
     write(cell / "cube.ply", b"ply\n")
-    path = cell / "workspace.yaml"
-    path.write_text(path.read_text(encoding="utf-8").replace("cube.stl", "cube.ply"), encoding="utf-8")
+    edit(cell, "cube.stl", "cube.ply")
     problem = refusal(cell)
     assert problem.code == "unknown-mesh"
     assert "`.ply`, expected .stl, .obj or .dae" in problem.message
