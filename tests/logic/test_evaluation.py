@@ -15,6 +15,7 @@ from sqrp_cli.logic.formula import Formula, Instant, Interval, Operation, Predic
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
+from tests.cells import read_cases
 
 P, Q = Predicate("p", ()), Predicate("q", ())
 TRUE, FALSE, UNKNOWN = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
@@ -147,38 +148,17 @@ def test_what_was_seen_up_to_an_instant_is_unknown_right_after_it() -> None:
     assert [signal.at(half) for half in (5 * second + 1, 7 * second)] == [UNKNOWN] * 2
 
 
-@pytest.mark.parametrize(
-    ("formula", "trace", "truth"),
-    [
-        ("always[1, 2] p", known((0, FALSE), (1, TRUE), (3, FALSE)), TRUE),
-        ("always[1, 3] p", known((0, TRUE), (3, FALSE)), FALSE),
-        ("eventually[1, 3] p", known((0, FALSE), (3, TRUE)), TRUE),
-        ("eventually[1, 2.9] p", known((0, FALSE), (3, TRUE)), FALSE),
-        ("always[1, 2] p", known((0, TRUE), (1.5, UNKNOWN), (1.6, TRUE)), UNKNOWN),
-        ("always[1, 2] p", known((0, TRUE), (1.5, UNKNOWN), (1.6, FALSE)), FALSE),
-        ("eventually[1, 2] p", known((0, UNKNOWN), (1.5, TRUE)), TRUE),
-        ("always[11, 12] p", known((0, FALSE)), TRUE),
-        ("eventually[11, 12] p", known((0, TRUE)), FALSE),
-        ("p", known((0, TRUE), (1, FALSE)), TRUE),
-        ("p", known((0.5, TRUE)), UNKNOWN),
-        ("p or r(g1)", known((0, FALSE)), UNKNOWN),
-        ("always[0.1, 0.3] p", known((0, TRUE), (0.1 + 0.2, FALSE)), FALSE),
-        ("always[0.1, 0.29999999] p", known((0, TRUE), (0.1 + 0.2, FALSE)), TRUE),
-    ],
-)
-def test_verdicts_worked_out_by_hand(formula: str, trace: Trace, truth: Truth) -> None:
-    assert evaluate(read(formula), trace).at(0) == truth
+@pytest.mark.parametrize(("formula", "samples", "truth"), read_cases("logic.yaml")["verdicts"])
+def test_verdicts_worked_out_by_hand(formula: str, samples: list[tuple[float, int]], truth: int) -> None:
+    assert evaluate(read(formula), known(*((time, Truth(value)) for time, value in samples))).at(0) == truth
+
+
+LATE = [(0.0, FALSE, UNKNOWN), (1.0, TRUE, UNKNOWN), (1.9, TRUE, UNKNOWN), (2.0, TRUE, TRUE), (3.0, FALSE, TRUE)]
 
 
 @pytest.mark.parametrize(
     ("formula", "evidence"),
-    [
-        (
-            "always[1, 2] p",
-            [(0.0, FALSE, UNKNOWN), (1.0, TRUE, UNKNOWN), (1.9, TRUE, UNKNOWN), (2.0, TRUE, TRUE), (3.0, FALSE, TRUE)],
-        ),
-        ("always[1, 9] p", [(0.0, TRUE, UNKNOWN), (4.0, FALSE, FALSE)]),
-    ],
+    [("always[1, 2] p", LATE), ("always[1, 9] p", [(0.0, TRUE, UNKNOWN), (4.0, FALSE, FALSE)])],
 )
 def test_a_monitor_decides_as_soon_as_the_evidence_does(
     formula: str, evidence: list[tuple[float, Truth, Truth]]

@@ -19,7 +19,9 @@ from sqrp_cli.logic.formula_time import (
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
+from tests.cells import read_cases
 
+CASES = read_cases("logic.yaml")
 SPANS = {"a1": (0.0, 2.0), "a2": (2.0, 3.0), "a3": (3.0, 4.0), "a4": (4.0, 5.5), "a5": (5.5, 8.0)}
 TOTAL = 8.0
 
@@ -36,11 +38,7 @@ def ground(text: str) -> tuple[GroundOperator, ...]:
     return ground_operators(bind(formula, {"object": "g1"}, argument_lists(ACTION)), SPANS, TOTAL)
 
 
-HOLD, ON_TABLE, EMPTY = (
-    Literal(Atom("hold", ("g1",))),
-    Literal(Atom("obj_on_table", ("g1",))),
-    Literal(Atom("hand_empty")),
-)
+HOLD, ON_TABLE = Literal(Atom("hold", ("g1",))), Literal(Atom("obj_on_table", ("g1",)))
 
 
 def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
@@ -53,51 +51,14 @@ def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
     assert (entry.start, entry.end, entry.text) == (0.0, 0.0, "not hold(g1) and hand_empty")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        # Offsets and numbers are seconds.
-        ("always[a4.start + 0.25, a5.end - 1] hold", [("always", 4.25, 7.0)]),
-        ("always[1.5, a2.end] hold", [("always", 1.5, 3.0)]),
-        ("always[a1.end, a2.start] hold", [("always", 2.0, 2.0)]),
-        # Intervals are clipped to the motion; those outside have no entry.
-        ("always[a1.start - 1, a5.end + 1] hold", [("always", 0.0, 8.0)]),
-        ("always[8.5, 9] hold and always[1, 2] hold", [("always", 1.0, 2.0)]),
-        ("always[8, 9] hold", [("always", 8.0, 8.0)]),
-        # Nested ones are Minkowski sums with all parents, clipped after the sum.
-        (
-            "always[1, 2] (hold -> eventually[0.5, 1] (obj_on_table and always[0.25, 0.5] hand_empty))",
-            [("always", 1.0, 2.0), ("eventually", 1.5, 3.0), ("always", 1.75, 3.5)],
-        ),
-        ("always[7, 20] eventually[0, 5] hold", [("always", 7.0, 8.0), ("eventually", 7.0, 8.0)]),
-        ("always[0, 2] eventually[7, 9] hold", [("always", 0.0, 2.0), ("eventually", 7.0, 8.0)]),
-    ],
-)
-def test_operators_have_their_intervals_in_seconds(text: str, expected: list[tuple[str, float, float]]) -> None:
-    assert [(entry.operator, entry.start, entry.end) for entry in ground(text)] == expected
+@pytest.mark.parametrize(("text", "expected"), CASES["operators"])
+def test_operators_have_their_intervals_in_seconds(text: str, expected: list[object]) -> None:
+    assert [[entry.operator, entry.start, entry.end] for entry in ground(text)] == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        # Each literal belongs to the innermost operator around it; outside of all it counts at time zero.
-        (
-            "hand_empty and always[1, 2] (hold and eventually[1, 2] obj_on_table)",
-            [("always", (EMPTY,)), ("always", (HOLD,)), ("eventually", (ON_TABLE,))],
-        ),
-        ("not hold and hand_empty", [("always", (HOLD.negated(), EMPTY))]),
-        # An operator without literals of its own still has an entry.
-        ("always[0, 1] eventually[0, 1] hold", [("always", ()), ("eventually", (HOLD,))]),
-        # A negated `eventually` stays an event of interest and keeps its literals; in a body negations are pushed down.
-        ("not eventually[a4.start, a4.end] (hold)", [("eventually", (HOLD,))]),
-        ("always[0, 1] not (hold and not obj_on_table)", [("always", (HOLD.negated(), ON_TABLE))]),
-        ("always[0, 1] (hold -> obj_on_table)", [("always", (HOLD.negated(), ON_TABLE))]),
-        # A repeated literal is listed once, but its negation is another.
-        ("always[0, 1] (hold and hold or not hold)", [("always", (HOLD, HOLD.negated()))]),
-    ],
-)
-def test_operators_have_their_own_literals(text: str, expected: list[tuple[str, tuple[Literal, ...]]]) -> None:
-    assert [(entry.operator, entry.literals) for entry in ground(text)] == expected
+@pytest.mark.parametrize(("text", "expected"), CASES["own_literals"])
+def test_operators_have_their_own_literals(text: str, expected: list[object]) -> None:
+    assert [[entry.operator, list(map(str, entry.literals))] for entry in ground(text)] == expected
 
 
 @pytest.mark.parametrize("text", ["always[a1.end, a1.start + 1.5] hold", "hold or eventually[3, a1.end] hold"])

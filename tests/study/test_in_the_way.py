@@ -37,12 +37,15 @@ def cell(folder: Path) -> Cell:
     return Cell.load(load_workspace(folder))
 
 
-@pytest.fixture(scope="module")
-def behind(cell: Cell) -> Analysis:
-    (candidate,) = read_task("watch behind", cell.workspace).candidates
-    found = study(cell, candidate, cell.initial_world, FixedCount(3), full=True)
+def watched(cell: Cell, task: str) -> Analysis:
+    found = study(cell, read_task(task, cell.workspace).candidates[0], cell.initial_world, FixedCount(3), full=True)
     assert isinstance(found, Analysis)
     return found
+
+
+@pytest.fixture(scope="module")
+def behind(cell: Cell) -> Analysis:
+    return watched(cell, "watch behind")
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +90,8 @@ def test_the_object_is_to_be_moved_first_without_which_most_would_be_seen(
     on_a_shelf = replace(cell, workspace=replace(cell.workspace, objects=shelf))
     assert [one.name for one in to_move(on_a_shelf, behind, views)] == ["bar"]
     assert what_to_move([]) == ""
-
-
-def test_nothing_is_to_be_moved_where_nothing_is_hidden(cell: Cell) -> None:
-    candidate = read_task("watch seen", cell.workspace).candidates[0]
-    found = study(cell, candidate, cell.initial_world, FixedCount(3), full=True)
-    assert isinstance(found, Analysis)
-    assert (hidden_views(cell, found), in_the_way(cell, found, {}), to_move(cell, found, {})) == ({}, (), ())
+    seen = watched(cell, "watch seen")
+    assert (hidden_views(cell, seen), in_the_way(cell, seen, {}), to_move(cell, seen, {})) == ({}, (), ())
 
 
 def test_explain_tells_it_in_text_document_and_pictures(
