@@ -30,7 +30,6 @@ from sqrp_cli.run.cell.mujoco_model import build_model
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import placed_objects
 from sqrp_cli.run.monitor.nominal_step import NominalStep, planned_joints
-from sqrp_cli.run.record.packed_image import encoded
 from sqrp_cli.run.robot_body import RobotBody
 from tests.conftest import TABLETOP
 
@@ -38,6 +37,9 @@ EPOCH = 1_700_000_000
 FINER = 2
 _BRIGHTER = (255.0 * (np.arange(256) / 255.0) ** 0.9).astype(np.float32)
 """What each value of a pixel becomes."""
+
+MISPLACED, QUALITY = 5e-4, 85
+"""Standard deviation of the places of movable objects [m]; quality of the JPEG, of 100."""
 
 REST = 1.0
 """The robot stands before and after each step [s]."""
@@ -55,10 +57,6 @@ class Truth:
     """By how much clocks of cameras are ahead [s]."""
     rate: float = 5.0
     """Images per second."""
-    misplaced: float = 5e-4
-    """Standard deviation of the places of movable objects [m]."""
-    quality: int = 85
-    """Of JPEG; 0: PNG."""
 
 
 class CellPictures:
@@ -79,103 +77,71 @@ class CellPictures:
         self._model.light_dir[0] = (*rng.uniform(-0.6, 0.6, 2), -1.0)
         self._model.light_diffuse[0] = rng.uniform(0.3, 0.5)
         self._model.vis.headlight.diffuse[:] = rng.uniform(0.1, 0.3)
-        cameras = [_finer(camera) for camera in workspace.cameras.values()]
-        self._renderer = Renderer(self._model, cameras, look)
-        self._cameras = {camera.name: camera for camera in cameras}
+        self._cameras = dict[str, Camera]()
+        for name, camera in workspace.cameras.items():
+            K = np.array(camera.matrix)
+            K[:2] *= FINER
+            K[:2, 2] += (FINER - 1) / 2
+            self._cameras[name] = replace(camera, width=camera.width * FINER, height=camera.height * FINER, matrix=K)
+        self._renderer = Renderer(self._model, list(self._cameras.values()), look)
 
-    def picture(self, camera: str, joints: np.ndarray, X_WO: Mapping[str, np.ndarray], moved: np.ndarray) -> np.ndarray:
-        """What a camera sees that is moved by a pose in its optical frame; joints: of the program."""
-        model, q = self._model, np.array(self._model.qpos0)
-        for name, position in zip(self.program.joints, joints, strict=True):
+    def picture(self, camera: str, index: int, tau: float, truth: Truth) -> np.ndarray:
+        """What a camera sees at a time from the beginning of a step [s], by its index."""
+        model, step, own = self._model, self.program.steps[index], self._cameras[camera]
+        at, q = float(np.clip(tau, 0.0, step.time)), np.array(model.qpos0)
+        for name, position in zip(self.program.joints, planned_joints(step, np.array([at]))[0], strict=True):
             q[model.joint(name).qposadr[0]] = position
-        for name, X in X_WO.items():
+        places = np.random.default_rng((3, truth.seed // 10))
+        for name, X_WO in self.nominal[index].object_poses(at).items():
+            X = X_WO @ pose(axis_rotation(2, places.normal(0.0, 0.003)), (*places.normal(0.0, MISPLACED, 2), 0.0))
             if name in self.objects and model.body(name).jntnum[0]:
-                at = model.joint(name).qposadr[0]
+                first = model.joint(name).qposadr[0]
                 x, y, z, w = matrix_to_quaternion(X[:3, :3])
-                q[at : at + 7] = *X[:3, 3], w, x, y, z
-        own = self._cameras[camera]
-        self._renderer._cameras[camera] = replace(own, X_FC=own.X_FC @ moved)
+                q[first : first + 7] = *X[:3, 3], w, x, y, z
+        self._renderer._cameras[camera] = replace(own, X_FC=own.X_FC @ truth.moved.get(camera, np.eye(4)))
         self._renderer._gl.make_current()  # a survey may have drawn since
         self._renderer.move(q)
-        fine = self._renderer.image(camera, 0.0)
         size = (own.width // FINER, own.height // FINER)
-        return cv2.GaussianBlur(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+        smaller = cv2.resize(self._renderer.image(camera, 0.0), size, interpolation=cv2.INTER_AREA)
+        return cv2.GaussianBlur(smaller, (0, 0), 0.7)
 
     def close(self) -> None:
         """Give the OpenGL context back."""
         self._renderer.close()
 
 
-def _finer(camera: Camera) -> Camera:
-    K = np.array(camera.matrix)
-    K[:2] *= FINER
-    K[:2, 2] += (FINER - 1) / 2
-    return replace(camera, width=camera.width * FINER, height=camera.height * FINER, matrix=K)
-
-
 def record(path: Path, pictures: CellPictures, truth: Truth, cache: dict[object, np.ndarray]) -> None:
     """Write a recording. cache: of pictures that do not depend on what the truth says of noise and clocks."""
-    program, workspace = pictures.program, pictures.workspace
-    rng = np.random.default_rng((7, truth.seed))
+    program, rng, messages, begin = pictures.program, np.random.default_rng((7, truth.seed)), [], REST
     writer = BagWriter(path)
     types = writer.types
-    messages = []
-    begin = REST
     for index, step in enumerate(program.steps):
         t = np.arange(-REST, step.time + REST, 0.01)
         q = planned_joints(step, np.clip(t, 0.0, step.time))
         q = q + rng.normal(0.0, 1e-4, q.shape)
         for time, positions in zip(t, q, strict=True):
-            stamp = _ns(begin + time)
-            names = list(program.joints)
+            stamp, names = EPOCH * 1_000_000_000 + round((begin + time) * 1e9), list(program.joints)
             header = types.header(stamp)
             state = types.make("sensor_msgs/msg/JointState", header=header, name=names, position=positions)
             messages.append((stamp, "/joint_states", state))
-        for name in workspace.cameras:
+        for name in pictures.workspace.cameras:
             phase = rng.uniform(0.0, 1.0 / truth.rate)
             for tau in np.arange(-REST + phase, step.time + REST, 1.0 / truth.rate):
-                tau = round(float(tau) * 1000) / 1000
-                image = _picture(pictures, truth, cache, name, index, tau)
-                stamp = _ns(begin + tau + truth.offsets.get(name, 0.0))
-                messages.append((stamp, f"/{name}/image_raw/compressed", _packed(types, image, stamp, truth, rng)))
+                tau = round(float(tau) * 1000) / 1000  # few instants, so that recordings share pictures
+                key = name, index, tau, truth.moved.get(name, np.eye(4)).tobytes(), truth.seed // 10
+                if key not in cache:
+                    cache[key] = pictures.picture(name, index, tau, truth)
+                noisy = _BRIGHTER[cache[key]] + 2.0 * rng.standard_normal(cache[key].shape, np.float32)
+                shown = cv2.cvtColor(np.clip(noisy, 0, 255).astype(np.uint8), cv2.COLOR_RGB2BGR)
+                data = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].ravel()
+                stamp = EPOCH * 1_000_000_000 + round((begin + tau + truth.offsets.get(name, 0.0)) * 1e9)
+                header = types.header(stamp, "camera")
+                image = types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
+                messages.append((stamp, f"/{name}/image_raw/compressed", image))
         begin += step.time + 2 * REST
     for stamp, topic, message in sorted(messages, key=lambda one: one[:2]):
         writer.add(topic, stamp, message)
     writer.close()
-
-
-def _picture(
-    pictures: CellPictures, truth: Truth, cache: dict[object, np.ndarray], name: str, index: int, tau: float
-) -> np.ndarray:
-    moved = truth.moved.get(name, np.eye(4))
-    places = np.random.default_rng((3, truth.seed // 10))
-    # Few instants, so that recordings share pictures.
-    key = (name, index, tau, moved.tobytes(), truth.misplaced, truth.seed // 10)
-    if key not in cache:
-        step = pictures.program.steps[index]
-        at = float(np.clip(tau, 0.0, step.time))
-        X_WO = {}
-        for obj, X in pictures.nominal[index].object_poses(at).items():
-            turn = pose(axis_rotation(2, places.normal(0.0, 0.003)), (*places.normal(0.0, truth.misplaced, 2), 0.0))
-            X_WO[obj] = X @ turn
-        cache[key] = pictures.picture(name, planned_joints(step, np.array([at]))[0], X_WO, moved)
-    return cache[key]
-
-
-def _packed(types: object, image: np.ndarray, stamp: int, truth: Truth, rng: np.random.Generator) -> object:
-    noisy = _BRIGHTER[image] + 2.0 * rng.standard_normal(image.shape, np.float32)
-    noisy = np.clip(noisy, 0, 255).astype(np.uint8)
-    if truth.quality:
-        kind, options = "jpeg", [cv2.IMWRITE_JPEG_QUALITY, truth.quality]
-        data = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), options)[1].ravel()
-    else:
-        kind, data = "png", np.frombuffer(encoded(noisy, "png"), np.uint8)
-    header = types.header(stamp, "camera")
-    return types.make("sensor_msgs/msg/CompressedImage", header=header, format=kind, data=data)
-
-
-def _ns(t: float) -> int:
-    return EPOCH * 1_000_000_000 + round(t * 1e9)
 
 
 def random_move(rng: np.random.Generator, turned: bool) -> np.ndarray:
