@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from sqrp_cli.files.frames import WORLD, frame_poses
 from sqrp_cli.files.units import shown_length
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, transform
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
@@ -275,37 +275,33 @@ LEAST_SHARE = 0.01
 """Least factor by which a mesh is shrunk; it applies to meshes thinner than `MIN_OVERLAP` on both sides."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """A solid part of an object."""
+_Placed: TypeAlias = tuple[Solid, Array]
+"""A solid part of an object, with the pose of the object in the world, shape (4, 4)."""
 
-    object: str
-    solid: Solid
-    X_WO: Array
-    """Pose of the object in the world, shape (4, 4)."""
 
-    @property
-    def shrunk(self) -> _Placed:
-        """The part with `MIN_OVERLAP` taken off on every side."""
-        part = self.solid.part
-        if not isinstance(part.shape, Mesh):
-            return replace(self, solid=load_solid(replace(part, shape=shrunk(part.shape, MIN_OVERLAP))))
-        vertices = transform(inverse(part.X_PG), self.solid.vertices)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)
-        x, y, z = (share * part.shape.scale).tolist()
-        X_PG = part.X_PG @ pose(position=(1 - share) * (low + high) / 2)
-        return replace(self, solid=load_solid(replace(part, shape=Mesh(part.shape.path, (x, y, z)), X_PG=X_PG)))
+def _shrunk(one: _Placed) -> _Placed:
+    """The part with `MIN_OVERLAP` taken off on every side."""
+    solid, X_WO = one
+    part = solid.part
+    if not isinstance(part.shape, Mesh):
+        return load_solid(replace(part, shape=shrunk(part.shape, MIN_OVERLAP))), X_WO
+    vertices = transform(inverse(part.X_PG), solid.vertices)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)
+    x, y, z = (share * part.shape.scale).tolist()
+    X_PG = part.X_PG @ pose(position=(1 - share) * (low + high) / 2)
+    return load_solid(replace(part, shape=Mesh(part.shape.path, (x, y, z)), X_PG=X_PG)), X_WO
 
-    def meets(self, other: _Placed) -> bool:
-        """Whether both have a point in common; a mesh that is not closed has only its surface."""
-        if distance(self.solid, self.X_WO, other.solid, other.X_WO, 0.0) is not None:
+
+def _meet(one: _Placed, other: _Placed) -> bool:
+    """Whether two parts have a point in common; a mesh that is not closed has only its surface."""
+    if distance(*one, *other, 0.0) is not None:
+        return True
+    for (solid, X_WO), (inner, X_WI) in ((one, other), (other, one)):  # is a corner of the other in a closed mesh?
+        corner = transform(inverse(X_WO) @ X_WI, inner.vertices[:1])[0]
+        if isinstance(solid.part.shape, Mesh) and solid.contains(corner):
             return True
-        for one, inner in ((self, other), (other, self)):  # does a closed mesh go around a corner of the other?
-            corner = transform(inverse(one.X_WO) @ inner.X_WO, inner.solid.vertices[:1])[0]
-            if isinstance(one.solid.part.shape, Mesh) and one.solid.contains(corner):
-                return True
-        return False
+    return False
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
@@ -319,24 +315,24 @@ def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
     if all(isinstance(part.shape, Box) for item in objects for part in item.parts):
         return  # the usual case, fast even for many objects
     posed = [(item, item.X_WO) for item in objects if item.X_WO is not None]
-    placed = [_Placed(item.name, solid, X_WO) for item, X_WO in posed for solid in map(load_solid, item.parts)]
-    placed = [one for one in placed if not scale_doubt(one.solid, workspace.objects[one.object])]
-    centers = np.array([transform(one.X_WO, one.solid.center) for one in placed]).reshape(-1, 3)
-    radii = np.array([one.solid.radius for one in placed])
-    boxes = np.array([isinstance(one.solid.part.shape, Box) for one in placed], dtype=bool)
+    every = [(item, solid, X_WO) for item, X_WO in posed for solid in map(load_solid, item.parts)]
+    placed = [(item.name, (solid, X_WO)) for item, solid, X_WO in every if not scale_doubt(solid, item)]
+    centers = np.array([transform(X_WO, solid.center) for _, (solid, X_WO) in placed]).reshape(-1, 3)
+    radii = np.array([solid.radius for _, (solid, _) in placed])
+    boxes = np.array([isinstance(solid.part.shape, Box) for _, (solid, _) in placed], dtype=bool)
     reported: set[tuple[str, str]] = set()
-    for index, first in enumerate(placed):
+    for index, (name, first) in enumerate(placed):
         near = np.linalg.norm(centers - centers[index], axis=1) < radii + radii[index]
         near[: index + 1] = False
         if boxes[index]:
             near &= ~boxes
-        for second in (placed[other] for other in np.flatnonzero(near).tolist()):
-            pair = (first.object, second.object)
-            if first.object == second.object or pair in reported or not first.meets(second):
+        for another, second in (placed[other] for other in np.flatnonzero(near).tolist()):
+            pair = (name, another)
+            if name == another or pair in reported or not _meet(first, second):
                 continue
-            if first.shrunk.meets(second) and first.meets(second.shrunk):
+            if _meet(_shrunk(first), second) and _meet(first, _shrunk(second)):
                 reported.add(pair)
-                one, other = (type(part.solid.part.shape).__name__.lower() for part in (first, second))
+                one, other = (type(solid.part.shape).__name__.lower() for solid, _ in (first, second))
                 message = (
                     f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
                     f"second are more than {1e3 * MIN_OVERLAP:g} mm deep in each other"

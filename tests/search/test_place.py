@@ -127,7 +127,7 @@ def test_a_goal_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_
 
 @pytest.mark.slow
 def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path):
-    wide = FORTY.replace("6 deg", "60 deg")
+    wide = FORTY.replace("6 deg", "60 deg").replace("step: 50 cm", "step: 1 m").replace("step: 10 cm", "step: 40 cm")
     asked = placer(cell, tmp_path, wide, Requirements(goal=Goal(q_eoi=1.0), failure_tolerance=1))
     found, brute = asked.place(), BruteForce(asked)
     names = [option.spot.name for option in asked.table.options]
