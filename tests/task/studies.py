@@ -23,14 +23,7 @@ from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import ObservationRequest, Timeline, observe
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.trajectory import Trajectory
-from tests.sight.views import (
-    box_part,
-    camera_pose_around,
-    make_box,
-    make_camera,
-    make_detector,
-    random_pose,
-)
+from tests.sight.views import box_part, camera_pose_around, make_box, make_camera, make_detector, random_pose
 
 HOLD, PLACED = Atom("hold", ("cube",)), Atom("placed", ("cube",))
 CUBE = (0.05, 0.05, 0.05)

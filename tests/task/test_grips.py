@@ -16,16 +16,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.skill.settings import Reference
-from sqrp_cli.task.grips import (
-    ROUND,
-    equal_sides,
-    equal_turns,
-    first_grip,
-    grips,
-    part_turns,
-    tool_turns,
-    way_in_words,
-)
+from sqrp_cli.task.grips import ROUND, equal_sides, equal_turns, first_grip, grips, part_turns, tool_turns, way_in_words
 from sqrp_cli.task.task import read_task
 from tests.cells import ROOT
 
