@@ -14,10 +14,8 @@ from sqrp_cli.ask.api.program import late_replanner
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.program.file import load_program
 from sqrp_cli.run.faults import InjectedFault
-from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import Confusion, SweepDocument, SweptRun
-from sqrp_cli.run.run import Recording
-from sqrp_cli.run.start import Simulation, header, slip_at
+from sqrp_cli.run.start import Simulation, slip_at
 from tests.conftest import TABLETOP
 
 PRECISION, AS_PREDICTED, STANDING = 0.97, 0.9, 0.5
@@ -131,16 +129,3 @@ def sweep_asked(found: Sequence[dict[str, Any]]) -> Asked:
     if len(ends) == 2:
         best, worst = sorted(ends)
         yield f"{best} saves {ends[worst] - ends[best]:.1f} s after a slip", ends[worst] > ends[best]
-
-
-def repeat(_number: int, folder: Path) -> dict[str, Any]:
-    """The same run with a slip, twice."""
-    program = _programs(folder)[0]
-    lift = next(one for one in load_program(program).steps[0].primitives if one.name == "a4")
-    logs = []
-    for path in (folder / "one", folder / "two"):
-        simulation, faults = _simulation(program), [slip_at(round((lift.start + lift.end) / 2, 3))]
-        writer = LogWriter(path, header(simulation.program, simulation.workspace, 0, faults))
-        writer.close(simulation.run(faults, Recording([writer])))
-        logs.append(path.read_bytes())
-    return {"said": f"{len(logs[0])} bytes", "good": logs[0] == logs[1]}
