@@ -6,6 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,42 +96,27 @@ def test_bytes_that_are_no_message_are_refused_when_they_are_read() -> None:
 def test_the_library_writes_the_same_bytes_of_its_own_objects() -> None:
     """The classes that Cyclone gets are made by machine; filled and written by Cyclone, they give our bytes."""
     types = message_types(2)
-    name = "trajectory_msgs/msg/JointTrajectory"
-    Trajectory = dds._struct.__wrapped__(name, types)
-    Point, Header, Time, Duration = (
-        dds._struct(one, types)
-        for one in (
-            "trajectory_msgs/msg/JointTrajectoryPoint", "std_msgs/msg/Header", "builtin_interfaces/msg/Time",
-            "builtin_interfaces/msg/Duration",
-        )
-    )  # fmt: skip
 
-    def filled(made: type, **fields: object) -> object:
+    def filled(name: str, said: dict[str, Any]) -> object:
+        made = dds._struct.__wrapped__(name, types) if name.endswith("Trajectory") else dds._struct(name, types)
         found = made.__new__(made)
-        for field, value in fields.items():
+        for field, (_, of) in types.store.fielddefs[name][1]:
+            value = said[field]
+            if isinstance(value, dict):
+                value = filled(of, value)
+            elif isinstance(value, list) and value and isinstance(value[0], dict):
+                value = [filled(of[0][1], one) for one in value]
             setattr(found, field, value)
         return found
 
-    point = filled(
-        Point, positions=[1.0, 2.5], velocities=[0.5, 0.0], accelerations=[], effort=[],
-        time_from_start=filled(Duration, sec=3, nanosec=7),
-    )  # fmt: skip
-    header = filled(Header, stamp=filled(Time, sec=1, nanosec=2), frame_id="base")
-    theirs = filled(Trajectory, header=header, joint_names=["a", "elbow"], points=[point])
-    ours = types.make(
-        name,
-        header=types.header(1_000_000_002, "base"),
-        joint_names=["a", "elbow"],
-        points=[
-            types.make(
-                "trajectory_msgs/msg/JointTrajectoryPoint",
-                positions=np.array([1.0, 2.5]),
-                velocities=np.array([0.5, 0.0]),
-                time_from_start=types.time(3_000_000_007),
-            )
-        ],
-    )
-    assert theirs.serialize() == types.encode(ours)
+    name, header = "trajectory_msgs/msg/JointTrajectory", {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "base"}
+    point = {"positions": [1.0, 2.5], "velocities": [0.5, 0.0], "accelerations": [], "effort": []}
+    point["time_from_start"] = {"sec": 3, "nanosec": 7}
+    theirs = filled(name, {"header": header, "joint_names": ["a", "elbow"], "points": [point]})
+    ours = {key: value if isinstance(value, dict) else np.array(value, float) for key, value in point.items()}
+    points = [types.make("trajectory_msgs/msg/JointTrajectoryPoint", **ours)]
+    message = types.make(name, header=types.header(1_000_000_002, "base"), joint_names=["a", "elbow"], points=points)
+    assert theirs.serialize() == types.encode(message)
 
 
 def test_a_network_that_this_computer_lacks_is_said(domain: int) -> None:

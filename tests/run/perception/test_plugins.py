@@ -23,6 +23,7 @@ from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.perception.detections import BelievedState, BoxQuestion, DetectionTargets
 from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, plugin_detections
 from sqrp_cli.run.perception.projected import ExpectedView
+from sqrp_cli.run.perception.vision import area_of
 from sqrp_cli.run.record.report import Stopped
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import ROOT, camera, cell, empty, thing
@@ -141,9 +142,4 @@ def test_a_question_says_what_the_robot_does_not_cover() -> None:
     (found,) = asked
     assert (found.object, found.marker) == ("plate", TAG.on((0.1, 0.1, 0.02)))
     assert np.allclose(found.X_CB, np.linalg.inv(EYE.X_FC) @ PLACE)
-    assert found.clear.sum() == pytest.approx(_area(found.outline), rel=0.1)
-
-
-def _area(polygon: Array) -> float:
-    x, y = polygon.T
-    return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+    assert found.clear.sum() == pytest.approx(area_of(found.outline), rel=0.1)

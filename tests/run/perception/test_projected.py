@@ -61,16 +61,6 @@ def test_what_is_taken_to_be_behind_a_box_hides_none_of_it(seed: int) -> None:
     assert mended > 0
 
 
-def test_a_finger_that_stands_up_behind_a_part_is_not_before_it() -> None:
-    X_WB = pose(position=np.array([4.0, 0.0, 0.05]))
-    box, away = box_at(X_WB), np.sign(X_WB[0, 3] - VIEW.X_WC[0, 3])
-    x = X_WB[0, 3] + away * SIZE[0] / 2
-    finger = np.array([[x, -0.02, 0.04], [x, 0.02, 0.04], [x, 0.0, 0.25]])
-    other_side = finger - [away * SIZE[0], 0.0, 0.0]
-    assert not hidden_by(box, finger)
-    assert hidden_by(box, other_side)
-
-
 WIDE = camera("beside", (0.3, 0.4, 0.5), (0.0, 0.0, 0.0), size=(160, 120), focal=(150.0, 150.0))
 WIDE_VIEW = PosedCamera(Projection(WIDE), WIDE.X_FC)
 FINE = 5

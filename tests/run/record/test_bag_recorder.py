@@ -49,14 +49,6 @@ def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, workspace:
     return path
 
 
-def test_every_message_is_what_the_types_of_rosbags_pack_again(recording: Path) -> None:
-    with Bag(recording) as bag:
-        packed = list(bag.messages({topic.name for topic in bag.topics}))
-        assert len(packed) == sum(topic.messages for topic in bag.topics) == 18
-        for one in packed:
-            assert bag.types.encode(bag.read(one)) == bytes(one.data)
-
-
 def test_every_message_is_what_rosbags_packs_by_the_definitions_in_the_recording(recording: Path) -> None:
     from rosbags.highlevel import AnyReader
 
@@ -69,6 +61,7 @@ def test_every_message_is_what_rosbags_packs_by_the_definitions_in_the_recording
             assert bytes(packed) == bytes(data), kind
             read.add(connection.topic)
         assert read == set(reader.topics)
+        assert reader.message_count == 18
 
 
 def test_an_mcap_is_read_by_the_library_of_its_format(recording: Path) -> None:
