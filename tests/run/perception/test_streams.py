@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,68 +21,63 @@ WORKSPACES = Path(__file__).parents[3] / "workspaces"
 RATE, LATENCY = 10.0, 0.05
 STANDING = 0.5
 """Asked of a robot whose cameras fail [s]."""
+TOLD = LATENCY + 1.2 / RATE + 0.1
+"""From the last image to the alarm at most [s]."""
 
 
-class Looker:
-    """Stands for the processes that look at images: sees nothing in any of them."""
+class Lookers:
+    """Stand for the processes that look at images: they see nothing, and each image takes them some time [s]."""
 
-    def submit(self, frame: CameraImage, believed: object) -> None:
-        assert believed is None
-        self.last = frame
+    def __init__(self, takes: float = 0.01) -> None:
+        self.takes, self.now, self.busy = takes, 0.0, defaultdict(deque)
+
+    def submit(self, image: CameraImage, _believed: object) -> None:
+        self.busy[image.camera].append((self.now + self.takes, image.t))
+
+    def is_free(self, camera: str) -> bool:
+        return not self.busy[camera]
+
+    def is_ready(self, camera: str) -> bool:
+        return bool(self.busy[camera]) and self.busy[camera][0][0] <= self.now
 
     def collect(self, camera: str) -> SimpleNamespace:
-        return SimpleNamespace(camera=camera, t=self.last.t, frozen=False, seconds=0.0)
+        return SimpleNamespace(camera=camera, t=self.busy[camera].popleft()[1], frozen=False, seconds=0.0)
 
 
 def known(*names: str) -> dict[str, SimpleNamespace]:
     return {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY, lag=LATENCY) for name in names}
 
 
-def eyes(*names: str) -> ImageStreams:
-    return ImageStreams(known(*(names or ("cam",))), Looker())
-
-
-def expose(streams: ImageStreams, t: float) -> None:
-    streams.expose(t, lambda names: {name: CameraImage(name, t, np.zeros(1)) for name in names}, lambda _: None)
-
-
-def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
-    """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
-    t = 0.0
-    while t <= until:
-        if at <= t:
-            fail(found)
-            at = np.inf
-        found.collect(t)
-        expose(found, t)
-        if (how := found.failure(t)) is not None:
-            assert how.cameras == ["cam"]
-            return t, f"{how.fault}: {how}"
-        t = min(found.next_event, at)
+def failure(*failing: tuple[Any, ...], at: float = 20.0, names: tuple[str, ...] = ("cam",)) -> Any:
+    """When simulated cameras fail by 20 s, and how, if this is done to them at a time [s]; None if they do not."""
+    streams, t = ImageStreams(known(*names), Lookers()), 0.0
+    while t < 20.0:
+        for how in failing if t >= at else ():
+            streams.fail(*how)
+        streams.collect(t)
+        streams.expose(t, lambda due, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in due}, lambda _: None)
+        if (told := streams.failure(t)) is not None:
+            return t, told
+        t = min(streams.next_event, at if t < at else np.inf)
     return None
 
 
 @pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
 def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing_and_told_from_a_late_one(at: float) -> None:
-    told, how = failure(eyes(), 20.0, at, lambda found: found.fail("camera-loss", "cam"))
-    assert how.startswith("camera-loss: cam is lost")
+    told, how = failure(("camera-loss", "cam"), at=at)
+    assert str(how).startswith("cam is lost")
+    assert (how.fault, how.cameras) == ("camera-loss", ["cam"])
     missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
     assert missing < told <= missing + 0.021
-    told, how = failure(eyes(), 20.0, at, lambda found: found.fail("latency", "cam", 0.4))
-    assert how.startswith("latency: the images of cam come too late")
+    told, how = failure(("latency", "cam", 0.4), at=at)
+    assert str(how).startswith("the images of cam come too late")
+    assert how.fault == "latency"
     assert told < missing + 0.05
 
 
 def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_late_ones() -> None:
-    found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
-    while (how := found.failure(t)) is None:
-        found.collect(t)
-        expose(found, t)
-        if t > 1.0:
-            found.fail("camera-loss", "cam1")
-            found.fail("latency", "cam2", 0.4)
-            found.fail("camera-loss", "cam4")
-        t = found.next_event
+    failing = (("camera-loss", "cam1"), ("latency", "cam2", 0.4), ("camera-loss", "cam4"))
+    _, how = failure(*failing, at=1.0, names=("cam1", "cam2", "cam3", "cam4"))
     assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
     assert how.cameras == ["cam1", "cam4"]
 
@@ -97,30 +94,6 @@ def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) 
         arm = ArmMotion(joints, limits, stops, np.zeros(len(joints)))
         arm.play([played(move)], 0.0)
         assert told + arm.stop(float(t), protective=True) - t <= STANDING
-
-
-TOLD = LATENCY + 1.2 / RATE + 0.1
-"""From the last image to the alarm at most [s]."""
-
-
-class Lookers:
-    """Processes that look at images; each image takes them some time [s]."""
-
-    def __init__(self, takes: float = 0.01) -> None:
-        self.takes, self.now, self.busy = takes, 0.0, {}
-
-    def submit(self, image: CameraImage, _believed: object) -> None:
-        assert self.is_free(image.camera)
-        self.busy[image.camera] = (self.now + self.takes, image.t)
-
-    def is_free(self, camera: str) -> bool:
-        return camera not in self.busy
-
-    def is_ready(self, camera: str) -> bool:
-        return camera in self.busy and self.busy[camera][0] <= self.now
-
-    def collect(self, camera: str) -> SimpleNamespace:
-        return SimpleNamespace(camera=camera, t=self.busy.pop(camera)[1], frozen=False, seconds=0.0)
 
 
 class Cameras:
@@ -170,7 +143,7 @@ def test_cameras_that_keep_their_rates_never_fail_and_all_images_are_looked_at()
     assert cameras.until(5.0) is None
     assert len(cameras.seen) >= 2 * 48
     assert cameras.settled == sorted(cameras.settled)
-    assert failure(eyes(), 20.0) is None
+    assert failure() is None
 
 
 @pytest.mark.parametrize(
