@@ -26,9 +26,7 @@ from tests.studio.hand import Hand
 from tests.studio.started import Started
 
 MINUTES = 30.0
-LONG = "place"
-"""Of 162 candidates, whose ranking is not waited for."""
-
+LONG = "place"  # a task of 162 candidates, whose ranking is not waited for
 TASKS = ("pickup object=g2,g6", "pickup g3", "pickup red", "pickup nothing", LONG)
 THINGS = "[...document.querySelectorAll('#what option')].map((one) => JSON.parse(one.value))"
 CLICK = "(id) => document.getElementById(id).click()"
@@ -36,39 +34,18 @@ CHOOSE = """(share) => {
   const rows = document.querySelectorAll('#ranking tbody tr');
   rows[Math.floor(share * rows.length)]?.click();
 }"""
-UNSETTLED = """() => {
-  const { state, ranked, asked, answered, held } = sqrp;
-  return { task: state.task, number: state.number, ranked, asked, answered, held,
-    told: document.querySelector('#notices').innerText };
-}"""
-"""Why a page does not come to rest."""
-
+UNSETTLED = """(({ state, ranked, asked, answered, held }) => ({ task: state.task, number: state.number, ranked, asked,
+  answered, held, told: document.querySelector('#notices').innerText }))(sqrp)"""  # why a page does not come to rest
 ACTIONS = {
-    "drag": 30,
-    "type": 10,
-    "undo": 12,
-    "redo": 8,
-    "choose": 8,
-    "look": 6,
-    "task": 4,
-    "save": 4,
-    "outside": 3,
-    "broken": 2,
-    "play": 4,
-    "stop": 2,
-    "advise": 1,
-    "run": 1,
-}
+    "drag": 30, "type": 10, "undo": 12, "redo": 8, "choose": 8, "look": 6, "task": 4, "save": 4, "outside": 3,
+    "broken": 2, "play": 4, "stop": 2, "advise": 1, "run": 1,
+}  # fmt: skip
 """What a hand does, and how often."""
 
-MOST_GROWTH, MOST_PEAK = 1.1, 1.3
-"""Most that memory may grow after the first fifth of the time, as factors; see above."""
-
+MOST_GROWTH, MOST_PEAK = 1.1, 1.3  # most that memory may grow after the first fifth of the time, as factors
 HEAP = ("usedSize", "embedderHeapUsedSize", "backingStorageSize")
 """What a page holds: values of its scripts, its elements, and the numbers of shapes."""
-
-QUIET, WRITTEN = 60.0, 20.0
-"""How long it may take until everything rests, and is waited for a program [s]."""
+QUIET, WRITTEN = 60.0, 20.0  # how long it may take until everything rests, and is waited for a program [s]
 
 
 def memory(pid: int) -> float:
@@ -82,22 +59,12 @@ def memory(pid: int) -> float:
     return sum(int(part.partition(kind)[2].split()[0]) for part in rollups for kind in kinds) * 1024 / 1e6
 
 
-def fifths(sizes: list[float]) -> list[list[float]]:
-    """The measures of each fifth of the time, of which there are some."""
-    return [sizes[k * len(sizes) // 5 : (k + 1) * len(sizes) // 5] for k in range(5)]
-
-
-def flat(sizes: list[float]) -> bool:
-    """Whether memory stays, see above."""
-    first, second, *_, last = fifths(sizes)
-    grows = statistics.median(last) > MOST_GROWTH * statistics.median(second)
-    return not grows and max(sizes) < MOST_PEAK * max(first)
-
-
-def told(sizes: list[float]) -> str:
-    """Memory in words."""
-    medians = (f"{statistics.median(part):.0f}" for part in fifths(sizes))
-    return f"{', '.join(medians)} MB in each fifth of the time, {max(sizes):.0f} MB at most"
+def flat(who: str, sizes: list[float]) -> bool:
+    """Whether memory stays, see above; prints it."""
+    fifths = [sizes[k * len(sizes) // 5 : (k + 1) * len(sizes) // 5] for k in range(5)]
+    medians = [statistics.median(part) for part in fifths]
+    print(f"{who}: {', '.join(f'{one:.0f}' for one in medians)} MB in each fifth of the time, {max(sizes):.0f} at most")
+    return medians[-1] <= MOST_GROWTH * medians[1] and max(sizes) < MOST_PEAK * max(fifths[0])
 
 
 def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
@@ -139,25 +106,19 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
             hand.js(CLICK, "play")
         case "advise" | "stop":
             hand.js("(what) => sqrp.tell({ do: what })", what)
-        case "run":
-            run(hand, file.parent / "pick.yaml")
+        case "run":  # the chosen candidate as a program, and what the tool holds is dropped
+            program, end = folder / "pick.yaml", time.monotonic() + WRITTEN
+            program.unlink(missing_ok=True)
+            hand.js("sqrp.tell({ do: 'save' })")
+            hand.js("(file) => sqrp.tell({ do: 'program', file })", str(program))
+            while not program.exists() and time.monotonic() < end:  # never, where the candidate cannot be done
+                hand.page.wait_for_timeout(500)
+            if program.exists():
+                hand.js("(file) => sqrp.tell({ do: 'run', file, faults: [] })", str(program))
+                hand.page.wait_for_timeout(8000)
+                hand.js(CLICK, "run-slip")
+                hand.page.wait_for_timeout(4000)
     return what
-
-
-def run(hand: Hand, program: Path) -> None:
-    """Write the chosen candidate into a program and run it; what the tool holds is dropped."""
-    program.unlink(missing_ok=True)
-    hand.js("sqrp.tell({ do: 'save' })")
-    hand.js("(file) => sqrp.tell({ do: 'program', file })", str(program))
-    end = time.monotonic() + WRITTEN
-    while not program.exists():  # never, where the chosen candidate cannot be done
-        if time.monotonic() > end:
-            return
-        hand.page.wait_for_timeout(500)
-    hand.js("(file) => sqrp.tell({ do: 'run', file, faults: [] })", str(program))
-    hand.page.wait_for_timeout(8000)
-    hand.js(CLICK, "run-slip")
-    hand.page.wait_for_timeout(4000)
 
 
 def measured(hand: Hand, pid: int) -> tuple[float, float]:
@@ -201,20 +162,15 @@ def main(minutes: float) -> int:
         (cell / "workspace.yaml").write_bytes(good)
         code, err = started.closed()
     print(f"{sum(counts.values())} actions in {minutes:g} min: {counts}")
-    server, page = ([one[k] for one in sizes] for k in range(2))
     enough = len(sizes) >= 5
-    if enough:
-        print(f"server: {told(server)}")
-        print(f"page: {told(page)}")
-    else:
-        print(
-            f"memory was measured {len(sizes)} times, too few to tell whether it is flat: 5 or more take some minutes"
-        )
+    if not enough:
+        print(f"memory was measured {len(sizes)} times, too few to tell whether it is flat: 5 take some minutes")
+    steady = [flat(who, [one[k] for one in sizes]) for k, who in enumerate(("server", "page"))] if enough else [False]
     print(f"console: {hand.complaints or 'nothing'}; exit code {code}")
     quiet = not hand.complaints and code == 0 and "Traceback" not in err and "internal error" not in err
     if not quiet:
         print(err[-3000:])
-    return 0 if enough and flat(server) and flat(page) and quiet else 1
+    return 0 if all(steady) and quiet else 1
 
 
 if __name__ == "__main__":
