@@ -51,26 +51,18 @@ def test_who_sends_without_end_is_heard_at_a_bounded_rate(monkeypatch):
     assert abs(sum(slept) - 50 / MOST_PER_SECOND) < 1e-6
 
 
-def test_who_never_reads_is_cut_off():
+def test_who_never_reads_is_cut_off_and_gets_no_numbers_of_what_the_next_message_replaces():
     async def tell() -> None:
-        connection = Connection()
+        connection, text = Connection(), "x" * 1_000_000
         browser = _Browser(connection)
-        text = "x" * 1_000_000
-        for _ in range(MOST_UNREAD // len(text)):
+        for _ in range(10 * MOST_WAITING):
+            browser.tell("picture", passing=True)
+        assert browser.waiting.qsize() == MOST_WAITING
+        for _ in range(MOST_UNREAD // len(text) - 1):
             browser.tell(text)
         assert not connection.aborted
         browser.tell(text)
         assert connection.aborted
-
-    asyncio.run(tell())
-
-
-def test_what_the_next_message_replaces_does_not_wait_in_numbers():
-    async def tell() -> None:
-        browser = _Browser(Connection())
-        for _ in range(10 * MOST_WAITING):
-            browser.tell("picture", passing=True)
-        assert browser.waiting.qsize() == MOST_WAITING
 
     asyncio.run(tell())
 
@@ -80,13 +72,15 @@ def test_others_are_heard_during_a_flood():
     async def heard(text: str, tell: server.Tell) -> None:
         tell(text)
 
+    async def send(connection: object) -> None:
+        while True:
+            await connection.send("x" * 1000)  # type: ignore[attr-defined]
+
     async def both() -> str:
         connections = Connections(heard)
         await connections.open(0)
-        where, origin = (
-            f"{connections.socket}/{connections.address.split('/')[3]}/live",
-            connections.address.rsplit("/", 2)[0],
-        )
+        origin, token = connections.address.strip("/").rsplit("/", 1)
+        where = f"{connections.socket}/{token}/live"
         async with connect(where, origin=origin) as flooding, connect(where, origin=origin) as other:
             flood = asyncio.create_task(send(flooding))
             await asyncio.sleep(0.1)
@@ -95,10 +89,6 @@ def test_others_are_heard_during_a_flood():
             flood.cancel()
         await connections.close()
         return str(answer)
-
-    async def send(connection: object) -> None:
-        while True:
-            await connection.send("x" * 1000)  # type: ignore[attr-defined]
 
     assert json.loads(asyncio.run(asyncio.wait_for(both(), 60.0))) == {"do": "undo"}
 
@@ -123,7 +113,7 @@ def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
 
 
 def test_drops_that_no_job_listens_to_hold_nobody_up(monkeypatch):
-    monkeypatch.setattr(jobs, "_work", deaf)
+    monkeypatch.setattr(jobs, "_work", lambda *_, playing: time.sleep(1000.0))  # noqa: ARG005 - a job reads nothing
 
     async def drop() -> None:
         for playing in (False, True):
@@ -135,8 +125,3 @@ def test_drops_that_no_job_listens_to_hold_nobody_up(monkeypatch):
             under_way.end()
 
     assert ends(lambda: asyncio.run(drop()))
-
-
-def deaf(*_: object, playing: bool) -> None:  # noqa: ARG001 - as of a job
-    """A job that reads nothing. playing: whether it is a run."""
-    time.sleep(1000.0)

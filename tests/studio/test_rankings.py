@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from multiprocessing import Pipe
-from pathlib import Path
 
 import pytest
 
@@ -21,7 +20,7 @@ from tests.studio.conftest import TASK
 pytestmark = pytest.mark.slow
 
 SAVED, EDITED = (Asked(content, "pickup", "q_eoi") for content in (b"saved", b"edited"))
-OF_SAVED = ("compare", SAVED, 1)
+MOVE = Move(kind="camera", name="cam1", position=[0.1, 0.7, 1.2])
 
 
 class WorkerProcess:
@@ -59,24 +58,20 @@ def answered(worker):
     return answer
 
 
-def test_a_timeline_of_before_does_not_end_the_ranking_that_is_under_way(worker, answered):
+def test_the_saved_file_is_ranked_once_all_is_shown_and_a_timeline_of_before_ends_nothing(worker, answered):
     answered(do="detail", name="g1", detail=None)
     assert worker.asked == [("rank", EDITED, 1)]
-
-
-def test_the_saved_file_is_ranked_once_all_is_shown(worker, answered):
     answered(do="ranking", number=1, entries=[{"name": "g1"}])
     answered(do="detail", name="g1", detail=None)
     answered(do="detail", name="g1", detail=None)
-    assert worker.asked[1:] == [OF_SAVED]
+    assert worker.asked[1:] == [("compare", SAVED, 1)]
 
 
 def test_nothing_is_compared_while_a_hand_holds_something(worker, answered):
     rankings = answered(do="ranking", number=1, entries=[{"name": "g1"}])
-    move = Move(kind="camera", name="cam1", position=[0.0, 0.0, 1.0])
-    rankings.hold(move, 1)
+    rankings.hold(MOVE, 1)
     answered(do="detail", name="g1", detail=None)
-    assert worker.asked[1:] == [("hold", move, 1)]
+    assert worker.asked[1:] == [("hold", MOVE, 1)]
 
 
 def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file(worker, answered):
@@ -88,19 +83,12 @@ def test_figures_of_the_file_before_it_was_saved_are_not_those_of_the_saved_file
     assert json.loads(rankings.connections.kept["saved-ranking"])["entries"] == [{"name": "g1"}]
 
 
-def moved_to(file: Path, x: float) -> bytes:
-    """The text of a workspace with a camera elsewhere."""
-    opened = OpenCell.read(file.parent, 0)
-    move = Move(kind="camera", name="cam1", position=[x, 0.7, 1.2])
-    return written(read_workspace_document(file, file.read_bytes()), opened.workspace, move)
-
-
 def test_a_change_that_was_found_for_another_text_is_not_made(worker, cell, monkeypatch):
     file = cell / "workspace.yaml"
     studio = Studio(OpenCell.read(cell, 0), TASK, 1, worker)
     monkeypatch.setattr(studio.under_way, "begin", lambda _: None)  # what it would find is below
     studio.obey('{"do": "advise"}')
-    offered = moved_to(file, 0.1)
+    offered = written(read_workspace_document(file, file.read_bytes()), OpenCell.read(cell, 0).workspace, MOVE)
     studio.under_way.offers = [("cam1 elsewhere", ("advise", TASK), offered)]
 
     def asked(text: str) -> bytes:
