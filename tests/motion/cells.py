@@ -11,7 +11,7 @@ import pinocchio as pin
 from pydantic import TypeAdapter
 
 from sqrp_cli.cell.scene import SceneObject
-from sqrp_cli.cell.workspace import World
+from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse, pose, ranges
 from sqrp_cli.motion.collision import CollisionScene, pair
@@ -60,6 +60,11 @@ class Cell:
         chosen = {**(skill or self.skill).defaults, **VALUES, **values}
         choice = SkillChoice(skill or self.skill, {"object": "cube"}, chosen, vias or {})
         return plan_motion(choice, world or self.world, self.scene, seed)
+
+
+def among(tabletop: Workspace, ur5: RobotModel, *things: SceneObject, padding: float = 0.0) -> Cell:
+    """The robot of the tabletop among things, to pick one up."""
+    return Cell(tabletop.robot, ur5, tabletop.skills["pickup"], things, padding)
 
 
 class PinocchioArm:

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sqrp_cli.cell.workspace import Workspace, World
+from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.motion.collision import CLEARANCE, pair
@@ -21,7 +21,7 @@ from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
 from sqrp_cli.trajectory import JointPath
-from tests.motion.cells import VALUES, Cell, assert_keeps_limits, pinocchio_arm, read_waypoints, thing
+from tests.motion.cells import VALUES, Cell, among, assert_keeps_limits, pinocchio_arm, read_waypoints, thing
 from tests.motion.test_tool_curves import straight_line
 
 PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
@@ -35,36 +35,31 @@ POST = thing("post", (0.05, 0.05, 0.25), pose(position=(0.62, -0.12, 0.125)))
 
 
 @pytest.fixture(scope="module")
-def pickup(tabletop: Workspace) -> Skill:
-    return tabletop.skills["pickup"]
-
-
-@pytest.fixture(scope="module")
-def pick_and_place(pickup: Skill) -> Skill:
+def pick_and_place(tabletop: Workspace) -> Skill:
     """Pick up, carry to `PLACED`, wait, release, retreat, go home."""
+    pickup = tabletop.skills["pickup"]
     speed = {"speed": 0.1, "acceleration": 0.5, "jerk": 5.0}
     added = {"placed": {"pose": PLACED}, "over": {"from": "placed", "raise": 0.05}}
     waypoints = {**pickup.waypoints, **read_waypoints(added)}
     carry = (
-        JointMove(name="b1", joint_move="over", speed=0.8),
-        StraightMove(name="b2", straight_move="placed", **speed),
-        Wait(name="b3", wait=0.2),
-        Release(name="b4", release=0.5),
-        StraightMove(name="b5", straight_move="over", **speed),
-        JointMove(name="b6", joint_move=HOME, speed=1.0),
-    )
+        JointMove(name="b1", joint_move="over", speed=0.8), StraightMove(name="b2", straight_move="placed", **speed),
+        Wait(name="b3", wait=0.2), Release(name="b4", release=0.5),
+        StraightMove(name="b5", straight_move="over", **speed), JointMove(name="b6", joint_move=HOME, speed=1.0),
+    )  # fmt: skip
     return replace(pickup, waypoints=waypoints, primitives=(*pickup.primitives[:4], *carry))
 
 
 @pytest.fixture(scope="module")
-def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
-    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, OTHER, POST))
+def cell(tabletop: Workspace, ur5: RobotModel) -> Cell:
+    return among(tabletop, ur5, TABLE, CUBE, OTHER, POST)
 
 
 @pytest.fixture(scope="module", params=["pickup", "pick_and_place", "pickup through vias"])
 def motion(request: pytest.FixtureRequest, cell: Cell) -> Motion:
     skill, *through = request.param.split()
-    return cell.plan(request.getfixturevalue(skill), vias=vias_of(cell) if through else None)
+    return cell.plan(
+        request.getfixturevalue(skill) if skill != "pickup" else None, vias=vias_of(cell) if through else None
+    )
 
 
 def vias_of(cell: Cell) -> dict[str, Array]:
@@ -203,10 +198,6 @@ def test_it_is_the_fastest_of_all_feasible_branches(cell):
     assert motion.time == pytest.approx(min(times), abs=1e-6)
 
 
-def moved(cell: Cell, **X_WO: Array) -> World:
-    return replace(cell.world, X_WO={**cell.world.X_WO, **X_WO})
-
-
 def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell):
     fast, slow = cell.plan(speed=1.0), cell.plan(speed=0.3)
 
@@ -235,8 +226,9 @@ INFEASIBLE = {
 def test_what_cannot_be_done_says_why_and_where(cell, tabletop, case):
     places, more, values, said = INFEASIBLE[case]
     things = [thing(f"thing{k}", size, pose(position=at)) for k, (size, at) in enumerate(more)]
-    used = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, *things)) if things else cell
-    result = used.plan(world=moved(used, **{name: pose(position=at) for name, at in places.items()}), **values)
+    used = among(tabletop, cell.model, TABLE, CUBE, *things) if things else cell
+    X_WO = {**used.world.X_WO, **{name: pose(position=at) for name, at in places.items()}}
+    result = used.plan(world=replace(used.world, X_WO=X_WO), **values)
     assert re.search(said, "\n".join(result.reasons), re.MULTILINE), result.reasons
 
 

@@ -20,8 +20,7 @@ from sqrp_cli.motion.stop_and_return import recovery_over
 from sqrp_cli.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.motion.way_around import blended_path, motion_through
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.skill.skill import Skill
-from tests.motion.cells import Cell, assert_keeps_limits, even_steps, phase_samples, pinocchio_arm, thing
+from tests.motion.cells import Cell, among, assert_keeps_limits, even_steps, phase_samples, pinocchio_arm, thing
 
 TABLE = thing("table", (2, 2, 0.04), pose(position=(0, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
@@ -34,18 +33,13 @@ FARTHEST = 1.3
 
 
 @pytest.fixture(scope="module")
-def pickup(tabletop: Workspace) -> Skill:
-    return tabletop.skills["pickup"]
+def cell(tabletop: Workspace, ur5: RobotModel) -> Cell:
+    return among(tabletop, ur5, TABLE, CUBE)
 
 
 @pytest.fixture(scope="module")
-def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
-    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE))
-
-
-@pytest.fixture(scope="module")
-def walled(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
-    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK))
+def walled(tabletop: Workspace, ur5: RobotModel) -> Cell:
+    return among(tabletop, ur5, TABLE, CUBE, WALL, BACK)
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +64,8 @@ def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own
     assert any("wall" in names for names in independent.contacts(blocked, 4, even_steps(direct, 0.01), 0.0))
 
 
-def test_padding_is_kept_around_walls_on_the_way_too(tabletop, ur5, pickup):
-    cell = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL, BACK), padding=0.015)
+def test_padding_is_kept_around_walls_on_the_way_too(tabletop, ur5):
+    cell = among(tabletop, ur5, TABLE, CUBE, WALL, BACK, padding=0.015)
     padded = cell.plan()
     t = even_steps(padded.primitives[0].trajectory, 4e-3 / FARTHEST)
     near = pinocchio_arm(cell).contacts(padded, 0, t, 0.9 * (CLEARANCE + 0.015))
@@ -99,9 +93,9 @@ def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled, mo
     assert other.primitives[0].trajectory.to_numbers() != motion.primitives[0].trajectory.to_numbers()
 
 
-def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(tabletop, ur5, pickup, monkeypatch):
+def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(tabletop, ur5, monkeypatch):
     monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
-    motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
+    motion = among(tabletop, ur5, TABLE, CUBE, WALL).plan()
     assert motion.remarks == ()
 
 
@@ -112,16 +106,14 @@ def test_where_no_way_is_found_the_pair_that_touches_is_named(walled, monkeypatc
     assert result.reasons[0].endswith("no way around was found in 2 tries")
 
 
-def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(tabletop, ur5, pickup):
-    sides = [
-        thing("cage_top", (0.2, 0.2, 0.004), pose(position=(0.45, -0.25, 0.15))),
-        thing("cage_left", (0.2, 0.004, 0.15), pose(position=(0.45, -0.15, 0.075))),
-        thing("cage_right", (0.2, 0.004, 0.15), pose(position=(0.45, -0.35, 0.075))),
-        thing("cage_front", (0.004, 0.2, 0.15), pose(position=(0.35, -0.25, 0.075))),
-        thing("cage_rear", (0.004, 0.2, 0.15), pose(position=(0.55, -0.25, 0.075))),
-    ]
+def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(tabletop, ur5):
+    around = {"left": (0.0, 0.1), "right": (0.0, -0.1), "front": (-0.1, 0.0), "rear": (0.1, 0.0)}
+    sides = [thing("cage_top", (0.2, 0.2, 0.004), pose(position=(0.45, -0.25, 0.15)))]
+    for name, (x, y) in around.items():
+        size = (0.004, 0.2, 0.15) if x else (0.2, 0.004, 0.15)
+        sides.append(thing(f"cage_{name}", size, pose(position=(0.45 + x, -0.25 + y, 0.075))))
     started = time.process_time()
-    result = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, *sides)).plan()
+    result = among(tabletop, ur5, TABLE, CUBE, *sides).plan()
     assert time.process_time() - started < 10.0
     assert " hits cage_" in result.reasons[0]
 
@@ -135,10 +127,6 @@ def test_moving_back_after_a_fault_goes_around_as_well(motion, ur5):
     q = motion.positions(3, recovery.t[row : row + 1])[0]
     least = a1.trajectory.duration + float(joint_move_duration(q, a1.trajectory.path.positions([1.0])[0], limits))
     assert least - 0.5 <= recovery.duration[row] <= least + 2.0
-
-
-def planned(cell: Cell, vias: dict[str, Array] | None = None) -> Motion:
-    return cell.plan(vias=vias)
 
 
 def ends(motion: Motion, index: int) -> Array:
@@ -189,9 +177,9 @@ def test_vias_at_the_ends_or_twice_at_one_place_count_once():
 
 
 def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell):
-    direct = planned(cell)
+    direct = cell.plan()
     far = ends(direct, 0)[1] + [0.3, 0.0, 0.0, 0.0, 0.0, 1.5]
-    motion = planned(cell, {"a1": far[None]})
+    motion = cell.plan(vias={"a1": far[None]})
     for index in range(5):
         np.testing.assert_allclose(ends(motion, index), ends(direct, index), atol=1e-12)
     assert motion.primitives[0].trajectory.duration > direct.primitives[0].trajectory.duration
@@ -201,17 +189,17 @@ def test_moves_with_vias_take_the_branches_and_turns_of_the_direct_ones(cell):
 
 
 def test_vias_that_lead_through_an_obstacle_are_infeasible_and_say_what_touches(cell):
-    under_the_table = ends(planned(cell), 0)[1] + [0.0, 0.9, 0.0, 0.0, 0.0, 0.0]
+    under_the_table = ends(cell.plan(), 0)[1] + [0.0, 0.9, 0.0, 0.0, 0.0, 0.0]
     result = cell.plan(vias={"a1": under_the_table[None]})
     assert " hits table at " in result.reasons[0]
     assert result.reasons[0].endswith(" of a1 with its vias")
 
 
 def test_vias_that_lead_around_an_obstacle_need_no_planner(walled, monkeypatch):
-    around = planned(walled)
+    around = walled.plan()
     along = {name: around.primitives[index].trajectory.path for name, index in (("a1", 0), ("a5", 4))}
     monkeypatch.setattr("sqrp_cli.motion.joint_moves.find_way", lambda *_: pytest.fail("asked"))
-    motion = planned(walled, {name: path.positions(np.linspace(0.1, 0.9, 9)) for name, path in along.items()})
+    motion = walled.plan(vias={name: path.positions(np.linspace(0.1, 0.9, 9)) for name, path in along.items()})
     assert motion.remarks == ("a1 goes around wall", "a5 goes around wall")
 
 
