@@ -10,6 +10,9 @@ Cameras contradict each other as long as one of them takes the part for held. So
 show a drop once the slowest camera does that may judge it soon after, and *usually* once more of these say so than say
 the opposite. Which these are follows from the robot's motion alone: what else hides a part makes windows smaller, but
 never a drop quicker to see.
+
+Points and vectors of many drops at many times are arrays by component, (3, drops, times): sums over a last axis of
+three take several times as long.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ import numpy as np
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.detector import ALIKE, BORDER, EMPTY, FULL, LEAST_SHARE, SHIFT_PIXELS, SHIFT_SHARE
 from sqrp_cli.cell.scene import FLOOR_DEPTH
-from sqrp_cli.geometry import Array, Indices, Mask, transform
+from sqrp_cli.geometry import Array, Mask, transform
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.logic.image_time import Onset
@@ -118,12 +121,12 @@ class SeenOffset(NamedTuple):
         lengths, (n,) [pixels].
         """
         ray, gap = expected - eyes, free - expected
-        distance, nearer = _norm(ray), -_dot(ray, gap)
+        distance, nearer = np.sqrt(_dot(ray, ray)), -_dot(ray, gap)
         nearer /= distance
         across = gap + nearer / distance * ray
         # The length is the most r for which r * direction + k * ray is in the box for some k; at a corner of these
         # bounds two faces meet.
-        gone = _norm(across)
+        gone = np.sqrt(_dot(across, across))
         axes = np.moveaxis(R_WB, (-1, -2), (0, 1))[..., None]  # of the box, by component
         turn = [across[j] * ray[k] - across[k] * ray[j] for j, k in ((1, 2), (2, 0), (0, 1))]
         scale = np.maximum(gone, 1e-9) * distance
@@ -134,31 +137,15 @@ class SeenOffset(NamedTuple):
             np.minimum(length, reach / np.maximum(np.abs(_dot(axes[k], turn)), 1e-9 * scale), out=length)
         return cls(gone, distance, nearer, length, focal[:, None], _spread(size))
 
-    def apart(self, rule: DropRule) -> Array:
-        """By how much it is further from where it is expected than it must be."""
-        return self.across - (rule.pixels * self.distance / self.focal + rule.share * self.spread)
-
-    def clear(self, rule: DropRule) -> Array:
-        """By how much it is seen beside that, covering too little of it."""
+    def gone(self, rule: DropRule) -> tuple[Array, Array]:
+        """By how much it is further from where it is expected than it must be, and is seen beside that: clear of it."""
+        apart = self.across - (rule.pixels * self.distance / self.focal + rule.share * self.spread)
         scale = self.distance / np.maximum(self.distance - self.nearer, 1e-6)
-        return self.across * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * self.length
+        return apart, self.across * scale - 0.5 * (1.0 + scale) * (1.0 - rule.covered) * self.length
 
     def fills(self, rule: DropRule) -> Array:
         """By how much it is nearer to that than it must be to fill it."""
         return rule.inside * self.length - self.across
-
-
-class _Shown(NamedTuple):
-    """When a drop at each of s instants is shown by each of c cameras."""
-
-    x: Array
-    """When the fault becomes true, shape (s,) [s]."""
-    surely: Array
-    """From when on each that may judge it shows it, -inf of the others, shape (c, s) [s]."""
-    late: Array
-    """From when on the slowest of all would, shape (s,) [s]."""
-    usual: Array
-    """From when on all of them together usually show it, shape (s,) [s]."""
 
 
 def onset(
@@ -175,19 +162,20 @@ def onset(
     found = _shown(stage, observer, literals, targets, interval)
     if found is None:
         return Onset.at_once(interval.start, interval.end)
-    slowest = found.surely.max(axis=0, initial=-np.inf)
-    slowest = np.where(slowest < 0, found.late, slowest)  # where no camera judges it, none says so at once
+    x, each, late, usual = found
+    slowest = each.max(axis=0, initial=-np.inf)
+    slowest = np.where(slowest < 0, late, slowest)  # where no camera judges it, none says so at once
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
         closing = move_fingers(fingers, start, fingers.closed, 0.0).duration
-    slowest = np.maximum(slowest, found.x + closing)
+    slowest = np.maximum(slowest, x + closing)
     # What takes longer by more than a step is shown later at once, where between two starts is not known.
-    late = np.flatnonzero(np.diff(slowest - found.x) > _STEP) + 1
-    x = np.insert(found.x, late, found.x[late - 1] + 1e-6)
-    surely = _between(x, np.insert(slowest, late, slowest[late]), interval)
-    usual = _between(x, np.insert(found.usual, late, found.usual[late - 1]), interval)
-    return Onset(surely.x, surely.shown, np.minimum(usual.shown, surely.shown))
+    jumps = np.flatnonzero(np.diff(slowest - x) > _STEP) + 1
+    x, before = np.insert(x, jumps, x[jumps - 1] + 1e-6), usual[jumps - 1]
+    surely = _between(x, np.insert(slowest, jumps, slowest[jumps]), interval)
+    usually = _between(x, np.insert(usual, jumps, before), interval)
+    return Onset(surely.x, surely.shown, np.minimum(usually.shown, surely.shown))
 
 
 def least_delays(
@@ -208,7 +196,8 @@ def least_delays(
     found = _shown(stage, observer, literals, targets, interval)
     if found is None:
         return np.full(len(observer.cameras), response)
-    alone = [_between(found.x, surely, interval) for surely in found.surely]
+    x, each, *_ = found
+    alone = [_between(x, surely, interval) for surely in each]
     return np.array([(one.shown - one.x + response).max() for one in alone])
 
 
@@ -218,68 +207,63 @@ def _shown(
     literals: Sequence[Literal],
     targets: Mapping[Atom, Target],
     interval: TimeInterval,
-) -> _Shown | None:
-    """When each camera shows a fault; None where the tool loses nothing."""
+) -> tuple[Array, Array, Array, Array] | None:
+    """When drops at s instants of an interval are shown by c cameras; None where the tool loses nothing.
+
+    That is when the fault becomes true, shape (s,) [s]; from when on each camera that may judge a drop shows it, -inf
+    of the others, (c, s) [s]; from when on the slowest of all would, and all of them together usually do, (s,) [s].
+    """
     name = held_in(stage, interval)
     if name is None or interval.length <= 0.0:
         return None
-
-    def boxes_of(target: Target) -> list[SoughtBox]:
-        return [box for box in target.boxes if object_of(str(target.atom), box, stage.X_WO) == name]
-
-    boxes = [(lit.positive, targets[lit.atom].cameras, box) for lit in literals for box in boxes_of(targets[lit.atom])]
+    # The boxes in which the part is looked for: those that it left with the tool, those that it reaches by the fault,
+    # and all that rest, in which a detector of colours may take it for being.
+    own = {
+        atom: [box for box in target.boxes if object_of(str(atom), box, stage.X_WO) == name]
+        for atom, target in targets.items()
+    }
+    boxes = [
+        (literal.positive, targets[literal.atom].cameras, box) for literal in literals for box in own[literal.atom]
+    ]
     needed = {box: cameras for _, cameras, box in boxes}
     left = [box for positive, _, box in boxes if not positive and box.frame in stage.model.links]
-    reached = [
-        (box, stage.resting[box.frame][0] @ box.X_FB, 0.5 * np.array(box.size))
+    reached = {
+        box: stage.resting[box.frame][0] @ box.X_FB
         for positive, _, box in boxes
         if positive and box.frame in stage.resting
-    ]
+    }
     if not left:
         return None
     by_color = left[0].limits.kind == "color"
-    every = (box for target in targets.values() for box in boxes_of(target))
-    places = [
-        box for box in dict.fromkeys([*(one[0] for one in reached), *every]) if box.frame in stage.resting and by_color
-    ]
-    drops = _Drops.of(stage, observer, name, interval)
-    judges, seen = drops.judged(stage, observer, [*left, *(one[0] for one in reached)], places)
-    looks = _Looks.at(drops, observer.cameras, np.any(list(judges.values()), axis=0))
-    beside = {box: seen[box] & np.roll(seen[box], -1, axis=0) for box in places}  # before and after each time
-    # When each look first shows that it is surely gone, no longer held, usually gone, and in each place.
-    found, left_open = np.empty((3 + len(reached), len(looks.start))), np.arange(len(looks.start))
-    for count in (_MOST, len(_FALL)):
-        some = looks.some(left_open, count)
-        held = some.offset(drops.states.X_WF[name][:, :3, 3], drops.states.box_poses(left[0]), left[0].size)
-        gone = {rule: held.apart(rule) for rule in (SURE, USUAL)}
-        margins, in_a_place = [gone[USUAL]], {rule: np.full_like(held.across, -np.inf) for rule in gone}
-        for box, both in beside.items():
-            X_WB, both[-1] = stage.resting[box.frame] @ box.X_FB, False
-            offset, is_seen = some.offset(X_WB[:, :3, 3], X_WB, box.size), some.at_times(both)
-            for rule, most in in_a_place.items():
-                np.maximum(most, offset.fills(rule), out=most, where=is_seen)
-        for rule, most in in_a_place.items() if by_color else ():
-            gone[rule] = np.maximum(held.clear(rule), np.minimum(gone[rule], most))
-        margins = [gone[SURE], *margins, gone[USUAL], *(some.within(X_WB, half) for _, X_WB, half in reached)]
-        found[:, left_open] = [_first(margin, looks.period) for margin in margins]
-        left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
-    late, until, since, *there = map(looks.of_all, found)
-    x, judge = drops.t, np.any([judges[box] for box in left], axis=0)
+    every = dict.fromkeys([*reached, *(box for some in own.values() for box in some)])
+    places = [box for box in every if by_color and box.frame in stage.resting]
+    t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
+    step = t[1] - t[0]
+    times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
+    states = stage.states(stage.samples_at(times))
+    free = _falling(stage, observer, name, np.broadcast_to(states.X_WF[name], (len(times), 4, 4)), times, len(t))
+    drops = _Drops(name, t, times, states, free)
+    judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
+    some = np.any(list(judges.values()), axis=0)
+    late, until, since, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
+    x, judge = t, np.any([judges[box] for box in left], axis=0)
     surely = np.where(judge, late, -np.inf)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
-    for (box, X_WB, half), shown in zip(reached, there, strict=True):
-        x = np.maximum(x, drops.t + _first((half[:, None, None] - np.abs(_in_box(X_WB, drops.free))).min(axis=0)))
-        judge = judges[box]
+    for (box, X_WB), shown in zip(reached.items(), there, strict=True):
+        half, judge = 0.5 * np.array(box.size), judges[box]
+        x = np.maximum(x, t + _first((half[:, None, None] - np.abs(_in_box(X_WB, free))).min(axis=0)))
         late, surely = np.maximum(late, shown), np.maximum(surely, np.where(judge, shown, -np.inf))
         until, since = (np.where(judge, shown, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
     latest = stage.motion.time + _NEVER
-    return _Shown(*(np.minimum(one, latest) for one in (x, surely, late.max(axis=0, initial=-np.inf), usual)))
+    x, late, usual = (np.minimum(one, latest) for one in (x, late.max(axis=0, initial=-np.inf), usual))
+    return x, np.minimum(surely, latest), late, usual
 
 
 class _Drops(NamedTuple):
     """A part that the tool loses at each of s instants of an interval."""
 
+    name: str
     t: Array
     """The instants, shape (s,) [s]."""
     times: Array
@@ -289,99 +273,109 @@ class _Drops(NamedTuple):
     free: Array
     """Where the centre of the part is at f times after it is lost, shape (3, s, f) [m]."""
 
-    @classmethod
-    def of(cls, stage: Stage, observer: Observer, name: str, interval: TimeInterval) -> _Drops:
-        t = np.linspace(interval.start, interval.end, max(_STARTS, int(np.ceil(interval.length / _STEP)) + 1))
-        step = t[1] - t[0]
-        times = np.append(t, np.arange(interval.end + step, interval.end + _LONGEST + step, step))
-        states = stage.states(stage.samples_at(times))
-        X_WO = np.broadcast_to(states.X_WF[name], (len(times), 4, 4))
-        free = _falling(stage, observer, name, X_WO, times, len(t))
-        return cls(t, times, states, np.ascontiguousarray(np.moveaxis(free, -1, 0)))
-
     def followed(self, track: Array) -> Array:
-        """Where a point is while the part falls, shape (3, s, f) [m]; track: at all times, (m, 3) or (1, 3)."""
-        when, track = self.t[:, None] + _FALL, np.broadcast_to(track, (len(self.times), 3))
-        return np.stack([np.interp(when, self.times, track[:, axis]) for axis in range(3)])
-
-    def judged(
-        self, stage: Stage, observer: Observer, boxes: Sequence[SoughtBox], places: Sequence[SoughtBox]
-    ) -> tuple[dict[SoughtBox, Mask], dict[SoughtBox, Mask]]:
-        """Whether each camera judges boxes soon after each loss, (c, s), and the places at some times, (k, c).
-
-        These are the first k ones. The robot alone hides the boxes, and a tool that has lost the part the places.
-        """
-        some = self.times[self.times <= self.t[-1] + _SOON + self.t[1] - self.t[0]]
-        found = _judging(observer, self.states, boxes, len(some), robot_alone=True)
-        lost = stage.once_lost()
-        seen = _judging(observer, lost.states(lost.samples_at(some)), places, len(some), robot_alone=False)
-        first, last = (np.searchsorted(some, edge) for edge in (self.t, self.t + _SOON))
-        windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
-        return {box: np.transpose([one[window].any(axis=0) for window in windows]) for box, one in found.items()}, seen
+        """Where a point is while the part falls, shape (3, s, f) [m]; track: at all times, (m, 3)."""
+        when = self.t[:, None] + _FALL
+        return np.stack([np.interp(when, self.times, component) for component in track.T])
 
 
-class _Looks(NamedTuple):
-    """Cameras that look at drops: n pairs of a camera and an instant at which the part is lost."""
+def _first_shown(
+    stage: Stage,
+    observer: Observer,
+    drops: _Drops,
+    judges: Mask,
+    box: SoughtBox,
+    seen: Mapping[SoughtBox, Mask],
+    reached: Mapping[SoughtBox, Array],
+) -> Array:
+    """When cameras first show that each drop is surely gone, no longer held, usually gone, and in each box `reached`.
 
-    drops: _Drops
-    shape: tuple[int, int]
-    """The numbers of all cameras and instants, c and s."""
-    camera: Indices
-    """By index, shape (n,)."""
-    start: Indices
-    """By index, shape (n,)."""
-    eyes: Array
-    """Where the camera is, shape (3, n, f or 1) [m]."""
-    focal: Array
-    """Its focal length, shape (n,) [pixels]."""
-    period: float
-    """The longest of all frame periods: how long a part must lie apart to be seen so [s]."""
-    times: int = len(_FALL)
-    """f: at how many times after the loss they look."""
+    Shape (3 + boxes, c, s) [s]; -inf where no camera looks, infinite where it never does.
 
-    @classmethod
-    def at(cls, drops: _Drops, cameras: Sequence[Camera], judges: Mask) -> _Looks:
-        """judges: which camera judges a drop, (c, s). What others make of it matters where none does."""
-        camera, start = np.nonzero(judges | ~judges.any(axis=0))
-        tracks = [drops.states.camera_poses(one)[:, :3, 3] for one in cameras]
-        if all(len(track) == 1 for track in tracks):
-            eyes = np.array(tracks).reshape(-1, 3).T[:, camera, None]
-        else:
-            eyes = np.stack([drops.followed(track) for track in tracks], axis=1)[:, camera, start]
-        period = max((1.0 / one.rate for one in cameras), default=0.0)
-        return cls(drops, judges.shape, camera, start, eyes, _focal(cameras)[camera], period)
+    judges: which camera judges a drop, (c, s); what others make of it matters where none does. box: in which the tool
+    would show the part. seen: see `_judges`. reached: pose of each box, (4, 4).
+    """
+    cameras, (name, t, times, states, fallen) = observer.cameras, drops
+    camera, start = np.nonzero(judges | ~judges.any(axis=0))  # n looks: pairs of a camera and a drop
+    tracks = [states.camera_poses(one)[:, :3, 3] for one in cameras]
+    if all(len(track) == 1 for track in tracks):
+        eyes = np.array(tracks).reshape(-1, 3).T[:, camera, None]
+    else:
+        whole = (drops.followed(np.broadcast_to(track, (len(times), 3))) for track in tracks)
+        eyes = np.stack(list(whole), axis=1)[:, camera, start]
+    focal, period = _focal(cameras)[camera], max((1.0 / one.rate for one in cameras), default=0.0)
+    tool, X_WB_held = states.X_WF[name][:, :3, 3], states.box_poses(box)
+    held_at = tool.T[..., None] if len(tool) == 1 else drops.followed(tool)
+    # Whether each camera sees a place before and after each time; and which of these comes before each of a drop.
+    never = np.zeros((1, len(cameras)), dtype=bool)
+    beside = {place: np.append(one[:-1] & one[1:], never, axis=0) for place, one in seen.items()}
+    known = max(map(len, beside.values()), default=0)
+    before = np.searchsorted(times[:known], t[:, None] + _FALL, side="right") - 1
+    found, left_open = np.empty((3 + len(reached), len(start))), np.arange(len(start))
+    for count in (_MOST, len(_FALL)):
+        at, eye, by = start[left_open], eyes[:, left_open, :count], camera[left_open]
+        free, lengths = fallen[:, at, :count], focal[left_open]
+        expected = held_at if len(tool) == 1 else held_at[:, at, :count]
+        R_WB = (X_WB_held if len(X_WB_held) == 1 else X_WB_held[at])[:, :3, :3]
+        held = SeenOffset.of(expected, free, eye, lengths, R_WB, np.array(box.size))
+        in_a_place = {rule: np.full_like(held.across, -np.inf) for rule in (SURE, USUAL)}
+        for place, both in beside.items():
+            X_WB = stage.resting[place.frame] @ place.X_FB
+            offset = SeenOffset.of(
+                X_WB[:, :3, 3].T[..., None], free, eye, lengths, X_WB[:, :3, :3], np.array(place.size)
+            )
+            is_seen = both[before[at, :count], by[:, None]]
+            for rule, most in in_a_place.items():
+                np.maximum(most, offset.fills(rule), out=most, where=is_seen)
+        apart, clear = zip(*map(held.gone, (SURE, USUAL)), strict=True)
+        gone = apart
+        if box.limits.kind == "color":
+            gone = tuple(map(np.maximum, clear, map(np.minimum, apart, in_a_place.values())))
+        inside = [_in_sight(_in_box(X, free), _in_box(X, eye), place.size) for place, X in reached.items()]
+        margins = [gone[0], apart[1], gone[1], *inside]
+        found[:, left_open] = [_first(margin, period) for margin in margins]
+        left_open = left_open[np.isinf(found[:, left_open]).any(axis=0)]
+    shown = np.full((len(found), *judges.shape), -np.inf)
+    shown[:, camera, start] = t[start] + found
+    return shown
 
-    def some(self, rows: Indices, times: int) -> _Looks:
-        """Some of the looks, at the first times alone."""
-        eyes, camera, start = self.eyes[:, rows, :times], self.camera[rows], self.start[rows]
-        return self._replace(eyes=eyes, focal=self.focal[rows], camera=camera, start=start, times=times)
 
-    def offset(self, track: Array, X_WB: Array, size: Sequence[float]) -> SeenOffset:
-        """How far the part is seen from where it is expected: a track, (m or 1, 3), in a box X_WB, (m or 1, 4, 4)."""
-        still, free = len(track) == 1, self.drops.free[:, self.start, : self.times]
-        expected = track.T[..., None] if still else self.drops.followed(track)[:, self.start, : self.times]
-        R_WB = (X_WB if len(X_WB) == 1 else X_WB[self.start])[:, :3, :3]
-        return SeenOffset.of(expected, free, self.eyes, self.focal, R_WB, np.array(size))
+def _judges(
+    stage: Stage, observer: Observer, drops: _Drops, boxes: Sequence[SoughtBox], places: Sequence[SoughtBox]
+) -> tuple[dict[SoughtBox, Mask], dict[SoughtBox, Mask]]:
+    """Whether each camera judges boxes soon after each loss, (c, s), and sees the places at the first k times, (k, c).
 
-    def within(self, X_WB: Array, half: Array) -> Array:
-        """How far inside a box the line of sight through the part meets its middle plane, (n, f) [m]."""
-        part = _in_box(X_WB, self.drops.free)[:, self.start, : self.times]
-        ray = part - _in_box(X_WB, self.eyes)
-        met = part[:2] - ray[:2] * (part[2] / np.where(np.abs(ray[2]) > 1e-6, ray[2], 1e-6))
-        inside: Array = (half[:2, None, None] - np.abs(met)).min(axis=0)
-        return inside
+    Nothing but the robot is in the way of the boxes, and cameras count, too, that may judge one or not: more of them
+    only ever show a drop later. Of a place, one that counts is sure to look for the part there, past a tool that has
+    lost it.
+    """
+    some, cameras = drops.times[drops.times <= drops.t[-1] + _SOON + drops.t[1] - drops.t[0]], observer.cameras
+    lost, others = stage.once_lost(), [one.part.name for one in observer.solids if one.color is not None]
+    judged_at, seen = dict[SoughtBox, Mask](), dict[SoughtBox, Mask]()
+    for asked, states, found in ((boxes, drops.states, judged_at), (places, lost.states(lost.samples_at(some)), seen)):
+        robot_alone = found is judged_at
+        through = dict.fromkeys(others if robot_alone else ())
+        own = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *through)) for box in asked]
+        found |= {box: np.zeros((len(some), len(cameras)), dtype=bool) for box in asked}
+        if asked and cameras:
+            targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(len(some))] * len(own)
+            verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
+            for box, one, (verdict,) in zip(asked, own, verdicts, strict=True):
+                found[box] = judged(one, verdict, cameras, states) if robot_alone else verdict.cause == Cause.NONE
+    first, last = (np.searchsorted(some, edge) for edge in (drops.t, drops.t + _SOON))
+    windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
+    return {box: np.transpose([one[window].any(axis=0) for window in windows]) for box, one in judged_at.items()}, seen
 
-    def at_times(self, seen: Mask) -> Mask:
-        """What cameras see at the first times, (k, c), as each drop goes on, shape (n, f)."""
-        times = self.drops.times[: len(seen)]
-        before = np.searchsorted(times, self.drops.t[:, None] + _FALL[: self.times], side="right") - 1
-        return seen[before[self.start], self.camera[:, None]]
 
-    def of_all(self, after: Array) -> Array:
-        """When looks show something: how long after the loss they do, (n,), to (c, s) [s]; -inf where none looks."""
-        found = np.full(self.shape, -np.inf)
-        found[self.camera, self.start] = self.drops.t[self.start] + after
-        return found
+def _in_sight(part: Array, eye: Array, size: Sequence[float]) -> Array:
+    """How far inside a box of a size the line of sight through the part meets its middle plane, (n, f) [m].
+
+    part, eye: in the frame of the box, (3, n, f).
+    """
+    ray = part - eye
+    met = part[:2] - ray[:2] * (part[2] / np.where(np.abs(ray[2]) > 1e-6, ray[2], 1e-6))
+    inside: Array = (0.5 * np.array(size)[:2, None, None] - np.abs(met)).min(axis=0)
+    return inside
 
 
 def majority_time(until: Array, since: Array, needed: int) -> Array:
@@ -414,7 +408,7 @@ def _between(x: Array, shown: Array, interval: TimeInterval) -> Onset:
 
 
 def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Array, starts: int) -> Array:
-    """Where the centre of a lost part is, shape (s, f, 3) [m].
+    """Where the centre of a lost part is, shape (3, s, f) [m].
 
     It falls freely to where it stood or is to stand, else onto the first solid below where it is lost, or the floor.
 
@@ -430,8 +424,8 @@ def _falling(stage: Stage, observer: Observer, name: str, X_WO: Array, times: Ar
             floor = np.where(above, np.maximum(floor, X_rest[2, 3]), floor)
     up, height = velocity[:, 2], np.maximum(start[:, 2] - floor, 0.0)
     fall = np.minimum(_FALL, ((up + np.sqrt(up**2 + 2.0 * GRAVITY * height)) / GRAVITY)[:, None])
-    free: Array = start[:, None] + velocity[:, None] * fall[..., None]
-    free[..., 2] -= 0.5 * GRAVITY * fall**2
+    free: Array = start.T[..., None] + velocity.T[..., None] * fall
+    free[2] -= 0.5 * GRAVITY * fall**2
     return free
 
 
@@ -468,27 +462,6 @@ def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
     return height
 
 
-def _judging(
-    observer: Observer, states: SceneStates, boxes: Sequence[SoughtBox], count: int, *, robot_alone: bool
-) -> dict[SoughtBox, Mask]:
-    """Whether each of c cameras judges each box in the first `count` states, shape (count, c).
-
-    robot_alone: whether nothing else is in the way, and cameras count, too, that may judge a box or not: more of them
-    only ever show a drop later. Otherwise one that counts is sure to look for the part there.
-    """
-    if not boxes or not observer.cameras:
-        return {box: np.zeros((count, len(observer.cameras)), dtype=bool) for box in boxes}
-    others = dict.fromkeys(one.part.name for one in observer.solids if robot_alone and one.color is not None)
-    asked = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *others)) for box in boxes]
-    targets, rows = [Target(Atom(box.name), 1, (box,)) for box in asked], [np.arange(count)] * len(asked)
-    verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
-    found = (
-        judged(box, seen, observer.cameras, states) if robot_alone else seen.cause == Cause.NONE
-        for box, (seen,) in zip(asked, verdicts, strict=True)
-    )
-    return dict(zip(boxes, found, strict=True))
-
-
 def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
     """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
     least = np.full(seen.cause.shape, box.limits.min_visible)
@@ -518,16 +491,11 @@ def _in_box(X_WB: Array, points: Array) -> Array:
 
 
 def _dot(a: Sequence[Array] | Array, b: Sequence[Array] | Array) -> Array:
-    """Inner products of vectors by component, (3, ...); sums over so short an axis take several times as long."""
+    """Inner products of vectors by component, (3, ...)."""
     found: Array = a[0] * b[0]
     found += a[1] * b[1]
     found += a[2] * b[2]
     return found
-
-
-def _norm(vectors: Array) -> Array:
-    """Lengths of vectors by component, (3, ...)."""
-    return np.sqrt(_dot(vectors, vectors))
 
 
 def _first(margin: Array, least: float = 0.0) -> Array:

@@ -106,8 +106,8 @@ def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
         observed(studied[0], study, Adaptive(), full=False)
     assert drops
     for drop in drops:
-        assert drop[..., 2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
-        assert (np.diff(drop[:, -10:], axis=1) == 0.0).all()
+        assert drop[2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
+        assert (np.diff(drop[..., -10:], axis=2) == 0.0).all()
 
 
 def test_no_drop_between_those_followed_is_shown_later_than_promised(

@@ -112,7 +112,7 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
             return SeenOffset.of(expected, way, eyes, focal, X_WB[None, :3, :3], np.array(size))  # noqa: B023
 
         held = offset(X_WH)
-        clear, apart = held.clear(SURE)[0] >= 0, held.apart(SURE)[0] >= 0
+        apart, clear = (margin[0] >= 0 for margin in held.gone(SURE))
         there = offset(rest.X_FB).fills(SURE)[0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
