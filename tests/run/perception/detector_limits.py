@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from sqrp_cli.run.cell.mujoco_model import quaternion
 from sqrp_cli.run.cell.renderer import Renderer
 from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.image import CameraImage
-from sqrp_cli.run.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.run.perception.detections import BelievedState, BoxDetection, CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import ImageDetector
 from sqrp_cli.run.perception.vision import find_markers
 from sqrp_cli.run.robot_body import RobotBody
@@ -56,8 +56,31 @@ class Stage:
         self._renderer.move(self._positions)
         return CameraImage(eye, t, self._renderer.image(eye, t))
 
+    def look(
+        self, eye: Camera, name: str, believed: Array, *frames: Mapping[str, Array], detector: str = "color"
+    ) -> list[BoxDetection]:
+        """What images show of the box in which a thing is believed to be, with things at the poses of each frame."""
+        looker = ImageDetector(eye, self.knowledge)
+        looker.watch(sought(name, self.knowledge.objects[name].size, believed, detector))
+        found = []
+        for number, poses in enumerate(frames):
+            for thing_name, X_WO in poses.items():
+                self.put(thing_name, X_WO)
+            state = BelievedState({}, False, {**poses, name: believed})
+            found.append(looker.look(self.frame(eye.name, 0.1 * number), state).boxes[f"placed({name})"][0])
+        return found
+
     def close(self) -> None:
         self._renderer.close()
+
+
+def sought(name: str, size: tuple[float, float, float], X_WO: Array, detector: str = "color") -> DetectionTargets:
+    """That a thing is where it was at the start."""
+    box = TargetBox(
+        name="place", detector=detector, frame=FrameName(f"{name}@start"), size=size, X_FB=pose(), normal=None,
+        encloses=(name,),
+    )  # fmt: skip
+    return DetectionTargets({f"placed({name})": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {name: X_WO}, {})
 
 
 @contextmanager
@@ -116,46 +139,21 @@ def _cube_sights(
 ) -> tuple[Truth, Truth]:
     """What perception says with the cube in its place, and without, both behind a screen or between two."""
     X_WO = pose(position=PLACE)
-    detector = _detector_of_place(stage, eye)
     aside = {"screen": pose(position=(4.0, 3.0, 0.5)), **({"other": pose(position=(4.0, 4.0, 0.5))} if slit else {})}
     screens = dict(zip(aside, _screens(eye, X_WO, visible, random, slit=slit), strict=True))
-    before, behind = {"cube": X_WO, **aside}, {"cube": X_WO, **screens}
-    for name, X_W in before.items():
-        stage.put(name, X_W)
-    detector.look(stage.frame(eye.name, 0.0), BelievedState({}, False, before))
-    for name, X_W in screens.items():
-        stage.put(name, X_W)
-    there = detector.look(stage.frame(eye.name, 0.1), BelievedState({}, False, behind))
-    stage.put("cube", pose(position=(4.0, -6.0, 0.02)))
-    gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, behind))
-    return there.boxes["placed(cube)"][0].evidence, gone.boxes["placed(cube)"][0].evidence
+    gone = pose(position=(4.0, -6.0, 0.02))
+    frames = [{"cube": X, **where} for X, where in ((X_WO, aside), (X_WO, screens), (gone, screens))]
+    _, there, without = stage.look(eye, "cube", X_WO, *frames)
+    return there.evidence, without.evidence
 
 
 def beside(share: float, trials: int, seed: int = 0) -> list[Truth]:
     """What perception says of the place of a cube, in random views, that lies beside it by a share of its side."""
     random = np.random.default_rng([seed, round(share * 1000)])
-    eyes, found = [_view_of_cube(f"eye{trial}", 30.0, random) for trial in range(trials)], []
+    eyes = [_view_of_cube(f"eye{trial}", 30.0, random) for trial in range(trials)]
+    frames = [{"cube": pose(position=np.add(PLACE, (right * CUBE.size[0], 0.0, 0.0)))} for right in (0.0, share)]
     with staged([GROUND, CUBE], eyes) as stage:
-        for eye in eyes:
-            detector = _detector_of_place(stage, eye)
-            believed = BelievedState({}, False, {"cube": pose(position=PLACE)})
-            for t, right in enumerate((0.0, share)):
-                stage.put("cube", pose(position=np.add(PLACE, (right * CUBE.size[0], 0.0, 0.0))))
-                sights = detector.look(stage.frame(eye.name, 0.1 * t), believed)
-            found.append(sights.boxes["placed(cube)"][0].evidence)
-    return found
-
-
-def _detector_of_place(stage: Stage, eye: Camera) -> ImageDetector:
-    """One that looks for the cube where it stands at the start."""
-    detector = ImageDetector(eye, stage.knowledge)
-    box = TargetBox(
-        name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
-        encloses=("cube",),
-    )  # fmt: skip
-    target = ProgramTarget(cameras=1, boxes=(box,), seen={})
-    detector.watch(DetectionTargets({"placed(cube)": target}, {"cube": pose(position=PLACE)}, {}))
-    return detector
+        return [stage.look(eye, "cube", pose(position=PLACE), *frames)[1].evidence for eye in eyes]
 
 
 def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Camera:

@@ -16,18 +16,15 @@ from sqrp_cli.camera.markers import ObjectMarker
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-from sqrp_cli.files.frames import FrameName
-from sqrp_cli.geometry import Array, look_at, pose
+from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.perception.detections import BelievedState, BoxQuestion, DetectionTargets
-from sqrp_cli.run.perception.image_detector import DetectorPool, ImageDetector, plugin_detections
+from sqrp_cli.run.perception.detections import BelievedState, BoxQuestion
+from sqrp_cli.run.perception.image_detector import DetectorPool, plugin_detections
 from sqrp_cli.run.perception.projected import ExpectedView
 from sqrp_cli.run.perception.vision import area_of
 from sqrp_cli.run.record.report import Stopped
-from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import ROOT, camera, cell, empty, thing
-from tests.run.perception.detector_limits import Stage
+from tests.run.perception.detector_limits import Stage, sought
 
 PACKAGES = Path(__file__).parent / "packages"
 TAG = ObjectMarker(id=11, dictionary="apriltag_36h11")
@@ -53,25 +50,7 @@ def stage_with(kind: str) -> Stage:
     return Stage(replace(cell(empty(), THINGS, [EYE]), detectors={"mine": detector}))
 
 
-def sought() -> DetectionTargets:
-    box = TargetBox(
-        name="place", detector="mine", frame=FrameName("plate@start"), size=(0.1, 0.1, 0.02), X_FB=pose(), normal=None,
-        encloses=("plate",),
-    )  # fmt: skip
-    return DetectionTargets({"placed(plate)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"plate": PLACE}, {})
-
-
-def seen_with(kind: str, *places: Array) -> list[Truth]:
-    """What a detector says, image by image, while the plate is at these places."""
-    stage = stage_with(kind)
-    detector, found = ImageDetector(EYE, stage.knowledge), []
-    detector.watch(sought())
-    for number, X_WO in enumerate(places):
-        stage.put("plate", X_WO)
-        shown = detector.look(stage.frame("cam", 0.1 * number), BelievedState({}, False, {"plate": PLACE}))
-        found.append(shown.boxes["placed(plate)"][0].evidence)
-    stage.close()
-    return found
+SOUGHT = sought("plate", (0.1, 0.1, 0.02), PLACE, "mine")
 
 
 BESIDE, OUTSIDE = pose(position=(4.0, 0.2, 0.01)), pose(position=(4.0, 8.0, 0.01))
@@ -86,7 +65,10 @@ BESIDE, OUTSIDE = pose(position=(4.0, 0.2, 0.01)), pose(position=(4.0, 8.0, 0.01
     ],
 )
 def test_packages_see_tags_and_that_something_has_gone_and_our_own_detector_agrees(kind, places, says) -> None:
-    assert seen_with(kind, *places) == says
+    stage = stage_with(kind)
+    found = stage.look(EYE, "plate", PLACE, *({"plate": X_WO} for X_WO in places), detector="mine")
+    stage.close()
+    assert [one.evidence for one in found] == says
 
 
 @pytest.mark.parametrize(
@@ -99,7 +81,7 @@ def test_packages_see_tags_and_that_something_has_gone_and_our_own_detector_agre
 def test_what_a_package_does_wrong_is_said(kind: str, says: str) -> None:
     stage = stage_with(kind)
     with DetectorPool(stage.knowledge, processes=1) as pool:
-        pool.watch(sought())
+        pool.watch(SOUGHT)
         pool.submit(stage.frame("cam", 0.0), BelievedState({}, False, {"plate": PLACE}))
         with pytest.raises(Stopped) as caught:
             pool.collect("cam")
@@ -134,11 +116,11 @@ def test_a_workspace_may_name_an_installed_kind_and_reading_it_runs_nothing_of_t
 def test_a_question_says_what_the_robot_does_not_cover() -> None:
     stage = stage_with("as_at_first")
     image, believed = stage.frame("cam", 0.0).image, BelievedState({}, False, {"plate": PLACE})
-    view = ExpectedView(stage.knowledge, Projection(EYE), sought(), image, believed)
+    view = ExpectedView(stage.knowledge, Projection(EYE), SOUGHT, image, believed)
     stage.close()
     asked: list[BoxQuestion] = []
     plugin = SimpleNamespace(look=lambda _, questions: [asked.append(one) for one in questions])
-    plugin_detections("mine", plugin, view, [("placed(plate)", sought().targets["placed(plate)"].boxes[0])])
+    plugin_detections("mine", plugin, view, [("placed(plate)", SOUGHT.targets["placed(plate)"].boxes[0])])
     (found,) = asked
     assert (found.object, found.marker) == ("plate", TAG.on((0.1, 0.1, 0.02)))
     assert np.allclose(found.X_CB, np.linalg.inv(EYE.X_FC) @ PLACE)

@@ -13,12 +13,9 @@ import trimesh
 from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.scene import SceneObject
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import Array, Mask, inverse, pose, read_only, rpy_to_matrix, transform
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.run.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
-from sqrp_cli.run.perception.image_detector import ImageDetector
+from sqrp_cli.run.perception.detections import BoxDetection, MissReason
 from sqrp_cli.run.perception.projected import (
     LEAST_DEPTH,
     TOUCH,
@@ -30,7 +27,6 @@ from sqrp_cli.run.perception.projected import (
 from sqrp_cli.run.perception.vision import Crop, color_mask, dilated, filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box, Mesh, Part, surface
-from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import camera, thing
 from tests.run.perception.detector_limits import GROUND, SCREEN, Stage, staged
 
@@ -174,21 +170,8 @@ def projected(stage: Stage, eye: Camera, X_WO: np.ndarray) -> ProjectedObject:
 
 
 def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: np.ndarray) -> list[BoxDetection]:
-    """The sights of the box in which the thing is believed to be, in images with things at these poses."""
-    detector = ImageDetector(eye, stage.knowledge)
-    box = TargetBox(
-        name="place", detector="color", frame=FrameName("part@start"), size=stage.knowledge.objects["part"].size,
-        X_FB=pose(), normal=None, encloses=("part",),
-    )  # fmt: skip
-    detector.watch(
-        DetectionTargets({"placed(part)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"part": believed}, {})
-    )
-    found = []
-    for number, poses in enumerate(frames):
-        for name, X in poses.items():
-            stage.put(name, X)
-        believed = BelievedState({}, False, {**poses, "part": believed})
-        found.append(detector.look(stage.frame(eye.name, 0.1 * number), believed).boxes["placed(part)"][0])
+    """What is seen of the box in which the part is believed to be, in images with things at these poses."""
+    found = stage.look(eye, "part", believed, *frames)
     stage.put("screen", AWAY)
     return found
 
