@@ -17,14 +17,12 @@ class AprilTags:
         """There if the tag is seen in the box, elsewhere if it is seen beside it."""
         corners, ids, _ = self._detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
         found = {} if ids is None else dict(zip(ids.ravel().tolist(), corners, strict=True))
-        return [self._answer(question, found.get(question.marker.id)) for question in questions]
-
-    def _answer(self, question, corners):
-        if corners is None:
-            return None
-        middle = corners.reshape(-1, 2).mean(axis=0)
-        outline = question.outline.astype(np.float32)
-        return cv2.pointPolygonTest(outline, [float(value) for value in middle], False) >= 0
+        answers = []
+        for question in questions:
+            outline, tag = question.outline.astype(np.float32), found.get(question.marker.id)
+            middle = None if tag is None else tag.reshape(-1, 2).mean(axis=0).tolist()
+            answers.append(None if middle is None else cv2.pointPolygonTest(outline, middle, False) >= 0)
+        return answers
 
 
 class AsAtFirst:
@@ -38,13 +36,8 @@ class AsAtFirst:
         if self._first is None:
             self._first = image.astype(np.int16)
         same = np.abs(image - self._first).max(axis=2) < 25
-        return [self._answer(question, same) for question in questions]
-
-    def _answer(self, question, same):
-        inside = same[question.clear]
-        if len(inside) < 20 or 0.3 < inside.mean() < 0.8:
-            return None
-        return bool(inside.mean() >= 0.8)
+        insides = [same[question.clear] for question in questions]
+        return [None if len(a) < 20 or 0.3 < a.mean() < 0.8 else bool(a.mean() >= 0.8) for a in insides]
 
 
 class Fails:
