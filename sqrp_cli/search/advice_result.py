@@ -254,11 +254,6 @@ class AdviceDocument(TaskDocument):
         return "Figures are of the ways that candidates have now; rank may find others then."
 
     @property
-    def found(self) -> bool:
-        """Whether anything meets the goal."""
-        return self.met or bool(self.advice)
-
-    @property
     def brief(self) -> str:
         """Its main figures, in a line."""
         count = len(self.advice)

@@ -119,7 +119,7 @@ class CameraPlacer:
             and len(found.selection.options) <= wanted.at_least(len(table.kept))
         )
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
-            table.add_ways()
+            table.judge(others=True)
             found = self._search(wanted, known=found.selection)
         if found.selection is None and goal is not None and not self._stopped:
             if found.proven and wanted.most is not None:

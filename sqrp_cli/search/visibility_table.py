@@ -130,8 +130,16 @@ class VisibilityTable:
             one: self.spots[other].name for one, other in touching_pairs(self.spots) if one < mounted <= other
         }
 
-    def judge(self) -> None:
-        """Find out what is seen of the ways that nobody has looked at, and which sites are in their way."""
+    def judge(self, *, others: bool = False) -> None:
+        """Find out what is seen of the ways that nobody has looked at, and which sites are in their way.
+
+        others: let other ways be chosen, too.
+        """
+        for number, more in enumerate(self.others if others else ()):
+            first = self.ways[self.candidates[number][0]]
+            self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(more)))
+            self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in more]
+            self.others[number] = []
         ways = self.ways[len(self.sees) :]
         self.sees += self._verdicts(ways)
         goal = self.question.requirements.goal
@@ -147,15 +155,6 @@ class VisibilityTable:
                     some = replace(observer, cameras=tuple(cameras[start : start + _TOGETHER]))
                     delays[start : start + _TOGETHER] = least_fault_delays(way.scene, some, response)
             self._least_delays.append(delays)
-
-    def add_ways(self) -> None:
-        """Let other ways be chosen, too."""
-        for number, others in enumerate(self.others):
-            first = self.ways[self.candidates[number][0]]
-            self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(others)))
-            self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in others]
-        self.others = []
-        self.judge()
 
     def problem(self, failure_tolerance: int) -> Problem:
         """The problem of choosing, at the samples so far, if so many cameras may fail."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
-from typing import TypeVar
+from typing import Any
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import bad_input
@@ -16,8 +16,6 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.skill.skill import JointMove, Skill, SkillChoice
-
-Value = TypeVar("Value")
 
 THEN = " then "
 """Between the steps of a task of several."""
@@ -126,19 +124,12 @@ def whole_task(text: str, steps: Sequence[Task], workspace: Workspace, facts: fr
 
 def whole_candidate(skill: Skill, steps: Sequence[Candidate]) -> Candidate:
     """One choice for all steps as a candidate, whose parameters say which step they belong to: `2.peg`."""
-
-    def numbered(of_steps: Iterable[Mapping[str, Value]]) -> dict[str, Value]:
-        return {f"{number}.{key}": value for number, one in enumerate(of_steps, 1) for key, value in one.items()}
-
-    return Candidate(
-        skill=skill,
-        binding=numbered(step.binding for step in steps),
-        values=numbered(step.values for step in steps),
-        name=THEN.join(f"{step.skill.name} {step.name}" for step in steps),
-        vias=numbered(step.vias for step in steps),
-        branch=numbered(step.branch for step in steps),
-        steps=tuple(steps),
-    )
+    own: dict[str, dict[str, Any]] = {
+        field: {f"{n}.{key}": value for n, step in enumerate(steps, 1) for key, value in getattr(step, field).items()}
+        for field in ("binding", "values", "vias", "branch")
+    }
+    name = THEN.join(f"{step.skill.name} {step.name}" for step in steps)
+    return Candidate(skill=skill, name=name, steps=tuple(steps), **own)
 
 
 def whole_skill(skills: Sequence[Skill]) -> Skill:

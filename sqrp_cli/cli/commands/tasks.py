@@ -346,7 +346,7 @@ def _advise(
         note(message)
     if interrupted:
         return ExitCode.INTERRUPTED
-    return ExitCode.OK if found.found else ExitCode.NONE_FEASIBLE
+    return ExitCode.OK if found.met or found.advice else ExitCode.NONE_FEASIBLE
 
 
 def write_change(found: AdviceDocument, path: Path, number: int | None, patch: Path | None) -> str:
@@ -354,7 +354,7 @@ def write_change(found: AdviceDocument, path: Path, number: int | None, patch: P
 
     path: of the workspace, as it was given.
     """
-    if (number is None and patch is None) or not found.found:
+    if (number is None and patch is None) or not (found.met or found.advice):
         return ""
     if found.met and number in (None, 1):
         return f"the goal is met already, so {path if patch is None else patch} is not written"
