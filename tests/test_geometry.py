@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,6 +14,7 @@ from sqrp_cli.geometry import (
     inverse,
     look_at,
     matrix_to_quaternion,
+    matrix_to_rpy,
     pose,
     quaternion_to_matrix,
     read_only,
@@ -134,3 +137,9 @@ def test_a_read_only_copy_cannot_be_written_and_does_not_follow_its_source() -> 
     assert copy.tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="read-only"):
         copy[0] = 3.0
+
+
+def test_rotations_survive_being_written_as_roll_pitch_yaw() -> None:
+    for rpy in product(np.radians([-180, -90, -30, 0, 45, 90, 180]), repeat=3):
+        R = rpy_to_matrix(rpy)
+        np.testing.assert_allclose(rpy_to_matrix(matrix_to_rpy(R)), R, atol=1e-9)
