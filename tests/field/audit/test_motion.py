@@ -51,32 +51,25 @@ def recorded(runs: list[tuple[float, Any, float]], rate: float = 50.0, end: floa
     return joint_tracks(states)
 
 
-def test_each_step_is_found_to_a_millisecond() -> None:
-    starts, runs = found_steps(PROGRAM, ARM, recorded([(4.123, OUT, 1.0), (9.456, BACK, 1.0)]), Path("run.mcap"))
-    assert starts == pytest.approx([4.123, 9.456], abs=1e-3)
-    assert runs == 1
+HOME, TWICE = moved([0.6, -0.4], [0.0, 0.0], 2.0), [(2.0, OUT, 1.0), (6.0, BACK, 1.0), (10.0, OUT, 1.0)]
 
 
-@pytest.mark.parametrize(("last", "runs"), [(1.0, 2), (0.2, 1)])
-def test_of_two_runs_the_first_one_counts_and_both_are_told(last: float, runs: int) -> None:
-    moves = [(2.0, OUT, 1.0), (6.0, BACK, 1.0), (10.0, OUT, 1.0), (14.0, BACK, last)]
-    starts, found = found_steps(PROGRAM, ARM, recorded(moves), Path("run.mcap"))
-    assert starts == pytest.approx([2.0, 6.0], abs=1e-3)
-    assert found == runs
-
-
-def test_a_step_that_comes_again_within_a_program_is_no_other_run() -> None:
-    home = moved([0.6, -0.4], [0.0, 0.0], 2.0)
-    program: Any = SimpleNamespace(joints=tuple(ARM), steps=[OUT, home, OUT, home])
-    moves = [(t, step, 1.0) for t, step in zip(range(1, 17, 4), program.steps, strict=True)]
-    starts, runs = found_steps(program, ARM, recorded(moves), Path("run.mcap"))
-    assert (starts, runs) == (pytest.approx([1.0, 5.0, 9.0, 13.0], abs=1e-3), 1)
-
-
-def test_a_step_that_was_stopped_on_the_way_is_found_by_its_beginning() -> None:
-    program: Any = SimpleNamespace(joints=tuple(ARM), steps=[OUT])
-    starts, _ = found_steps(program, ARM, recorded([(5.0, OUT, 0.6)]), Path("run.mcap"))
-    assert starts == pytest.approx([5.0], abs=2e-3)
+@pytest.mark.parametrize(
+    ("steps", "moves", "starts", "runs"),
+    [
+        ([OUT, BACK], [(4.123, OUT, 1.0), (9.456, BACK, 1.0)], [4.123, 9.456], 1),
+        ([OUT, BACK], [*TWICE, (14.0, BACK, 1.0)], [2.0, 6.0], 2),
+        ([OUT, BACK], [*TWICE, (14.0, BACK, 0.2)], [2.0, 6.0], 1),
+        ([OUT, HOME] * 2, [(1.0, OUT, 1.0), (5.0, HOME, 1.0), (9.0, OUT, 1.0), (13.0, HOME, 1.0)], [1, 5, 9, 13], 1),
+        ([OUT], [(5.0, OUT, 0.6)], [5.0], 1),
+    ],
+    ids=["one run", "two runs", "one that was stopped", "a step that comes again", "a step that was stopped"],
+)
+def test_each_step_of_the_first_run_is_found_and_how_many_runs_there_are(steps, moves, starts, runs) -> None:
+    program: Any = SimpleNamespace(joints=tuple(ARM), steps=steps)
+    found, count = found_steps(program, ARM, recorded(moves), Path("run.mcap"))
+    assert found == pytest.approx(starts, abs=2e-3 if len(steps) == 1 else 1e-3)
+    assert count == runs
 
 
 @pytest.mark.parametrize("end", [0.7, 1.0])
