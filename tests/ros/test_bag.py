@@ -83,15 +83,6 @@ def read(path: Path) -> None:
             bag.read(one)
 
 
-def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
-    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
-    os.mkfifo(tmp_path / "run.mcap")
-    for path in (tmp_path, tmp_path / "run.mcap"):
-        with pytest.raises(InputError, match=r"run\.mcap is neither a file nor a folder"):
-            check_kind(path)
-        assert is_bag(tmp_path / "run.mcap") is False
-
-
 def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(mcap_of_zeros(1 << 30))
@@ -115,12 +106,18 @@ def test_metadata_is_refused_at_its_line_or_for_its_size(tmp_path: Path, text: s
         Bag(tmp_path)
 
 
-def test_files_of_ros_2_are_told_by_their_beginning(tmp_path: Path) -> None:
+def test_files_of_ros_2_are_told_by_their_beginning_and_pipes_are_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "run.bag2"
     path.write_bytes(b"SQLite format 3\0")
     with pytest.raises(InputError, match=r"whose name has to end in \.db3") as caught:
         read(path)
     assert caught.value.problems[0].mend == f"mv {path} {path.with_suffix('.db3')}"
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    os.mkfifo(tmp_path / "run.mcap")
+    for piped in (tmp_path, tmp_path / "run.mcap"):
+        with pytest.raises(InputError, match=r"run\.mcap is neither a file nor a folder"):
+            check_kind(piped)
+    assert is_bag(tmp_path / "run.mcap") is False
 
 
 USED = (

@@ -20,20 +20,11 @@ def test_slopes_are_the_differences_of_how_far_points_are_away() -> None:
     points = np.column_stack([rng.uniform(-0.1, 0.1, (n, 2)), rng.uniform(0.8, 1.2, n)])
     owner = rng.integers(-1, 2, n)
     fitted = SeenEdges(
-        projection=projection,
-        points=points,
-        speeds=rng.normal(0.0, 0.3, (n, 3)),
-        levers=rng.normal(0.0, 0.05, (n, 3)),
-        body=rng.integers(0, 4, n),
-        pixels=projection.pixels(points)[0],
-        normals=rng.normal(size=(n, 2)),
-        contrast=np.zeros((n, 21)),
-        R_CW=np.tile(np.linalg.qr(rng.normal(size=(3, 3)))[0], (n, 1, 1)),
-        alike=np.ones(n),
-        owned=owner[:, None] == [0, 1],
-        deviations=np.ones(16),
-        reach=5.0,
-    )
+        projection=projection, points=points, speeds=rng.normal(0.0, 0.3, (n, 3)), levers=rng.normal(0.0, 0.05, (n, 3)),
+        body=rng.integers(0, 4, n), pixels=projection.pixels(points)[0], normals=rng.normal(size=(n, 2)),
+        contrast=np.zeros((n, 21)), R_CW=np.tile(np.linalg.qr(rng.normal(size=(3, 3)))[0], (n, 1, 1)), alike=np.ones(n),
+        owned=owner[:, None] == [0, 1], deviations=np.ones(16), reach=5.0,
+    )  # fmt: skip
     change = rng.normal(0.0, 0.02, len(fitted.deviations))
     steps = 1e-6 * np.eye(len(change))
     differences = [fitted.away(change + step) - fitted.away(change - step) for step in steps]

@@ -32,16 +32,13 @@ def found(judged: Mask, down: int, right: int) -> tuple[float, float]:
 steps = st.integers(-REACH + 1, REACH - 1)
 
 
+@pytest.mark.parametrize("hidden", [slice(0, 0), slice(0, TOP + 8), slice(TOP + ROWS - 8, None)])
 @given(down=steps, right=steps)
-def test_a_part_that_is_seen_whole_is_found_where_it_is(down: int, right: int) -> None:
-    assert found(np.ones(SHAPE, dtype=bool), down, right) == (down, right)
-
-
-@pytest.mark.parametrize("end", [slice(0, TOP + 8), slice(TOP + ROWS - 8, None)])
-@given(down=steps, right=steps)
-def test_what_hides_one_end_of_it_does_not_matter(end: slice, down: int, right: int) -> None:
+def test_a_part_that_is_seen_whole_or_but_for_one_end_is_found_where_it_is(
+    hidden: slice, down: int, right: int
+) -> None:
     judged = np.ones(SHAPE, dtype=bool)
-    judged[end] = False
+    judged[hidden] = False
     assert found(judged, down, right) == (down, right)
 
 
@@ -61,16 +58,11 @@ def test_the_edge_of_the_image_is_no_end_of_it(down: int, right: int) -> None:
 
 
 @pytest.mark.parametrize("far", [(0, 4), (0, 13), (-14, 0), (12, 13)])
-def test_a_part_further_away_than_the_first_reach_is_found_within_the_next(far: tuple[int, int]) -> None:
-    seen = part(*far)
-    across, along = displacement(seen, np.ones_like(seen), lambda margin: part(margin=margin), (REACH, 17)).tolist()
-    assert (along, across) == far
-
-
-def test_what_is_alike_further_away_does_not_matter() -> None:
-    end = slice(TOP + 8, None)
+def test_a_part_further_away_than_the_first_reach_is_found_within_the_next_unless_it_may_be_nearer(far) -> None:
     judged = np.ones(SHAPE, dtype=bool)
-    judged[end] = False
+    across, along = displacement(part(*far), judged, lambda margin: part(margin=margin), (REACH, 17)).tolist()
+    assert (along, across) == far
+    judged[TOP + 8 :] = False
     seen = (part() | part(0, 16)) & judged
     assert displacement(seen, judged, lambda margin: part(margin=margin), (REACH, 17)).tolist() == [0.0, 0.0]
 
