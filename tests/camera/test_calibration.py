@@ -9,7 +9,6 @@ import pytest
 
 from sqrp_cli.camera.calibration import Intrinsics, read_calibration
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.errors import InputError
 from tests.cells import read_cases, refused
 
 CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
@@ -117,8 +116,3 @@ def test_images_are_cut_and_binned_as_image_geometry_has_it(tmp_path, x, y, left
     camera = read(INFO.format(x=x, y=y, left=left, top=top, width=width, height=height), tmp_path)
     assert (camera.width, camera.height) == size
     assert tuple(camera.matrix[(0, 1, 0, 1), (0, 1, 2, 2)]) == pinhole
-
-
-def test_a_region_out_of_the_image_is_refused(tmp_path):
-    with pytest.raises(InputError, match="`roi`: reaches out of the image of 1280x720"):
-        read(INFO.format(x=0, y=0, left=700, top=0, width=640, height=360), tmp_path)

@@ -189,38 +189,13 @@ def test_colmap_counts_pixels_from_the_corner_of_the_first(tmp_path, model, para
     assert (found.distortion_model, tuple(found.distortion)) == distortion
 
 
-WRITTEN_BY_COLMAP = """# Camera list with one line of data per camera:
-#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
-# Number of cameras: 7
-1 SIMPLE_PINHOLE 1280 720 900.10000000000002 640 360
-2 PINHOLE 1280 720 900.10000000000002 901.20000000000005 640.29999999999995 360.39999999999998
-3 SIMPLE_RADIAL 1280 720 900 640 360 0.10000000000000001
-4 RADIAL 1280 720 900 640 360 0.10000000000000001 -0.20000000000000001
-5 OPENCV 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.001 0.002
-6 OPENCV_FISHEYE 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.01 0.02
-7 FULL_OPENCV 1280 720 900 901 640 360 0.10000000000000001 -0.20000000000000001 0.001 0.002 @
-""".replace("@", "0.10000000000000001 0.20000000000000001 0.29999999999999999 0.40000000000000002")
-"""By COLMAP 4.2.1, about cameras of our own."""
-
-SEEN_BY_COLMAP = (
-    ((730.01, 179.98), (369.97, 585.025)),
-    ((730.31, 180.16), (370.27, 585.7)),
-    ((730.45, 179.1), (365.8825, 588.43125)),
-    ((730.405, 179.19), (367.1383375, 587.38471875)),
-    ((730.495, 179.03415), (367.6018375, 587.617095938)),
-    ((728.930591847, 181.941192769), (380.003961524, 576.904102469)),
-    ((729.530171152, 180.965951761), (377.725410878, 579.17141111)),
-)
-"""Where COLMAP itself sees (0.1, -0.2, 1) and (-0.3, 0.25, 1) with each of these cameras [pixels]."""
-
-
-@pytest.mark.parametrize("number", range(1, 8))
-def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path, number):
-    wanted = typed(WRITTEN_BY_COLMAP, camera=str(number))(tmp_path)
+@pytest.mark.parametrize(("number", "seen_by_colmap"), [*enumerate(CASES["colmap"]["seen"], 1)])
+def test_cameras_of_colmap_see_points_where_colmap_sees_them(tmp_path, number, seen_by_colmap):
+    wanted = typed(CASES["colmap"]["text"], camera=str(number))(tmp_path)
     lens = read_calibration(Path(wanted.file), wanted)[0]
     camera = Camera(**vars(lens), name="c", frame="world", X_FC=np.eye(4), rate=10.0)
     seen = Projection(camera).pixels(np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]]))[0]
-    np.testing.assert_allclose(seen, np.array(SEEN_BY_COLMAP[number - 1]) - 0.5, rtol=0, atol=2e-9)
+    np.testing.assert_allclose(seen, np.array(seen_by_colmap) - 0.5, rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize("case", CASES["damaged"], ids=lambda case: case["case"])

@@ -11,7 +11,6 @@ from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.detector import Detector, DetectorEntry
 from sqrp_cli.camera.markers import DICTIONARIES, ObjectMarker, opencv_name
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.errors import InputError
 
 CELL = Path(__file__).parents[1] / "cases" / "contact" / "wipe.yaml"
 
@@ -35,17 +34,6 @@ def test_a_marker_is_its_id_or_a_mapping_with_dictionary_and_side():
     )
     assert ObjectMarker(id=7).on((0.09, 0.2, 0.1)).side == pytest.approx(0.07)
     assert ObjectMarker(id=7, dictionary="4x4_50").on((0.08, 0.2, 0.1)).side == pytest.approx(0.06)
-
-
-@pytest.mark.parametrize(("marker", "message"), [
-        ("{id: 7, dictionary: 4x4_51}", "found `4x4_51`, which is no dictionary; did you mean `4x4_50`"),
-        ("{id: 50, dictionary: 4x4_50}", "found id 50, expected one of `4x4_50`: 0 to 49"),
-        ("1024", "found id 1024, expected one of `aruco_original`: 0 to 1023"),
-])  # fmt: skip
-def test_a_marker_that_is_none_is_refused(marker, message):
-    with pytest.raises(InputError) as caught:
-        cell_with(marker)
-    assert message in str(caught.value)
 
 
 def test_markers_that_no_camera_can_read_have_an_empty_range():

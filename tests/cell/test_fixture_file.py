@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.cell.fixture_file import read_fixtures
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError
@@ -109,13 +108,3 @@ def test_names_that_are_taken_are_numbered(files):
     scene = files / "shelf.scene"
     scene.write_text(scene.read_text().replace("* shelf", "* table"))
     assert "table_2" in loaded(files, "shelf.scene").objects
-
-
-@pytest.mark.parametrize("order", ["world", "xy", ""])
-def test_an_order_of_angles_that_is_none_is_refused_with_its_line(tmp_path, order):
-    path = tmp_path / "world.xml"
-    body = '<body><geom type="box" size="1 1 1" euler="10 20 30"/></body>'
-    path.write_text(f'<mujoco>\n<compiler eulerseq="{order}"/><worldbody>{body}</worldbody></mujoco>')
-    with pytest.raises(InputError, match=r"`eulerseq` is .*, expected three of the letters") as caught:
-        read_fixtures(path, path.read_bytes(), (), [])
-    assert caught.value.problems[0].place.line == 2

@@ -91,9 +91,7 @@ def test_its_content_is_what_it_stands_for(package):
 def test_an_argument_that_it_does_not_take_is_named_and_one_for_which_files_are_missing_is_shown(package):
     with pytest.raises(InputError, match="takes no argument `arm_typ`; did you mean `arm_type`"):
         read(package, arm_typ="long")
-    with pytest.raises(InputError) as caught:
-        read(package, arm_type="medium")
-    (problem,) = caught.value.problems
+    problem = refused(read, package, arm_type="medium")
     assert problem.code == "missing-file"
     assert "arm_type (medium)" in (problem.mend or "")
 
@@ -105,26 +103,21 @@ def test_environment_variables_are_never_read(package, monkeypatch):
     assert read(package, ARM_NAME="given").name == "given"
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
-        '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>',
-        "".join(
-            f'<xacro:macro name="m{n}">{f"<xacro:m{n - 1}/>" * 10 if n else "<link/>"}</xacro:macro>' for n in range(9)
-        )
-        + "<xacro:m8/>",
-        '<xacro:property name="p0" value="aaaaaaaaaa"/>'
-        + "".join(f'<xacro:property name="p{n}" value="${{p{n - 1}}}${{p{n - 1}}}"/>' for n in range(1, 60))
-        + '<link name="${p59}"/>',
-    ],
-    ids=["itself", "circle", "macros", "text"],
+MACROS = "".join(
+    f'<xacro:macro name="m{n}">{f"<xacro:m{n - 1}/>" * 10 if n else "<link/>"}</xacro:macro>' for n in range(9)
 )
+DOUBLED = "".join(f'<xacro:property name="p{n}" value="${{p{n - 1}}}${{p{n - 1}}}"/>' for n in range(1, 60))
+PROPERTY = '<xacro:property name="{}" value="{}"/>'
+
+
+@pytest.mark.parametrize("body", [
+        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', f"{MACROS}<xacro:m8/>",
+        f'{PROPERTY.format("a", "${b}")}{PROPERTY.format("b", "${a}")}<link name="${{a}}"/>',
+        f'{PROPERTY.format("p0", "a" * 10)}{DOUBLED}<link name="${{p59}}"/>',
+    ], ids=["itself", "macros", "circle", "text"])  # fmt: skip
 def test_no_file_expands_without_end(tmp_path, body):
     (tmp_path / "bomb.xacro").write_text(f'<robot name="r" {XMLNS}>{body}</robot>')
-    with pytest.raises(InputError) as caught:
-        read_robot_xml(tmp_path / "bomb.xacro")
-    assert caught.value.problems[0].code in ("xacro", "too-many-elements")
+    assert refused(read_robot_xml, tmp_path / "bomb.xacro").code in ("xacro", "too-many-elements")
 
 
 def test_a_urdf_is_plain_unless_there_is_xacro_in_it(tmp_path):
@@ -164,8 +157,7 @@ def test_warnings_of_the_file_are_kept(package):
     assert (warning.code, warning.severity) == ("xacro-warning", "warning")
 
 
-LONG = ["9**9**9", "[max(range(90000)) for x in range(40000)]", "max(range(10**12))",
-        "[[[x for x in range(1000)] for y in range(1000)] for z in range(1000)]"]  # fmt: skip
+LONG = ["9**9**9", "[max(range(90000)) for x in range(40000)]"]
 LARGE = ["'a' * 10**10", "[0] * 10**10", "'{:>9999999999}'.format(1)", "(" * 300 + "1" + ")" * 300]
 
 
@@ -173,9 +165,8 @@ LARGE = ["'a' * 10**10", "[0] * 10**10", "'{:>9999999999}'.format(1)", "(" * 300
 def test_an_expression_that_takes_long_or_much_memory_ends_by_the_limit(tmp_path, monkeypatch, expression):
     monkeypatch.setattr(robot_xml, "MAX_SECONDS", 1)
     (tmp_path / "bomb.xacro").write_text(f'<robot name="r" {XMLNS}><link name="${{{expression}}}"/></robot>')
-    with pytest.raises(InputError, match="too much time or memory" if expression in LONG else None) as caught:
-        read_robot_xml(tmp_path / "bomb.xacro")
-    assert len(caught.value.problems) == 1
+    message = refused(read_robot_xml, tmp_path / "bomb.xacro").message
+    assert "too much time or memory" in message or expression in LARGE
 
 
 def test_a_link_inside_a_package_is_not_followed_out_of_it(package, tmp_path):
@@ -197,10 +188,7 @@ def test_a_link_inside_a_package_is_not_followed_out_of_it(package, tmp_path):
 def test_what_is_wrong_in_an_included_file_names_that_file(package, wrong):
     common = package / "urdf" / "inc" / "common.xacro"
     common.write_text(f'<robot {XMLNS}>\n<xacro:if value="true">{wrong}</xacro:if></robot>')
-    with pytest.raises(InputError) as caught:
-        read(package)
-    (problem,) = caught.value.problems
-    assert problem.place is not None
+    problem = refused(read, package)
     assert (problem.place.file, problem.place.line) == (common, 2)
 
 
