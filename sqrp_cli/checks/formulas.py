@@ -8,7 +8,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, TypeAlias
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.logic.domain import EQUAL, Compound, Condition, Holds
+from sqrp_cli.logic.domain import EQUAL, Compound, Condition, Holds, nested
 from sqrp_cli.logic.formula import (
     Formula,
     Instant,
@@ -17,7 +17,6 @@ from sqrp_cli.logic.formula import (
     Predicate,
     argument_lists,
     bind,
-    nested,
     problem_at,
 )
 from sqrp_cli.logic.literal import Atom

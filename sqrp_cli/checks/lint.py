@@ -20,7 +20,8 @@ from sqrp_cli.checks.formulas import contradictions, faults_of_the_plan, formula
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Problem, expected_names, first_names
 from sqrp_cli.files.frames import AT_START, WORLD
-from sqrp_cli.logic.formula import Predicate, nested
+from sqrp_cli.logic.domain import nested
+from sqrp_cli.logic.formula import Predicate
 from sqrp_cli.skill.skill import Grasp, Skill
 from sqrp_cli.skill.target_box import BoxSpec
 

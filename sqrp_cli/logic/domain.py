@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from sqrp_cli.errors import Place, bad_input
 from sqrp_cli.records import dataclass
@@ -91,11 +91,13 @@ class Compound:
 
 Condition: TypeAlias = Holds | Compound
 
+Tree = TypeVar("Tree")
 
-def nested(condition: Condition) -> Iterator[Condition]:
-    """A condition, and all in it, from left to right."""
-    yield condition
-    for part in condition.parts if isinstance(condition, Compound) else ():
+
+def nested(whole: Tree) -> Iterator[Tree]:
+    """A condition or a formula, and all in it: outer before inner, from left to right."""
+    yield whole
+    for part in getattr(whole, "parts", ()):
         yield from nested(part)
 
 

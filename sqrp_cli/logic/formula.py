@@ -110,13 +110,6 @@ class Operation:
 Formula: TypeAlias = Predicate | Operation
 
 
-def nested(formula: Formula) -> Iterator[Formula]:
-    """A formula and all in it, outer before inner, from left to right."""
-    yield formula
-    for part in formula.parts:
-        yield from nested(part)
-
-
 ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
 """For each predicate in an action, its different lists of arguments: names of parameters and constants, and `?name` for
 the variable of a quantifier."""
@@ -142,7 +135,7 @@ def check_formula(
     """
     lists = argument_lists(action)
     types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
-    for part in nested(formula):
+    for part in pddl.nested(formula):
         if isinstance(part, Predicate):
             wrong = partial(problem_at, part.origin)
             if part.name not in lists:

@@ -184,10 +184,8 @@ class _Reader:
                 for word, parent in declared:
                     if word.text in self.types or word.text == pddl.OBJECT:
                         self.report("pddl-duplicate", f"type `{word.text}` is declared twice", word)
-                    elif parent and parent.text not in where and parent.text != pddl.OBJECT:
-                        self.unknown("pddl-unknown-type", parent, [*where, pddl.OBJECT])
                     else:
-                        self.types[word.text] = parent.text if parent else pddl.OBJECT
+                        self.types[word.text] = parent
                 for name in self.types:
                     chain = [name]
                     while chain[-1] in self.types and len(chain) <= len(self.types):
@@ -197,10 +195,10 @@ class _Reader:
                             message = f"type `{name}` is above itself: {cycle}"
                             raise self.failure(message, where[name], "pddl-cyclic-types")
             case ":constants":
-                for word, type_word in self.typed_list(section.items[1:], "a constant"):
+                for word, type_name in self.typed_list(section.items[1:], "a constant"):
                     if word.text in self.constants:
                         self.report("pddl-duplicate", f"constant `{word.text}` is declared twice", word)
-                    self.constants[word.text] = self.type_of(type_word)
+                    self.constants[word.text] = type_name
             case ":predicates":
                 for node in section.items[1:]:
                     if not node.items:
@@ -269,15 +267,15 @@ class _Reader:
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[pddl.Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""
         found = []
-        for word, type_word in self.typed_list(nodes, VARIABLE):
+        for word, type_name in self.typed_list(nodes, VARIABLE):
             name = word.text.removeprefix("?")
             if name in scope:
                 self.report("pddl-duplicate", f"variable `{word.text}` is declared twice", word)
-            scope[name] = self.type_of(type_word)
+            scope[name] = type_name
             found.append(pddl.Parameter(name, scope[name]))
         return tuple(found)
 
-    def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Node, Node | None]]:
+    def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Node, str]]:
         """Words with their types in a list such as `a b - t c`; what: their kind, which decides their syntax."""
         found: list[tuple[Node, Node | None]] = []
         untyped: list[Node] = []
@@ -294,14 +292,11 @@ class _Reader:
             self.need(node, "`- type`", ":typing")
             found += [(word, self.word(type_node, "a type", name=True)) for word in untyped]
             untyped = []
-        return found + [(word, None) for word in untyped]
-
-    def type_of(self, word: Node | None) -> str:
-        if word is None:
-            return pddl.OBJECT
-        if word.text not in (known := [*self.types, pddl.OBJECT]):
-            self.unknown("pddl-unknown-type", word, known)
-        return word.text
+        found += [(word, None) for word in untyped]
+        known = [*(word.text for word, _ in found if what == "a type"), *self.types, pddl.OBJECT]
+        for type_word in (one for _, one in found if one is not None and one.text not in known):
+            self.unknown("pddl-unknown-type", type_word, known)
+        return [(word, pddl.OBJECT if type_word is None else type_word.text) for word, type_word in found]
 
     def condition(self, node: Node, scope: Scope) -> pddl.Condition:
         if not node.items:

@@ -12,7 +12,8 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, bad_input
-from sqrp_cli.logic.formula import Predicate, nested
+from sqrp_cli.logic.domain import nested
+from sqrp_cli.logic.formula import Predicate
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Trace, Truth, evaluate
 from sqrp_cli.program.record import Program, Replanner, Step

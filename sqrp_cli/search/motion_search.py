@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
 from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
@@ -136,7 +136,7 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
             if isinstance(found, Infeasible):
                 continue
             for way in (found.study.candidate, *(with_way(step, figures) for figures in found.ways.pareto[1:])):
-                done = study(cell, way, world, sampling, full=False)
+                done = analyse(cell, way, world, sampling, full=False)
                 if isinstance(done, Analysis):
                     longer.append(((*steps, done), world_after(way, done.motion, world)))
         begun, numbers = longer, range(len(longer))

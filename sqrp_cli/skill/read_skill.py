@@ -17,8 +17,8 @@ from sqrp_cli.files.units import Quantity
 from sqrp_cli.files.usual_values import SKILL, unusual_values
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import MAX_BYTES, read_yaml
-from sqrp_cli.logic.domain import Action, Domain
-from sqrp_cli.logic.formula import Formula, check_formula, nested
+from sqrp_cli.logic.domain import Action, Domain, nested
+from sqrp_cli.logic.formula import Formula, check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.skill import settings, skill

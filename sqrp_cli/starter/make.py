@@ -22,7 +22,7 @@ from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, workspace_text
-from sqrp_cli.study.assessment import study
+from sqrp_cli.study.assessment import analyse
 from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.task import read_task
@@ -189,7 +189,7 @@ def _told_apart(layout: Layout) -> Layout:
     green = [replace(cube, name=name, color="green") for name, cube in zip(names, layout.cubes, strict=True)]
     cell, lost = _load(replace(layout, cubes=green)), defaultdict[tuple[str, str], float](float)
     for candidate in read_task(TASK, cell.workspace).candidates if green else ():
-        found = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        found = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(found, Infeasible):
             (own,) = candidate.binding.values()
             for total in cause_totals(cell, found):

@@ -121,7 +121,7 @@ class Analysis(Observed):
         )
 
 
-def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Analysis | Infeasible:
+def analyse(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Analysis | Infeasible:
     """Check, move and observe one candidate that starts in `world`.
 
     full: with the verdicts of every camera and their causes. Raises InputError for a sampling with too many samples.
@@ -153,7 +153,7 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
 
 
 def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
-    """What the cameras of a cell see of a motion, whatever others see of it; see `study`."""
+    """What the cameras of a cell see of a motion, whatever others see of it; see `analyse`."""
     return with_delays(cell, all_observed(cell, [scene], sampling, full=full), sampling)[0]
 
 

@@ -26,12 +26,12 @@ from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.result import UnseenTime
 
 
-def cause_totals(cell: Cell, study: Analysis) -> tuple[UnseenTime, ...]:
+def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
     """Totals of every literal, camera and cause, the longest first within each literal."""
-    weights = sample_weights(study)
-    observation = study.timeline.observation
+    weights = sample_weights(analysis)
+    observation = analysis.timeline.observation
     totals = []
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         first, box_of = first_failing(boxes, rows)
         sums: dict[tuple[int, ...], float] = defaultdict(float)
@@ -81,9 +81,9 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
             return None
 
 
-def sample_weights(study: Analysis) -> Array:
+def sample_weights(analysis: Analysis) -> Array:
     """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
-    steps = study.timeline.samples.steps
+    steps = analysis.timeline.samples.steps
     weights = np.zeros(len(steps) + 1)
     weights[:-1] += 0.5 * steps
     weights[1:] += 0.5 * steps
@@ -155,14 +155,14 @@ class Coverage(FileRecord):
     """By atom."""
 
 
-def coverage_of(cell: Cell, study: Analysis) -> Coverage:
-    """The coverage in a full study.
+def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
+    """The coverage in a full analysis.
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
-    observation, samples, pieces = study.timeline.observation, study.timeline.samples, study.stage.pieces
+    observation, samples, pieces = analysis.timeline.observation, analysis.timeline.samples, analysis.stage.pieces
     targets = {}
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
@@ -183,7 +183,7 @@ def coverage_of(cell: Cell, study: Analysis) -> Coverage:
                     spans.append((TimeInterval(start, end), Reason(cause=cause.label, by=by_name(cell, cause, by))))
             blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
-    return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
+    return Coverage({primitive.name: primitive.end for primitive in analysis.motion.primitives}, targets)
 
 
 def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:

@@ -83,7 +83,7 @@ class BestWay:
 
     study: Analysis
     assessment: CandidateResult
-    """The figures of the study, without a sentence."""
+    """The figures of the analysis, without a sentence."""
     ways: WaysFound
 
 
@@ -127,9 +127,9 @@ def find_way(
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     studies = with_delays(cell, watched, sampling)
-    ranked = rank([study.assessment("") for study in studies], wanted.by)
+    ranked = rank([analysis.assessment("") for analysis in studies], wanted.by)
     best = ranked[0]
-    chosen = next(study for study in studies if study.candidate is best.candidate)
+    chosen = next(analysis for analysis in studies if analysis.candidate is best.candidate)
     ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()
     optimal: dict[tuple[float, ...], CandidateResult] = {}  # one of those that are equal, as they are compared
     for one in (one for one in ranked if one.pareto or one.rank == 1):

@@ -27,13 +27,13 @@ HiddenViews = Mapping[tuple[int, int, int, int], tuple[HidingPart, ...]]
 """What hides a box from a camera, the largest share first; by the indices of target, box of it, sample and camera."""
 
 
-def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> HiddenViews:
+def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) -> HiddenViews:
     """What hides each hidden box from each camera in the samples `rows` (all), of what must be observable then."""
-    wanted = np.ones(len(study.timeline.samples), dtype=bool)
+    wanted = np.ones(len(analysis.timeline.samples), dtype=bool)
     if rows is not None:
         wanted[:] = False
         wanted[rows] = True
-    observation = study.timeline.observation
+    observation = analysis.timeline.observation
     views: list[tuple[int, int, int, int]] = []  # neighbours are of one box and camera
     for column, of_target in enumerate(observation.full_matrix):
         asked_for = (observation.required[:, column] & wanted)[:, None]
@@ -42,8 +42,8 @@ def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> Hi
             views += [(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
     boxes = list(dict.fromkeys(view[:2] for view in views))
     place = {key: number for number, key in enumerate(boxes)}
-    sought = [study.targets[column].boxes[box] for column, box in boxes]
-    states = study.stage.states(study.timeline.samples)
+    sought = [analysis.targets[column].boxes[box] for column, box in boxes]
+    states = analysis.stage.states(analysis.timeline.samples)
     found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, len(views), _VIEWS):
         some = views[start : start + _VIEWS]
@@ -56,11 +56,11 @@ def hidden_views(cell: Cell, study: Analysis, rows: Indices | None = None) -> Hi
     return found
 
 
-def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenTarget, ...]:
+def in_the_way(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HiddenTarget, ...]:
     """What hides each target from each camera, in the order of targets and cameras; views: all hidden ones."""
-    weights, observation = sample_weights(study), study.timeline.observation
+    weights, observation = sample_weights(analysis), analysis.timeline.observation
     found = []
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         first, box_of = first_failing(boxes, rows)
         for index, camera in enumerate(cell.observer.cameras):
@@ -81,14 +81,14 @@ def in_the_way(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HiddenT
     return tuple(found)
 
 
-def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HidingPart, ...]:
+def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingPart, ...]:
     """The objects in the way, the one first without which most would be seen; none that the task handles.
 
     Nor a fixed one that others stand on.
 
     Shares are of all that is hidden, from any camera, while too few see the target. views: all hidden ones.
     """
-    weights, observation = sample_weights(study), study.timeline.observation
+    weights, observation = sample_weights(analysis), analysis.timeline.observation
     lost = observation.required & ~observation.covered
     some = [(float(weights[row]), parts) for (column, _, row, _), parts in views.items() if lost[row, column]]
     parts = _mean(some, 1.0)
@@ -98,7 +98,7 @@ def to_move(cell: Cell, study: Analysis, views: HiddenViews) -> tuple[HidingPart
     parents = {solid.name: solid.part.parent for solid in cell.observer.solids}
     objects = cell.workspace.objects
     supports = {one.on for one in objects.values() if one.on is not None and objects[one.on].fixed}
-    kept = supports.union(study.candidate.binding.values())
+    kept = supports.union(analysis.candidate.binding.values())
     of_objects = [replace(part, name=parents[part.name]) for part in parts]
     movable = _mean([(1.0, [part for part in of_objects if part.name in objects and part.name not in kept])], total)
     return tuple(sorted(movable, key=lambda one: (-one.alone, -one.share, one.name)))

@@ -14,7 +14,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.find import Plans, WantedWay, find_way
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import rank, winners
@@ -80,20 +80,20 @@ class RankJob:
         if isinstance(found, Infeasible):
             ways = WaysFound(tried=found.tried, feasible=0, pareto=())
             return CandidateResult.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
-        study, errors = found.study, self.calibration
+        analysis, errors = found.study, self.calibration
         result = replace(
             found.assessment,
             candidate=candidate,
-            best_way=study.candidate,
+            best_way=analysis.candidate,
             ways=found.ways,
-            q_expected=expected_quality(self.cell, study),
-            recalibrated=() if errors is None else under_calibration_errors(self.cell, study, self.sampling, errors),
+            q_expected=expected_quality(self.cell, analysis),
+            recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
         )
         if self.last is not None:
             if rank([*self.last, result], self.wanted.by)[-1].candidate is not candidate:
                 return result
             self.last[:] = [result]
-        return replace(result, verdict=verdict(self.cell, study))
+        return replace(result, verdict=verdict(self.cell, analysis))
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.
@@ -117,7 +117,7 @@ class RankJob:
         return done
 
     def explain(self, known: CandidateResult) -> Explained:
-        """A candidate with the full study of each of its steps, and the figures from these."""
+        """A candidate with the full analysis of each of its steps, and the figures from these."""
         if not known.feasible:
             return Explained(described(known))
         study_of_way, steps, world = None, list[Explained](), self.world
@@ -128,7 +128,7 @@ class RankJob:
                 world = world_after(step.way, steps[-1].study.motion, world)
             result = assessment_of_all(known.candidate, [step.result for step in steps])
         else:
-            found = study(self.cell, known.way, self.world, self.sampling, full=True)
+            found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
             if isinstance(found, Infeasible):
                 raise ValueError(f"{known.candidate.name} was feasible a moment ago")
             study_of_way, figures = found, found.assessment(verdict(self.cell, found))

@@ -23,7 +23,7 @@ from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.skill.settings import ANY
 from sqrp_cli.skill.skill import RetryEntry
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.fault_sights import distinguishing
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -45,12 +45,12 @@ def replanned(cell: Cell, step: record.Step, world: World) -> record.Step | None
         from sqrp_cli.study.seen_ways import way_with_seen_paths
 
         candidate = way_with_seen_paths(cell, candidate, world)
-    found = study(cell, candidate, world, Adaptive(), full=True)
+    found = analyse(cell, candidate, world, Adaptive(), full=True)
     if isinstance(found, Infeasible):
         left_free = (name for name, value in candidate.skill.defaults.items() if value == ANY)
         free = {name: ANY for name in left_free if isinstance(candidate.values[name], str)}
         candidate = replace(candidate, values={**candidate.values, **free}, branch={}, vias={})
-        found = study(cell, candidate, world, Adaptive(), full=True)
+        found = analyse(cell, candidate, world, Adaptive(), full=True)
     if isinstance(found, Infeasible):
         return None
     cameras = tuple(camera.name for camera in cell.observer.cameras)
@@ -68,14 +68,14 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     return Candidate(skill, binding, values, branch=branch, name=" ".join(binding.values()) or skill.name)
 
 
-def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
-    """The step of a program from a full study.
+def make_step(task: str, analysis: Analysis, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
+    """The step of a program from a full analysis.
 
-    cameras: names in the order of the study's verdicts.
+    cameras: names in the order of the analysis's verdicts.
     """
     from sqrp_cli.program import record
 
-    candidate, motion = study.candidate, study.motion
+    candidate, motion = analysis.candidate, analysis.motion
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = list[record.ProgramFormula]()
@@ -94,9 +94,9 @@ def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: 
                 response=answer,
             )
         )
-    observation, t = study.timeline.observation, study.timeline.samples.t
+    observation, t = analysis.timeline.observation, analysis.timeline.samples.t
     targets = dict[str, record.ProgramTarget]()
-    for column, target in enumerate(study.targets):
+    for column, target in enumerate(analysis.targets):
         sees = sees_all(observation.full_matrix[column]) & observation.required[:, column, None]
         targets[str(target.atom)] = record.ProgramTarget(
             cameras=target.cameras,
@@ -108,10 +108,10 @@ def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: 
             windows=tuple(windows),
             onsets=tuple(
                 record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
-                for onset in study.onsets[fault]
+                for onset in analysis.onsets[fault]
             ),
         )
-        for fault, windows in study.windows.items()
+        for fault, windows in analysis.windows.items()
     }
     primitives = tuple(
         record.ProgramPrimitive(
@@ -140,8 +140,8 @@ def make_step(task: str, study: Analysis, assessment: CandidateResult, cameras: 
         primitives=primitives,
         formulas=tuple(formulas),
         targets=targets,
-        before=study.world,
-        after=world_after(candidate, motion, study.world),
+        before=analysis.world,
+        after=world_after(candidate, motion, analysis.world),
         sights=sights,
     )
 
@@ -151,14 +151,14 @@ def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
     return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
-def with_usual_images(step: record.Step, study: Analysis, observer: Observer) -> record.Step:
-    """The step of a study with the times of usual images, which take as long to find as the study."""
-    confirming = [(target,) for target in study.targets]
+def with_usual_images(step: record.Step, analysis: Analysis, observer: Observer) -> record.Step:
+    """The step of an analysis with the times of usual images, which take as long to find as the analysis."""
+    confirming = [(target,) for target in analysis.targets]
     refuting = [
-        distinguishing(target, Literal(target.atom, positive=False), study.stage.X_WO) for target in study.targets
+        distinguishing(target, Literal(target.atom, positive=False), analysis.stage.X_WO) for target in analysis.targets
     ]
     asked = list(dict.fromkeys(chain(*confirming, *refuting)))
-    request = study.for_targets(study.stage, [replace(target, cameras=1).usual for target in asked])
+    request = analysis.for_targets(analysis.stage, [replace(target, cameras=1).usual for target in asked])
     usual: list[dict[str, tuple[tuple[float, float], ...]]] = [{} for _ in (*confirming, *refuting)]
     for camera in observer.cameras:
         found = observe(request, replace(observer, cameras=(camera,)), Adaptive(), full=False)

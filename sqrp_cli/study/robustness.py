@@ -37,26 +37,26 @@ class Calibration:
     """Seed of the random errors."""
 
 
-def without_each_camera(cell: Cell, study: Analysis) -> dict[str, Qualities]:
-    """The qualities of a candidate if one camera fails, by the camera's name, from the verdicts of a full study."""
-    observation = study.timeline.observation
+def without_each_camera(cell: Cell, analysis: Analysis) -> dict[str, Qualities]:
+    """The qualities of a candidate if one camera fails, by the camera's name, from the verdicts of a full analysis."""
+    observation = analysis.timeline.observation
     qualities = {}
     for index, camera in enumerate(cell.observer.cameras):
         covered = observation.covered.copy()
-        for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
             enough = np.delete(sees_all(boxes), index, axis=1).sum(axis=1) >= target.cameras
             covered[:, column] = observation.required[:, column] & enough
-        timeline = replace(study.timeline, observation=replace(observation, covered=covered))
+        timeline = replace(analysis.timeline, observation=replace(observation, covered=covered))
         qualities[camera.name] = qualities_over(timeline)
     return qualities
 
 
 def under_calibration_errors(
-    cell: Cell, study: Analysis, sampling: Sampling, calibration: Calibration
+    cell: Cell, analysis: Analysis, sampling: Sampling, calibration: Calibration
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
-    timelines = (observe(study, observer, sampling, full=False) for observer in drawn)
+    timelines = (observe(analysis, observer, sampling, full=False) for observer in drawn)
     return tuple(map(qualities_over, timelines))
 
 
@@ -85,33 +85,33 @@ class Expectation:
     """That they see all that a state requires, NaN where it requires nothing, shape (m,)."""
 
 
-def expectation(cell: Cell, study: Analysis) -> Expectation | None:
-    """How likely images show the targets at the samples of a study; None in a cell without curves."""
+def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
+    """How likely images show the targets at the samples of an analysis; None in a cell without curves."""
     if all(detector.curve is None for detector in cell.workspace.detectors.values()):
         return None
-    samples, stage = study.timeline.samples, study.stage
+    samples, stage = analysis.timeline.samples, analysis.stage
     exposures = {camera.exposure for camera in cell.observer.cameras} - {0.0}
     shutters: Mapping[float, Shutter] = {
         exposure: Shutter(*(stage.states(stage.shifted(samples, part * exposure)) for part in (-0.5, 0.5)))
         for exposure in exposures
     }
-    boxes = likelihoods(cell.observer, study.targets, stage.states(samples), shutters)
+    boxes = likelihoods(cell.observer, analysis.targets, stage.states(samples), shutters)
     # All boxes of a target must be seen by the same camera.
     seen = [np.prod([box.probability for box in of_target], axis=0) for of_target in boxes]
     targets = np.stack(
-        [at_least(found, target.cameras) for found, target in zip(seen, study.targets, strict=True)], axis=1
+        [at_least(found, target.cameras) for found, target in zip(seen, analysis.targets, strict=True)], axis=1
     )
-    required = study.timeline.observation.required
+    required = analysis.timeline.observation.required
     states = np.where(required, targets, 1.0).prod(axis=1)
     return Expectation(boxes, targets, np.where(required.any(axis=1), states, np.nan))
 
 
-def expected_quality(cell: Cell, study: Analysis) -> float | None:
+def expected_quality(cell: Cell, analysis: Analysis) -> float | None:
     """q_expected: the mean of the probability over the time T; None without curves, or where T is 0."""
-    found, timeline = expectation(cell, study), study.timeline
-    if found is None or study.T <= 0:
+    found, timeline = expectation(cell, analysis), analysis.timeline
+    if found is None or analysis.T <= 0:
         return None
     # Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
     before, after = np.nan_to_num(found.states[:-1]), np.nan_to_num(found.states[1:])
     height = np.where((before > 0) & (after > 0), 0.5 * (before + after), 0.0)
-    return min(1.0, float((height * timeline.samples.steps).sum() / study.T))
+    return min(1.0, float((height * timeline.samples.steps).sum() / analysis.T))

@@ -19,7 +19,7 @@ from sqrp_cli.motion.position_limits import near_limits
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.move_search import (
     COST_DECIMALS,
     EXACTLY,
@@ -80,12 +80,12 @@ def move_searches(cell: Cell, planned: PlannedMotion, names: Collection[str], sp
         seed += 1000
 
 
-def blind_ends(study: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
+def blind_ends(analysis: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
     """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
-    timeline, actions = study.timeline, study.candidate.skill.primitives
+    timeline, actions = analysis.timeline, analysis.candidate.skill.primitives
     t, blind, ends = timeline.samples.t, timeline.observation.blind, list[BlindEnd]()
-    for index in open_moves(study, names):
-        within = np.array([piece.primitive == index for piece in study.stage.pieces])
+    for index in open_moves(analysis, names):
+        within = np.array([piece.primitive == index for piece in analysis.stage.pieces])
         rows = np.flatnonzero(within[timeline.samples.piece])
         stops = [stop for action in actions[:index] if (stop := getattr(action, "to", None)) is not None]
         for at, in_order in ((str([HOME, *stops][-1]), rows), (str(getattr(actions[index], "to", "")), rows[::-1])):
@@ -167,7 +167,7 @@ def seen_ways(
 
 def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
     """One way with the best paths from a world; with direct ones where none is better, or where it cannot be done."""
-    direct = study(cell, way.with_paths({}), world, Adaptive(), full=False)
+    direct = analyse(cell, way.with_paths({}), world, Adaptive(), full=False)
     if isinstance(direct, Infeasible):
         return way.with_paths({})
     seen = seen_ways(cell, [replace(direct, candidate=way)], Adaptive())
@@ -301,7 +301,7 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     vias = {name: path.vias for name, path in zip(names, paths, strict=True) if len(path.vias)}
     if not vias:
         return None
-    found = study(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
+    found = analyse(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
     blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.T

@@ -196,23 +196,23 @@ def _listed(causes: Sequence[CameraCause]) -> str:
     return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
-def verdict(cell: Cell, study: Analysis) -> str:
+def verdict(cell: Cell, analysis: Analysis) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
-    timeline, sentences = study.timeline, NOTHING_MISSING
+    timeline, sentences = analysis.timeline, NOTHING_MISSING
     t, blind = timeline.samples.t, timeline.observation.blind
     interesting = blind & timeline.interesting
     if runs := list(stretches(interesting if interesting.any() else blind)):
-        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), study.candidate.skill
-        lost = explain_stretch(cell, study, longest)
+        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), analysis.candidate.skill
+        lost = explain_stretch(cell, analysis, longest)
         stated = any(not parameter.implicit for parameter in skill.motion_parameters)
-        tried = study.candidate.branch or not (skill.waypoints or stated)
+        tried = analysis.candidate.branch or not (skill.waypoints or stated)
         advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
         was_tried = bool(lost.causes) and lost.causes[0].change is not None
         sentences = f"{lost}{advice and (_HELP if was_tried else _MAY_HELP)}{advice}."
-    ways = ", ".join(study.motion.remarks)
+    ways = ", ".join(analysis.motion.remarks)
     return sentences + (f" On the way {ways}." if ways else "")
 
 
@@ -227,19 +227,19 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, study: Analysis, rows: Indices) -> BlindStretch:
+def explain_stretch(cell: Cell, analysis: Analysis, rows: Indices) -> BlindStretch:
     """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
 
     Where that one is lost for a part of the run only, the stretch is the longest such part.
     """
-    loss, timeline = _worst_loss(cell, study, rows), study.timeline
+    loss, timeline = _worst_loss(cell, analysis, rows), analysis.timeline
     if not loss.lost.all():
         samples, target = timeline.samples.some(rows), loss.target
-        (boxes,) = cell.observer.verdicts([target], study.stage.states(samples), shares=False, culprits=False)
+        (boxes,) = cell.observer.verdicts([target], analysis.stage.states(samples), shares=False, culprits=False)
         lost = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, loss.column] & lost)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
-        loss = _worst_loss(cell, study, rows)
+        loss = _worst_loss(cell, analysis, rows)
     names = [camera.name for camera in cell.observer.cameras]
     sees = sees_all(loss.boxes) & timeline.observation.required[loss.look, loss.column][:, None]
     start, end = np.flatnonzero(loss.few)[[0, -1]].tolist()
@@ -248,7 +248,7 @@ def explain_stretch(cell: Cell, study: Analysis, rows: Indices) -> BlindStretch:
         for some in (sees[:start], sees[end + 1 :])
     )
     causes = _causes(cell, loss)
-    changed = _least_change(cell, study, loss, rows, causes)
+    changed = _least_change(cell, analysis, loss, rows, causes)
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
         (replace(cause, change=changed.get(cause.camera)) for cause in causes),
@@ -283,17 +283,17 @@ class _Loss(NamedTuple):
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_loss(cell: Cell, study: Analysis, rows: Indices) -> _Loss:
+def _worst_loss(cell: Cell, analysis: Analysis, rows: Indices) -> _Loss:
     """The target that is lost in most of a few samples of a run."""
-    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
-    seen = study.timeline.observation
+    seen = analysis.timeline.observation
     uncovered = seen.required & ~seen.covered
     losses = []
     for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
-        others, target = np.flatnonzero(~uncovered[:, column]), study.targets[column]
+        others, target = np.flatnonzero(~uncovered[:, column]), analysis.targets[column]
         look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
-        states = study.stage.states(study.timeline.samples.some(look))
+        states = analysis.stage.states(analysis.timeline.samples.some(look))
         (boxes,) = cell.observer.verdicts([target], states, shares=False)
         lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
         inside = np.isin(look, few)
@@ -321,7 +321,7 @@ def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
 
 
 def _least_change(
-    cell: Cell, study: Analysis, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, analysis: Analysis, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 
@@ -331,9 +331,9 @@ def _least_change(
     target, limits = loss.target, {cause.camera: cause.limit for cause in causes}
     if not _CHANGED.intersection(limits.values()):
         return {}
-    seen = study.timeline.observation
+    seen = analysis.timeline.observation
     rows = rows[seen.required[rows, loss.column] & ~seen.covered[rows, loss.column]]
-    states = study.stage.states(study.timeline.samples.some(rows))
+    states = analysis.stage.states(analysis.timeline.samples.some(rows))
     others = dict.fromkeys(limits, np.zeros(len(rows), dtype=np.int64))
     lost = np.ones(len(rows), dtype=bool)
     if target.cameras > 1:

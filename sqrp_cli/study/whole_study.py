@@ -112,7 +112,7 @@ def _worth(seen: Qualities | Step) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class WholeAnalysis:
-    """A feasible way with the study of each of its steps, in the world that those before it leave."""
+    """A feasible way with the analysis of each of its steps, in the world that those before it leave."""
 
     candidate: Candidate
     """The way, of one step or several."""
@@ -129,7 +129,7 @@ class WholeAnalysis:
 def whole_study(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> WholeAnalysis | Infeasible:
-    """Study a way that starts in `world`, of one step or several; see `study`."""
+    """Study a way that starts in `world`, of one step or several; see `analyse`."""
     watched = whole_observed(cell, way, world, sampling, full=full)
     if isinstance(watched, Infeasible):
         return watched

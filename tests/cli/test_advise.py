@@ -22,7 +22,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import plan_branches
 from sqrp_cli.search import advise
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.assessment import study
+from sqrp_cli.study.assessment import analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -239,7 +239,7 @@ def all_ways(task: str) -> list[CandidateResult]:
         branches = plan_branches(grip, cell.initial_world, cell.collision, cell.seed)
         for branch, _ in branches.feasible:
             way = replace(grip, branch=branch)
-            found.append(study(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))
+            found.append(analyse(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))
     return found
 
 
@@ -516,7 +516,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
     """Brute force: the exact timeline with cam1 at every so manieth point of a 1 cm grid, its aim kept."""
     cam1 = next(one for one in advised["advice"] if (one["kind"], one["target"]) == ("position", "cam1"))
     cell = Cell.load(load_workspace(TABLETOP))
-    found = study(cell, read_task(TASK, cell.workspace).candidates[0], cell.initial_world, Adaptive(), full=False)
+    found = analyse(cell, read_task(TASK, cell.workspace).candidates[0], cell.initial_world, Adaptive(), full=False)
     camera = cell.workspace.cameras["cam1"]
     others = [other for other in cell.observer.cameras if other.name != "cam1"]
     nearer = []

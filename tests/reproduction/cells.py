@@ -16,7 +16,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
@@ -62,7 +62,7 @@ def candidates(cell: Cell, task: str) -> dict[str, Candidate]:
 
 def feasible(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool = False) -> Analysis:
     """The study of a candidate that can be done."""
-    found = study(cell, candidate, cell.initial_world, sampling, full=full)
+    found = analyse(cell, candidate, cell.initial_world, sampling, full=full)
     assert isinstance(found, Analysis), found
     return found
 
@@ -86,7 +86,7 @@ def pick_screws(cell: Cell) -> Outcome:
 def pick_green(cell: Cell) -> Callable[[Cell], Outcome]:
     """Check and move the six candidates; what comes out in a cell that is the same save for where its cameras are."""
     ten, every = SAMPLINGS["10"], candidates(cell, GREEN)
-    found = {name: study(cell, one, cell.initial_world, ten, full=False) for name, one in every.items()}
+    found = {name: analyse(cell, one, cell.initial_world, ten, full=False) for name, one in every.items()}
     done = {name: one for name, one in found.items() if isinstance(one, Analysis)}
     not_done = {name: one.reasons for name, one in found.items() if not isinstance(one, Analysis)}
     of_g1 = {name: feasible(cell, every["g1"], sampling) for name, sampling in SAMPLINGS.items()}

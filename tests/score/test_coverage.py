@@ -13,7 +13,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.score.kept import COVERAGE, Outcome
-from sqrp_cli.study.assessment import study
+from sqrp_cli.study.assessment import analyse
 from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Adaptive, FixedCount
@@ -35,7 +35,7 @@ def cell() -> Cell:
 @pytest.fixture(scope="module", params=["g1", "g4"])
 def found(cell, request):
     (candidate,) = read_task(f"pickup {request.param}", cell.workspace).candidates
-    return study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+    return analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
 
 
 def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
@@ -74,7 +74,7 @@ def test_a_damaged_record_is_refused(found):
 def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
     (candidate,) = read_task("pickup g1", cell.workspace).candidates
     fine, coarse = (
-        coverage_of(cell, study(cell, candidate, cell.initial_world, sampling, full=True))
+        coverage_of(cell, analyse(cell, candidate, cell.initial_world, sampling, full=True))
         for sampling in (Adaptive(), FixedCount(5))
     )
     for atom, target in coarse.targets.items():

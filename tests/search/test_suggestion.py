@@ -9,7 +9,7 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.task import Candidate, read_task
@@ -58,7 +58,7 @@ def candidate(cell: Cell, task: str) -> Candidate:
 @pytest.fixture(scope="module")
 def holding(cell: Cell) -> World:
     """The world after g2 was picked up."""
-    found = study(cell, candidate(cell, "pickup g2"), cell.initial_world, Adaptive(), full=False)
+    found = analyse(cell, candidate(cell, "pickup g2"), cell.initial_world, Adaptive(), full=False)
     assert isinstance(found, Analysis)
     return world_after(found.candidate, found.motion, found.world)
 

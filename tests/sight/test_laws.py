@@ -27,7 +27,7 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
@@ -342,7 +342,7 @@ def studies(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
     cell, world = Cell.load(tabletop), tabletop.stated_world
     found = {}
     for candidate in read_task("pickup green", tabletop).candidates:
-        quick, full = (study(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
+        quick, full = (analyse(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
         if isinstance(quick, Analysis) and isinstance(full, Analysis):
             found[candidate.name] = quick, full
     return found

@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
-from sqrp_cli.study.assessment import Analysis, observed, planned_motion, study
+from sqrp_cli.study.assessment import Analysis, analyse, observed, planned_motion
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
@@ -56,7 +56,7 @@ class Compared:
     def direct(self) -> Analysis:
         """The same way with direct paths."""
         way = replace(self.seen.candidate, vias={})
-        found = study(self.cell, way, self.cell.initial_world, Adaptive(), full=False)
+        found = analyse(self.cell, way, self.cell.initial_world, Adaptive(), full=False)
         assert isinstance(found, Analysis)
         return found
 

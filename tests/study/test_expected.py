@@ -16,7 +16,7 @@ from sqrp_cli.camera.detector import COEFFICIENTS, Curve, Detector
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.likelihood import at_least
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import expectation, expected_quality
 from sqrp_cli.study.sampling import FixedCount
@@ -34,7 +34,7 @@ def with_curve(workspace: Workspace, curve: Curve | None, exposure: float = 0.0)
 
 def expected(workspace: Workspace, task: str = "pickup g4") -> tuple[float | None, Analysis]:
     cell = Cell.load(workspace)
-    found = study(cell, read_task(task, workspace).candidates[0], cell.initial_world, SAMPLING, full=True)
+    found = analyse(cell, read_task(task, workspace).candidates[0], cell.initial_world, SAMPLING, full=True)
     assert isinstance(found, Analysis)
     return expected_quality(cell, found), found
 

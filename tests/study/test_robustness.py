@@ -10,7 +10,7 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import inverse
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import DRAWS, Calibration, perturbed, under_calibration_errors, without_each_camera
 from sqrp_cli.study.sampling import FixedCount
@@ -27,7 +27,7 @@ def cell(tabletop: Workspace) -> Cell:
 @pytest.fixture(scope="module")
 def found(cell: Cell) -> Analysis:
     candidate = read_task("pickup g4", cell.workspace).candidates[0]
-    result = study(cell, candidate, cell.initial_world, SAMPLING, full=True)
+    result = analyse(cell, candidate, cell.initial_world, SAMPLING, full=True)
     assert isinstance(result, Analysis)
     return result
 
@@ -37,7 +37,7 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
     for index, camera in enumerate(cell.observer.cameras):
         others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
-        again = study(smaller, found.candidate, cell.initial_world, SAMPLING, full=False)
+        again = analyse(smaller, found.candidate, cell.initial_world, SAMPLING, full=False)
         assert isinstance(again, Analysis)
         assert told[camera.name] == qualities_over(again.timeline)
     now = qualities_over(found.timeline)

@@ -14,7 +14,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
@@ -121,7 +121,7 @@ def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
     way = replace(g2.seen.candidate, vias={})
     found = way_with_seen_paths(g2.cell, way, g2.cell.initial_world)
     assert found.vias
-    again = study(g2.cell, found, g2.cell.initial_world, Adaptive(), full=False)
+    again = analyse(g2.cell, found, g2.cell.initial_world, Adaptive(), full=False)
     assert isinstance(again, Analysis)
     assert blind_time(again) < 0.5 * blind_time(g2.direct)
 

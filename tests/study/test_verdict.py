@@ -17,7 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Analysis, observed, study
+from sqrp_cli.study.assessment import Analysis, analyse, observed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
@@ -37,7 +37,7 @@ def studies(cell: Cell) -> dict[str, Analysis]:
     found = {}
     for name in CANDIDATES:
         candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
-        result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        result = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         assert isinstance(result, Analysis)
         found[name] = result
     return found

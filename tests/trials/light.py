@@ -35,7 +35,7 @@ from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detecti
 from sqrp_cli.run.perception.image_detector import ImageDetector
 from sqrp_cli.run.record.report import Confusion
 from sqrp_cli.run.robot_body import RobotBody
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
@@ -98,7 +98,7 @@ def _best_of(cell: Cell, task: str) -> Analysis | None:
     """The first-ranked candidate; None if there is none."""
     found = {}
     for candidate in read_task(task, cell.workspace).candidates:
-        result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        result = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(result, Infeasible):
             found[candidate.name] = result
     ranked = rank([one.assessment(verdict(cell, one)) for one in found.values()], "q_eoi")

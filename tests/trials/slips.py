@@ -24,7 +24,7 @@ from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.run.start import Simulation, slip_at
-from sqrp_cli.study.assessment import Analysis, study
+from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
 from sqrp_cli.study.sampling import Adaptive
@@ -101,7 +101,7 @@ def _compared(way: Analysis, x: float, report: RunReport) -> Iterator[list[float
 
 def _program(cell: Cell, way: Analysis) -> Program:
     """The program of a way, which stops at the first alarm."""
-    full = study(cell, way.candidate, cell.initial_world, Adaptive(), full=True)
+    full = analyse(cell, way.candidate, cell.initial_world, Adaptive(), full=True)
     assert not isinstance(full, Infeasible)
     step = make_step(TASK, full, full.assessment(verdict(cell, full)), tuple(cell.workspace.cameras))
     stops = [formula.model_copy(update={"response": ProgramResponse(action="stop")}) for formula in step.formulas]

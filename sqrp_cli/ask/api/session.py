@@ -16,7 +16,7 @@ from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
 from sqrp_cli.show.documents.explain import study_shown
 from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
-from sqrp_cli.study.assessment import study
+from sqrp_cli.study.assessment import analyse
 from sqrp_cli.study.pipeline import Explained, RankJob, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
@@ -242,7 +242,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     added = []
     for task, chosen, world in steps:
-        found = study(cell, chosen.way, world, sampling, full=True)
+        found = analyse(cell, chosen.way, world, sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{chosen.candidate.name} is infeasible: {found.reasons[0]}")
         step = make_step(task, found, chosen, cameras)
