@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import pytest
+
 from sqrp_cli.files.entries import from_fields
 
 
@@ -29,15 +31,12 @@ class Methods:
         raise AssertionError
 
 
-def test_properties_are_told_as_fields_are() -> None:
-    assert from_fields(Size, Stated(2.0, 3.0)) == Size(2.0, 3.0, 6.0)
-
-
-def test_the_last_record_wins_and_what_is_given_wins_over_all() -> None:
-    assert from_fields(Size, Stated(2.0, 3.0), Size(4.0, 5.0, 1.0)) == Size(4.0, 5.0, 1.0)
-    assert from_fields(Size, Stated(2.0, 3.0), width=7.0) == Size(7.0, 3.0, 6.0)
-
-
-def test_a_method_tells_nothing() -> None:
-    assert from_fields(Size, Stated(2.0, 3.0), Methods()).area == 6.0
-    assert from_fields(Size, Methods(), width=1.0, height=1.0).area == 0.0
+@pytest.mark.parametrize(("known", "given", "made"), [
+    ((Stated(2.0, 3.0),), {}, Size(2.0, 3.0, 6.0)),  # properties are told as fields are
+    ((Stated(2.0, 3.0), Size(4.0, 5.0, 1.0)), {}, Size(4.0, 5.0, 1.0)),  # the last record wins,
+    ((Stated(2.0, 3.0),), {"width": 7.0}, Size(7.0, 3.0, 6.0)),  # and what is given wins over all
+    ((Stated(2.0, 3.0), Methods()), {}, Size(2.0, 3.0, 6.0)),  # a method tells nothing
+    ((Methods(),), {"width": 1.0, "height": 1.0}, Size(1.0, 1.0, 0.0)),
+])  # fmt: skip
+def test_a_record_is_completed_from_others(known: tuple[object, ...], given: dict[str, float], made: Size) -> None:
+    assert from_fields(Size, *known, **given) == made

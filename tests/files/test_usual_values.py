@@ -57,15 +57,14 @@ def test_the_undamaged_cell_has_no_such_findings(cell: Path) -> None:
 SHIPPED = sorted(path.parent for path in (ROOT / "workspaces").glob("*/workspace.yaml"))
 
 
-@pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
-def test_no_shipped_workspace_is_warned_of(folder: Path) -> None:
+@pytest.mark.parametrize("source", [*SHIPPED, None, Crowd(2, 60, 24)], ids=lambda one: getattr(one, "name", str(one)))
+def test_no_cell_that_is_shipped_or_that_init_makes_is_warned_of(source: Path | Crowd | None, tmp_path: Path) -> None:
+    folder = source if isinstance(source, Path) else tmp_path / "cell"
+    if source is None:
+        make_starter(folder, None)
+    elif isinstance(source, Crowd):
+        random_cell(folder, source)
     assert not NEW_CODES & {problem.code for problem in findings(folder)}
-
-
-@pytest.mark.parametrize("crowd", [None, Crowd(2, 60, 24)], ids=str)
-def test_no_cell_that_init_makes_is_warned_of(crowd: Crowd | None, tmp_path: Path) -> None:
-    make_starter(tmp_path / "cell", None) if crowd is None else random_cell(tmp_path / "cell", crowd)
-    assert not NEW_CODES & {problem.code for problem in findings(tmp_path / "cell")}
 
 
 def test_ranges_are_in_order_and_say_why() -> None:

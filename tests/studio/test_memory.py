@@ -22,49 +22,34 @@ FEW = 200
 """Objects that only garbage collection finds; a ranking leaves thousands."""
 
 
-class Asking:
-    """Asks a process that computes, here in this one; a thread reads what it answers."""
-
-    def __init__(self, cell) -> None:
-        self._pipe, theirs = Pipe()
-        self.worker = _Worker(theirs, cell, 0, 1)
-        self._told: deque[str] = deque()
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        while True:
-            self._told.append(json.loads(self._pipe.recv())["do"])
-
-    def rank(self, content: bytes) -> None:
-        """Rank, and wait for all that follows."""
-        self._told.clear()
-        self._pipe.send(("rank", Asked(content, TASK, "q_eoi"), 0))
-        while "detail" not in self._told:
-            self.worker.work()
-            while self.worker.run is None and self.worker.explaining is None and "detail" not in self._told:
-                pass  # it is on its way
-
-
-@pytest.fixture
-def no_collection(monkeypatch):
-    """Python collects no garbage by itself."""
-    monkeypatch.setattr(worker, "keep_all_so_far", lambda: None)
-    gc.disable()
-    yield
-    gc.enable()
-
-
-@pytest.mark.usefixtures("no_collection")
 @pytest.mark.trial
-def test_rankings_of_before_are_let_go_at_rest(cell):
-    opened = open_cell(cell)
-    file = cell / "workspace.yaml"
-    asking = Asking(cell)
-    for x in (0.0, 0.05):
-        gc.collect()
-        move = Move(kind="camera", name="cam1", position=[x, 0.7, 1.2])
-        asking.rank(written(read_workspace_document(file, file.read_bytes()), opened.workspace, move))
-    assert gc.collect() < FEW
+def test_rankings_of_before_are_let_go_at_rest(cell, monkeypatch):
+    """In this process, of which Python collects no garbage by itself; a thread reads what is answered."""
+    monkeypatch.setattr(worker, "keep_all_so_far", lambda: None)
+    pipe, theirs = Pipe()
+    computing, told = _Worker(theirs, cell, 0, 1), deque[str]()
+
+    def listen() -> None:
+        while True:
+            told.append(json.loads(pipe.recv())["do"])
+
+    threading.Thread(target=listen, daemon=True).start()
+    file, opened = cell / "workspace.yaml", open_cell(cell)
+    gc.disable()
+    try:
+        for x in (0.0, 0.05):
+            gc.collect()
+            move = Move(kind="camera", name="cam1", position=[x, 0.7, 1.2])
+            content = written(read_workspace_document(file, file.read_bytes()), opened.workspace, move)
+            told.clear()
+            pipe.send(("rank", Asked(content, TASK, "q_eoi"), 0))
+            while "detail" not in told:
+                computing.work()
+                while computing.run is None and computing.explaining is None and "detail" not in told:
+                    pass  # it is on its way
+        assert gc.collect() < FEW
+    finally:
+        gc.enable()
 
 
 def test_changes_are_kept_up_to_a_number_and_a_size(tmp_path):
@@ -77,8 +62,7 @@ def test_changes_are_kept_up_to_a_number_and_a_size(tmp_path):
 
     assert len(after(MOST_CHANGES + 3, 10).past) == MOST_CHANGES
     few = after(70, 1_000_000)
-    assert (
-        sum(len(one.content) for one in few.past) <= MOST_KEPT < sum(len(one.content) for one in few.past) + 1_000_010
-    )
+    kept = sum(len(one.content) for one in few.past)
+    assert kept <= MOST_KEPT < kept + 1_000_010
     assert few.first == b"%d" % (69 - len(few.past)) + b" " * 1_000_000
     assert len(after(2, MOST_KEPT + 1).past) == 1

@@ -47,20 +47,22 @@ def test_a_candidate_of_one_step_is_shown_over_time(explained, monkeypatch):
     assert told["detail"]["samples"]
 
 
-def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
-    assignment, whole = explained
-    study = whole.study
-    shown = Sketch.of(assignment.cell, study).seen_by(assignment.cell)
-    assert shown.t == study.timeline.samples.t.tolist()
-    assert shown.q_avg == pytest.approx(whole.result.q_avg)
-    exact = tidy(played(*explained, brief=True), digits=None)["samples"]
+def compared(shown, exact, result):
+    """A sketch has the qualities of a result, and the verdicts of what is shown over time, at the same instants."""
+    assert shown.t == pytest.approx([sample["t"] for sample in exact])
+    assert shown.covered == [sample["covered"] for sample in exact]
+    assert (shown.q_avg, shown.q_eoi) == (pytest.approx(result.q_avg), pytest.approx(result.q_eoi))
     for index, sample in enumerate(exact):
-        assert shown.covered[index] == sample["covered"]
         for literal, found in sample["literals"].items():
             atom = shown.atoms[literal.removeprefix("not ")]
-            verdicts = {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()}
             assert atom.covered[index] == found["covered"]
-            assert verdicts == found["cameras"]
+            assert {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()} == found["cameras"]
+
+
+def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
+    assignment, whole = explained
+    shown = Sketch.of(assignment.cell, whole.study).seen_by(assignment.cell)
+    compared(shown, tidy(played(*explained, brief=True), digits=None)["samples"], whole.result)
 
 
 def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_samples():
@@ -69,21 +71,10 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
     )
     assignment = ranking.session.assignment
     whole = assignment.explain(ranking.candidates[0])
-    assert len(whole.steps) == 2
     sketches = sketches_of(assignment.cell, [step.way for step in ranking.candidates[0].steps])
-    shown, exact = (
-        joined(sketches, [one.seen_by(one.cell) for one in sketches]),
-        tidy(played(assignment, whole, brief=True), digits=None)["samples"],
-    )
-    assert shown.t == pytest.approx([sample["t"] for sample in exact])
-    assert shown.covered == [sample["covered"] for sample in exact]
-    assert shown.q_avg == pytest.approx(whole.result.q_avg)
-    assert shown.q_eoi == pytest.approx(whole.result.q_eoi)
-    for index, sample in enumerate(exact):
-        for literal, found in sample["literals"].items():
-            atom = shown.atoms[literal.removeprefix("not ")]
-            assert atom.covered[index] == found["covered"]
-            assert {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()} == found["cameras"]
+    assert len(sketches) == len(whole.steps) == 2
+    shown = joined(sketches, [one.seen_by(one.cell) for one in sketches])
+    compared(shown, tidy(played(assignment, whole, brief=True), digits=None)["samples"], whole.result)
 
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
