@@ -152,33 +152,33 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
     )
 
 
-def observed(cell: Cell, scene: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
+def observed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
     """What the cameras of a cell see of a motion, whatever others see of it; see `analyse`."""
-    return with_delays(cell, all_observed(cell, [scene], sampling, full=full), sampling)[0]
+    return with_delays(cell, all_observed(cell, [planned], sampling, full=full), sampling)[0]
 
 
 def all_observed(
     cell: Cell,
-    scenes: Sequence[PlannedMotion],
+    motions: Sequence[PlannedMotion],
     sampling: Sampling,
     *,
     full: bool,
     bars: Array | None = None,
 ) -> list[Observed]:
     """As `observed` of each of several motions, without delays. bars: see `observe`."""
-    for scene in scenes:
+    for planned in motions:
         count = 0.0  # of the adaptive one, which bounds itself
         if isinstance(sampling, FixedCount):
-            count = float(sampling.samples) * len(scene.motion.primitives)
+            count = float(sampling.samples) * len(planned.motion.primitives)
         elif isinstance(sampling, FixedStep):
-            count = scene.motion.time / sampling.dt
+            count = planned.motion.time / sampling.dt
         if count > MAX_SAMPLES:
-            name = scene.candidate.name
+            name = planned.candidate.name
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    plans = ({part.name: getattr(one, part.name) for part in fields(PlannedMotion)} for one in scenes)
-    seen = (observe(one, cell.observer, sampling, full=full, bars=bars) for one in scenes)
+    plans = ({part.name: getattr(one, part.name) for part in fields(PlannedMotion)} for one in motions)
+    seen = (observe(one, cell.observer, sampling, full=full, bars=bars) for one in motions)
     return [Observed(**plan, timeline=timeline) for plan, timeline in zip(plans, seen, strict=True)]
 
 

@@ -92,56 +92,56 @@ def fault_windows(
 
 
 def all_fault_windows(
-    scene: PlannedMotion, timeline: Timeline, observer: Observer, sampling: Sampling
+    planned: PlannedMotion, timeline: Timeline, observer: Observer, sampling: Sampling
 ) -> dict[str, tuple[Window, ...]]:
     """The windows of every fault of a motion, by its name; timeline: of what formulas ask for.
 
     What fingers lose is looked for once they are closed on nothing.
     """
     several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
-    targets, faults = watched_faults(scene)
-    lost = [fault for fault in faults if is_lost_by_fingers(scene.stage, fault)]
+    targets, faults = watched_faults(planned)
+    lost = [fault for fault in faults if is_lost_by_fingers(planned.stage, fault)]
     found: dict[str, tuple[Window, ...]] = {}
-    for stage, some in ((scene.stage.once_lost(), lost), (scene.stage, [one for one in faults if one not in lost])):
+    for stage, some in ((planned.stage.once_lost(), lost), (planned.stage, [one for one in faults if one not in lost])):
         # Does the timeline lack anything that images are asked for?
         atoms = {literal.atom for fault in some for literal in fault.literals}
         beyond = any(
             fault.is_left_alone_in(piece) and not atoms <= {literal.atom for literal in piece.literals}
             for fault in some
-            for piece in scene.stage.pieces
+            for piece in planned.stage.pieces
         )
         seen = timeline
         if some and (
-            some is lost or beyond or targets != scene.targets or (several and not timeline.observation.matrix)
+            some is lost or beyond or targets != planned.targets or (several and not timeline.observation.matrix)
         ):
             pieces = []
             for piece in stage.pieces:  # with the opposite of a fault's literals, where formulas do not ask for it
                 more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]
                 asking = replace(piece, literals=tuple(dict.fromkeys([*piece.literals, *more])))
                 pieces += [asking] if any(fault.counts_in(asking) for fault in some) else []
-            request = scene.for_targets(Stage(stage.model, stage.motion, pieces, stage.X_WO, stage.carried), targets)
+            request = planned.for_targets(Stage(stage.model, stage.motion, pieces, stage.X_WO, stage.carried), targets)
             seen = observe(request, observer, sampling, full=several)
         for fault in some:
-            found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, scene.motion.time)
+            found[fault.name] = fault_windows(seen, targets, fault, observer.cameras, planned.motion.time)
     return found
 
 
-def watched_faults(scene: PlannedMotion) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
+def watched_faults(planned: PlannedMotion) -> tuple[tuple[Target, ...], tuple[FaultWatch, ...]]:
     """What images are asked for to show the faults of a candidate, and by which of it each is shown."""
-    by_atom = {target.atom: target for target in scene.targets}
+    by_atom = {target.atom: target for target in planned.targets}
     shown_by = {
-        literal: distinguishing(by_atom[literal.atom], literal, scene.stage.X_WO)
-        for literals in fault_literals(scene.formulas).values()
+        literal: distinguishing(by_atom[literal.atom], literal, planned.stage.X_WO)
+        for literals in fault_literals(planned.formulas).values()
         for literal in literals
     }
-    more = any(target not in scene.targets for targets in shown_by.values() for target in targets)
-    asked = tuple(dict.fromkeys(chain(*shown_by.values()))) if more else scene.targets
+    more = any(target not in planned.targets for targets in shown_by.values() for target in targets)
+    asked = tuple(dict.fromkeys(chain(*shown_by.values()))) if more else planned.targets
     faults: list[FaultWatch] = []
-    for name, literals in fault_literals(scene.formulas).items():
-        intervals = fault_intervals(scene.formulas, name)
+    for name, literals in fault_literals(planned.formulas).items():
+        intervals = fault_intervals(planned.formulas, name)
         # When what the tool holds changes first after the last interval, less the time to settle.
-        end, primitives = intervals[-1].end, scene.stage.motion.primitives
-        settle = max(one.stated.settle for one in scene.candidate.skill.requirements if one.name == name)
+        end, primitives = intervals[-1].end, planned.stage.motion.primitives
+        settle = max(one.stated.settle for one in planned.candidate.skill.requirements if one.name == name)
         at_end = next((p.held for p in reversed(primitives) if p.start < end - SAME_INSTANT), None)
         changes = [p.start for p in primitives if p.start > end - SAME_INSTANT and p.held != at_end]
         faults.append(
@@ -150,7 +150,7 @@ def watched_faults(scene: PlannedMotion) -> tuple[tuple[Target, ...], tuple[Faul
                 literals=literals,
                 intervals=intervals,
                 columns=tuple(tuple(map(asked.index, shown_by[literal])) for literal in literals),
-                until=changes[0] - settle if changes else scene.stage.motion.time,
+                until=changes[0] - settle if changes else planned.stage.motion.time,
             )
         )
     return asked, tuple(faults)
@@ -174,13 +174,13 @@ def distinguishing(target: Target, literal: Literal, objects: Mapping[str, Array
     return tuple(replace(target, boxes=(box,)) for box in with_object or target.boxes)
 
 
-def least_fault_delays(scene: PlannedMotion, observer: Observer, response: float) -> Array:
+def least_fault_delays(planned: PlannedMotion, observer: Observer, response: float) -> Array:
     """What the longest delay of any fault is at least with each camera, see `drop_detection.least_delays`."""
-    targets = {target.atom: target for target in scene.targets}
+    targets = {target.atom: target for target in planned.targets}
     found = [
-        least_delays(scene.stage, observer, literals, targets, interval, response)
-        for fault, literals in fault_literals(scene.formulas).items()
-        for interval in fault_intervals(scene.formulas, fault)
+        least_delays(planned.stage, observer, literals, targets, interval, response)
+        for fault, literals in fault_literals(planned.formulas).items()
+        for interval in fault_intervals(planned.formulas, fault)
     ]
     longest: Array = np.max([np.zeros(len(observer.cameras)), *found], axis=0)
     return longest

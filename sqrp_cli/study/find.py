@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
-from functools import partial
 from itertools import compress
 from math import inf
 
@@ -61,19 +60,19 @@ class TimeLimit:
         expected = f"{seconds}, or a multiple of the time of the fastest of all ways, at least 1, such as `1.25x`"
         raise bad_option(f"{option} is `{text}`, expected {expected}")
 
-    def longest(self, scenes: Sequence[PlannedMotion]) -> float:
+    def longest(self, motions: Sequence[PlannedMotion]) -> float:
         """The longest time of a way among all ways of a candidate [s]."""
-        return self.times * min(scene.motion.time for scene in scenes) if self.seconds is None else self.seconds
+        return self.times * min(planned.motion.time for planned in motions) if self.seconds is None else self.seconds
 
     def within(
-        self, scenes: Sequence[PlannedMotion], whose: str = "its fastest way"
+        self, motions: Sequence[PlannedMotion], whose: str = "its fastest way"
     ) -> Sequence[PlannedMotion] | Infeasible:
         """The ways that keep the limit, or by how much the fastest one exceeds it. whose: what its reason calls it."""
-        longest = self.longest(scenes)
-        kept = [scene for scene in scenes if scene.motion.time <= longest + ROUNDING]
+        longest = self.longest(motions)
+        kept = [planned for planned in motions if planned.motion.time <= longest + ROUNDING]
         if kept:
             return kept
-        fastest = min(scene.motion.time for scene in scenes)
+        fastest = min(planned.motion.time for planned in motions)
         return Infeasible((f"{whose} takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed",))
 
 
@@ -109,21 +108,21 @@ def find_way(
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
     plans = Plans() if plans is None else plans
-    tried, scenes = plans.of(cell, candidate, world, fastest=wanted.fastest)
+    tried, motions = plans.of(cell, candidate, world, fastest=wanted.fastest)
     longest = inf
-    if wanted.limit is not None and not isinstance(scenes, Infeasible):
+    if wanted.limit is not None and not isinstance(motions, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
-        longest, scenes = wanted.limit.longest(scenes), wanted.limit.within(scenes, whose)
-    if isinstance(scenes, Infeasible):
-        return replace(scenes, tried=tried)
+        longest, motions = wanted.limit.longest(motions), wanted.limit.within(motions, whose)
+    if isinstance(motions, Infeasible):
+        return replace(motions, tried=tried)
     compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
-    watched = plans.observed(cell, scenes, sampling, contending=compared)
+    watched = plans.observed(cell, motions, sampling, contending=compared)
     if candidate.open_paths:
         from sqrp_cli.study.seen_ways import blind_ends, seen_ways
 
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
         first = wanted.by == "q_eoi"
-        watched = [*direct, *seen_ways(cell, scenes, sampling, longest=longest, interest_first=first)]
+        watched = [*direct, *seen_ways(cell, motions, sampling, longest=longest, interest_first=first)]
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     studies = with_delays(cell, watched, sampling)
@@ -145,7 +144,7 @@ def find_way(
         )
         for way in optimal.values()
     )
-    found = WaysFound(tried=tried, feasible=len(scenes), pareto=pareto, blind_ends=ends)
+    found = WaysFound(tried=tried, feasible=len(motions), pareto=pareto, blind_ends=ends)
     return BestWay(chosen, best, found)
 
 
@@ -164,8 +163,8 @@ def studied_ways(
     Nothing if it cannot be done. plans: what is known of motions already.
     """
     plans = Plans() if plans is None else plans
-    scenes = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False)[1]
-    allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
+    motions = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False)[1]
+    allowed = motions if isinstance(motions, Infeasible) else limit.within(motions)
     if isinstance(allowed, Infeasible):
         return
     watched = plans.observed(cell, allowed, sampling)
@@ -180,16 +179,16 @@ def studied_ways(
             yield from with_delays(cell, [one], sampling)
 
 
-def with_branch(cell: Cell, scene: PlannedMotion) -> Candidate:
-    """The candidate of a scene with the branch of its motion, if it leaves that free; else the candidate itself."""
-    way = scene.candidate
-    branches = plan_branches(way, scene.world, cell.collision, cell.seed)
+def with_branch(cell: Cell, planned: PlannedMotion) -> Candidate:
+    """The candidate of a planned motion with its branch, if it leaves that free; else the candidate itself."""
+    way = planned.candidate
+    branches = plan_branches(way, planned.world, cell.collision, cell.seed)
     for branch, motion in () if isinstance(branches, Infeasible) or way.branch else branches.feasible:
         # Whether two motions of a skill lead through the same joint positions in the same time.
-        pairs = list(zip(motion.primitives, scene.motion.primitives, strict=True))
+        pairs = list(zip(motion.primitives, planned.motion.primitives, strict=True))
         in_time = all(abs(a.end - b.end) < 1e-9 for a, b in pairs)
         ends = (
-            (motion.positions(n, np.array([a.end])), scene.motion.positions(n, np.array([b.end])))
+            (motion.positions(n, np.array([a.end])), planned.motion.positions(n, np.array([b.end])))
             for n, (a, b) in enumerate(pairs)
         )
         if in_time and all(np.allclose(a, b, atol=1e-9) for a, b in ends):
@@ -224,17 +223,31 @@ class Plans:
     _seen: dict[int, Observed] = field(default_factory=dict)
 
     def observed(
-        self, cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
+        self, cell: Cell, motions: Sequence[PlannedMotion], sampling: Sampling, *, contending: bool = False
     ) -> list[Observed]:
         """What is seen of some of the planned ways; observed at the first time, if that is kept.
 
-        contending: whether others than `contenders` may be left at fewer samples, if nothing is kept.
+        contending: whether others than `contenders` may be left at fewer samples, if nothing is kept. Such a way is
+        looked at no closer once all that it may still be found to see is no more than a way sees that takes no longer:
+        then it is no contender, neither by what is known of it nor by what it would be found to see.
         """
-        if self.sights is None or self.sights[0] is not cell or self.sights[1] != sampling:
-            return (_contending if contending else partial(all_observed, full=False))(cell, scenes, sampling)
-        missing = [scene for scene in scenes if id(scene) not in self._seen]
-        self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
-        return [self._seen[id(scene)] for scene in scenes]
+        if self.sights is not None and self.sights[0] is cell and self.sights[1] == sampling:
+            missing = [one for one in motions if id(one) not in self._seen]
+            self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
+            return [self._seen[id(one)] for one in motions]
+        if not contending or len({(one.T > 0.0, one.T_eoi > 0.0) for one in motions}) > 1:  # not to be compared
+            return all_observed(cell, motions, sampling, full=False)
+        found: dict[int, Observed] = {}
+        known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
+        for number in sorted(range(len(motions)), key=lambda index: motions[index].motion.time):
+            planned, time = motions[number], compared_time(motions[number].motion.time)
+            # A way that is as fast must see more. What rounding may add must not decide.
+            least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
+            bars = (1.0 - np.array(least).reshape(-1, 2)) * [planned.T, planned.T_eoi] * (1.0 + 1e-9)
+            (found[number],) = all_observed(cell, [planned], sampling, full=False, bars=bars)
+            seen = qualities_over(found[number].timeline)
+            known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
+        return [found[number] for number in range(len(motions))]
 
     def of(self, cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Planned:
         """Every way of a candidate, of the branch that it states, if any; planned at the first time.
@@ -245,7 +258,7 @@ class Plans:
         key = (id(candidate), fastest)
         if key in self._known:
             return self._known[key][1]
-        tried, scenes = 0, list[PlannedMotion]()
+        tried, motions = 0, list[PlannedMotion]()
         reasons: list[tuple[str, ...]] = []
         if fastest:
             way = first_grip(candidate)
@@ -262,27 +275,7 @@ class Plans:
             tried += 1 if grip.branch else branches.tried
             stated = ((one, motion) for one, motion in branches.feasible if {**one, **grip.branch} == one)
             ways = ((replace(grip, branch=one), motion) for one, motion in stated)
-            scenes += [planned_motion(cell, way, world, motion) for way, motion in ways]
+            motions += [planned_motion(cell, way, world, motion) for way, motion in ways]
         none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
-        self._known[key] = candidate, (tried, scenes or none)
+        self._known[key] = candidate, (tried, motions or none)
         return self._known[key][1]
-
-
-def _contending(cell: Cell, scenes: Sequence[PlannedMotion], sampling: Sampling) -> list[Observed]:
-    """What is seen of ways: as exactly as asked of `contenders`, in fewer samples of some others.
-
-    A way is looked at no closer once all that it may still be found to see is no more than a way sees that takes no
-    longer: then it is no contender, neither by what is known of it nor by what it would be found to see.
-    """
-    found: dict[int, Observed] = {}
-    known: list[tuple[float, float, float]] = []  # time and qualities as they are compared
-    of_kind = len({(scene.T > 0.0, scene.T_eoi > 0.0) for scene in scenes}) == 1  # else qualities are not compared
-    for number in sorted(range(len(scenes)), key=lambda index: scenes[index].motion.time):
-        scene, time = scenes[number], compared_time(scenes[number].motion.time)
-        # A way that is as fast must see more. What rounding may add must not decide.
-        least = [(avg - (QUALITY_STEP if time == its_time else 0.0), eoi) for its_time, avg, eoi in known]
-        bars = (1.0 - np.array(least).reshape(-1, 2)) * [scene.T, scene.T_eoi] * (1.0 + 1e-9)
-        (found[number],) = all_observed(cell, [scene], sampling, full=False, bars=bars if of_kind else None)
-        seen = qualities_over(found[number].timeline)
-        known.append((time, compared_quality(seen.q_avg), compared_quality(seen.q_eoi)))
-    return [found[number] for number in range(len(scenes))]

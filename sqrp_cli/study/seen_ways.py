@@ -133,7 +133,7 @@ MOST_TOGETHER = 10_000
 
 def seen_ways(
     cell: Cell,
-    scenes: Sequence[PlannedMotion],
+    motions: Sequence[PlannedMotion],
     sampling: Sampling,
     *,
     longest: float = np.inf,
@@ -141,7 +141,7 @@ def seen_ways(
 ) -> list[Analysis]:
     """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
 
-    scenes: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
+    motions: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
     interest_first: whether quality in events of interest counts before all else. The result depends only on the
     arguments. It is empty if no path is better than the direct ones.
 
@@ -149,7 +149,7 @@ def seen_ways(
     over joint positions that it bends around. All ways are looked at; the most promising ones are searched together,
     and those that fall behind drop out.
     """
-    runners = _runners(cell, scenes, longest, interest_first)
+    runners = _runners(cell, motions, longest, interest_first)
     if not runners:
         return []
     everyone, work = [search for runner in runners for search in runner.searches], 0
@@ -178,7 +178,7 @@ def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
 class _Runner:
     """A way with the searches for its paths."""
 
-    scene: PlannedMotion
+    planned: PlannedMotion
     """Of the direct way."""
     level: int
     """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
@@ -193,15 +193,15 @@ class _Runner:
         paths = [search.best for search in self.searches] if paths is None else paths
         longer = sum(path.time - search.direct.time for search, path in zip(self.searches, paths, strict=True))
         blind = self.blind_elsewhere + sum(path.blind for path in paths)
-        return round(self.weight * blind + (self.scene.motion.time + longer), COST_DECIMALS)
+        return round(self.weight * blind + (self.planned.motion.time + longer), COST_DECIMALS)
 
 
-def _glance(cell: Cell, scene: PlannedMotion) -> Array:
+def _glance(cell: Cell, planned: PlannedMotion) -> Array:
     """How long the state is not covered, and not in events of interest, in each of p primitives, shape (2, p) [s].
 
     By looks in the middles of equal stretches of about `GLANCE_STEP` of each primitive of a direct way.
     """
-    primitives, stage = scene.motion.primitives, scene.stage
+    primitives, stage = planned.motion.primitives, planned.stage
     counts = np.array([max(1, int(np.ceil((p.end - p.start) / GLANCE_STEP))) for p in primitives])
     times = [
         p.start + (p.end - p.start) * (np.arange(count) + 0.5) / count
@@ -209,45 +209,45 @@ def _glance(cell: Cell, scene: PlannedMotion) -> Array:
     ]
     t = np.concatenate(times)
     samples = Samples(np.searchsorted([p.end for p in stage.pieces[:-1]], t), t)
-    blind = look_at(cell.observer, stage, scene.targets, samples).blind
+    blind = look_at(cell.observer, stage, planned.targets, samples).blind
     at = np.array([piece.primitive for piece in stage.pieces])[samples.piece]
     step = np.array([p.end - p.start for p in primitives]) / np.maximum(np.bincount(at, minlength=len(counts)), 1)
     lost = (blind, blind & stage.of_interest(samples))
     return np.stack([np.bincount(at, some, len(primitives)) * step for some in lost])
 
 
-def _runners(cell: Cell, scenes: Sequence[PlannedMotion], longest: float, interest_first: bool) -> list[_Runner]:
+def _runners(cell: Cell, motions: Sequence[PlannedMotion], longest: float, interest_first: bool) -> list[_Runner]:
     """The most promising ways at the start: those that would be best if all their open moves could be seen."""
     weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
 
-    def outlook(scene: PlannedMotion, lost: Array, moves: Sequence[int]) -> tuple[int, float]:
+    def outlook(planned: PlannedMotion, lost: Array, moves: Sequence[int]) -> tuple[int, float]:
         """The level and the time not covered elsewhere [s] of a way if these moves were seen; lost: see `_glance`."""
         elsewhere, interest = np.delete(lost, moves, axis=1).sum(axis=1).tolist()
-        level = round((1.0 - interest / scene.T_eoi) / LEVEL) if interest_first and scene.T_eoi > 0 else 0
+        level = round((1.0 - interest / planned.T_eoi) / LEVEL) if interest_first and planned.T_eoi > 0 else 0
         return level, elsewhere
 
     found = []
-    for scene in scenes:
-        if moves := open_moves(scene, scene.candidate.open_paths):
-            lost = _glance(cell, scene)
-            level, elsewhere = outlook(scene, lost, moves)
-            found.append((-level, weight * elsewhere + scene.motion.time, scene, lost))
+    for planned in motions:
+        if moves := open_moves(planned, planned.candidate.open_paths):
+            lost = _glance(cell, planned)
+            level, elsewhere = outlook(planned, lost, moves)
+            found.append((-level, weight * elsewhere + planned.motion.time, planned, lost))
     chosen: list[tuple[PlannedMotion, Array]] = []
-    for _, _, scene, lost in sorted(found, key=lambda one: one[:2]):
-        same_branch = (other for other, _ in chosen if other.candidate.branch == scene.candidate.branch)
-        known = any(abs(scene.motion.time - other.motion.time) < SAME_TIME for other in same_branch)
+    for _, _, planned, lost in sorted(found, key=lambda one: one[:2]):
+        same_branch = (other for other, _ in chosen if other.candidate.branch == planned.candidate.branch)
+        known = any(abs(planned.motion.time - other.motion.time) < SAME_TIME for other in same_branch)
         if len(chosen) < ROUNDS[0][0] and not known:
-            chosen.append((scene, lost))
+            chosen.append((planned, lost))
     runners = []
-    for scene, lost in chosen:
-        searches = list(move_searches(cell, scene, scene.candidate.open_paths, longest - scene.motion.time))
+    for planned, lost in chosen:
+        searches = list(move_searches(cell, planned, planned.candidate.open_paths, longest - planned.motion.time))
         for search in searches:
             search.look(cell.observer, [search.direct], EXACTLY)
         searched = tuple(search for search in searches if search.direct.blind > WORTH_SEARCHING)
-        level, elsewhere = outlook(scene, lost, [search.primitive for search in searches])
+        level, elsewhere = outlook(planned, lost, [search.primitive for search in searches])
         blind = elsewhere + sum(search.direct.blind for search in searches if search not in searched)
         if searched:
-            runners.append(_Runner(scene, level, blind, searched, weight))
+            runners.append(_Runner(planned, level, blind, searched, weight))
     return runners
 
 
@@ -274,7 +274,7 @@ def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: floa
 
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
-    spare = longest - runner.scene.motion.time
+    spare = longest - runner.planned.motion.time
     left: list[list[SeenPath]] = []
     for search in runner.searches:
         # The direct path, and the best others of which none is both longer and blind for longer than another.
@@ -297,11 +297,11 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
         ),
         direct,
     )
-    names = [runner.scene.motion.primitives[search.primitive].name for search in runner.searches]
+    names = [runner.planned.motion.primitives[search.primitive].name for search in runner.searches]
     vias = {name: path.vias for name, path in zip(names, paths, strict=True) if len(path.vias)}
     if not vias:
         return None
-    found = analyse(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
+    found = analyse(cell, runner.planned.candidate.with_paths(vias), runner.planned.world, sampling, full=False)
     if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
         return None
     blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.T
