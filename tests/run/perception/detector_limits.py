@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
@@ -15,7 +14,7 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.files.frames import FrameName
-from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, transform
+from sqrp_cli.geometry import Array, look_at, pose, read_only
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.cell.mujoco_model import quaternion
@@ -24,7 +23,8 @@ from sqrp_cli.run.cell.simulated_cell import SimulatedCell
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.perception.detections import BelievedState, BoxDetection, CellModel, DetectionTargets
 from sqrp_cli.run.perception.image_detector import ImageDetector
-from sqrp_cli.run.perception.vision import find_markers
+from sqrp_cli.run.perception.projected import PosedCamera
+from sqrp_cli.run.perception.vision import filled, find_markers
 from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.cell.scenes import camera, cell, empty, thing, world
@@ -126,14 +126,6 @@ def color_rates(
     return there.count(Truth.TRUE) / trials, gone.count(Truth.FALSE) / trials
 
 
-def outline(eye: Camera, X_WO: Array) -> Array:
-    """The image of the cube at a pose, a convex polygon (n, 2) [pixels]."""
-    X_CO = np.linalg.inv(eye.X_FC) @ X_WO
-    pixels, _ = Projection(eye).pixels(transform(X_CO, box_corners(CUBE.size)))
-    hull: Array = cv2.convexHull(pixels.astype(np.float32))[:, 0].astype(float)
-    return hull
-
-
 def _cube_sights(
     stage: Stage, eye: Camera, visible: float, random: np.random.Generator, *, slit: bool
 ) -> tuple[Truth, Truth]:
@@ -164,26 +156,23 @@ def _view_of_cube(name: str, pixels: float, random: np.random.Generator) -> Came
     distance = FOCAL * 0.05 / pixels
     for _ in range(5):
         eye = camera(name, eye=(target + distance * way).tolist(), target=target.tolist(), focal=(FOCAL, FOCAL))
-        area = cv2.contourArea(outline(eye, pose(position=PLACE)).astype(np.float32))
-        distance *= np.sqrt(area) / pixels
+        shown = PosedCamera(Projection(eye), eye.X_FC).outline(pose(position=PLACE), CUBE.size)
+        distance *= np.sqrt(shown.area) / pixels
     return eye
 
 
 def _screens(eye: Camera, X_WO: Array, visible: float, random: np.random.Generator, *, slit: bool) -> Iterator[Array]:
     """Poses of the screens, across the view, whose edges leave that share of the cube's image free."""
-    hull = outline(eye, X_WO)
-    turn = random.uniform(-np.pi, np.pi)
+    view = PosedCamera(Projection(eye), eye.X_FC)
+    shown, turn = view.outline(X_WO, CUBE.size), random.uniform(-np.pi, np.pi)
     across = np.array([np.cos(turn), np.sin(turn)])
-    canvas = np.zeros((eye.height, eye.width), dtype=np.uint8)
-    cv2.fillConvexPoly(canvas, np.round(hull * 16).astype(np.int32), 1, shift=4)
-    rows, columns = np.nonzero(canvas)
-    places = np.column_stack([columns, rows]) @ across
+    places = np.argwhere(filled(view.whole, [shown.corners]))[:, ::-1] @ across
     hidden = (1.0 - visible) / (2.0 if slit else 1.0)
-    depth = 0.8 * float((np.linalg.inv(eye.X_FC) @ X_WO)[2, 3])
+    middle, depth = shown.polygon.mean(axis=0), 0.8 * shown.depth
     edge = float(np.quantile(places, 1.0 - hidden)) + (5.0 if visible >= 1.0 else 0.0)
-    yield _screen_from(eye, across, edge, hull.mean(axis=0), depth)
+    yield _screen_from(eye, across, edge, middle, depth)
     if slit:
-        yield _screen_from(eye, -across, -float(np.quantile(places, hidden)), hull.mean(axis=0), depth)
+        yield _screen_from(eye, -across, -float(np.quantile(places, hidden)), middle, depth)
 
 
 def _screen_from(eye: Camera, across: Array, edge: float, middle: Array, depth: float) -> Array:

@@ -43,18 +43,18 @@ def test_smaller_or_more_oblique_markers_are_missed() -> None:
 def test_coloured_things_within_the_limits_are_judged_right(size: float, visible: float) -> None:
     """size: in smallest ones. visible: from the least share, 0, to all, 1."""
     share = COLORS.min_visible + visible * (1.0 - COLORS.min_visible)
-    there, gone = color_rates(size * COLORS.min_pixels, share, 20)
+    there, gone = color_rates(size * COLORS.min_pixels, share, 12)
     assert there >= 0.95
     assert gone >= 0.95
 
 
 def test_what_shows_in_a_slit_is_judged_as_what_shows_beside_one_edge() -> None:
-    assert color_rates(30, COLORS.min_visible, 20, slit=True) == (1.0, 1.0)
+    assert color_rates(30, COLORS.min_visible, 12, slit=True) == (1.0, 1.0)
 
 
 def test_what_is_mostly_hidden_or_tiny_is_not_judged() -> None:
-    assert color_rates(2.0 * COLORS.min_pixels, 0.5 * COLORS.min_visible, 20) == (0.0, 0.0)
-    assert max(color_rates(0.33 * COLORS.min_pixels, COLORS.min_visible, 20)) <= 0.3
+    assert color_rates(2.0 * COLORS.min_pixels, 0.5 * COLORS.min_visible, 10) == (0.0, 0.0)
+    assert max(color_rates(0.33 * COLORS.min_pixels, COLORS.min_visible, 10)) <= 0.3
 
 
 def test_a_detector_that_asks_for_more_is_not_content_with_less() -> None:
@@ -65,7 +65,7 @@ def test_a_detector_that_asks_for_more_is_not_content_with_less() -> None:
 
 @pytest.mark.parametrize(("share", "says"), [(0.4, Truth.TRUE), (0.6, Truth.FALSE), (0.66, Truth.FALSE)])
 def test_a_part_beside_its_place_is_in_it_if_its_middle_is(share: float, says: Truth) -> None:
-    assert beside(share, 20) == 20 * [says]
+    assert beside(share, 12) == 12 * [says]
 
 
 SCREWS = ROOT / "workspaces/screws"

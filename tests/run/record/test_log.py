@@ -1,4 +1,4 @@
-"""Events and the log: an event is its line, and whatever is wrong with a log from outside is said, with its line."""
+"""Events and the log: an event is its line, and whatever is wrong with a log or a folder of frames is told."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.ground_truth import changes
 from sqrp_cli.run.record.events import KINDS, MODELS, VERSION, AskedBox, Event, ProgramStep, ShownAtom, event
+from sqrp_cli.run.record.images import read_frames
 from sqrp_cli.run.record.log import LogWriter, Track, read_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.documents.schemas import schema_of
@@ -159,3 +160,44 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
             shown.add((number, field))
             write_run(RunCell(header.workspace, header.cameras, header.digest, None), last.report, events, page, [])
     assert told == set(fields)
+
+
+HEAD = "camera,file,step,t\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("frames.csv", b"", "this file is no recording; expected an MCAP file, a bag of ROS, or a folder with frames"),
+        ("nowhere", b"", "no such file or folder"),
+        (".", b"\xff\xfe", "byte 0xff is not UTF-8 text"),
+        (".", HEAD.encode() + b"cam1,link.png,1,0\n", "2: the file `link.png` is not in this folder"),
+        (".", HEAD.encode() + b"cam1,out/secret.png,1,0\n", "2: the file `out/secret.png` is not in this folder"),
+    ],
+)
+def test_what_is_no_folder_of_frames_is_refused_in_words(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    (tmp_path / "secret.png").touch()
+    (folder / "link.png").symlink_to(tmp_path / "secret.png")
+    (folder / "out").symlink_to(tmp_path)
+    (folder / "frames.csv").write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        list(read_frames(folder / name, ["cam1"], 1))
+
+
+def test_a_file_in_the_folder_may_be_reached_by_links_within_it(tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "a.png").touch()
+    (tmp_path / "link.png").symlink_to("below/a.png")
+    (tmp_path / "frames.csv").write_text(f"{HEAD}cam1,link.png,1,0\ncam1,below/a.png,1,\n")
+    entries = list(read_frames(tmp_path, ["cam1"], 1))
+    assert [(file.name, t) for _, file, _, t in entries] == [("link.png", 0.0), ("a.png", None)]
+
+
+def test_nothing_is_quoted_of_a_file_that_only_lies_where_the_index_should(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("root:x:0:0\n")
+    (tmp_path / "frames.csv").symlink_to("secret")
+    with pytest.raises(InputError) as caught:
+        list(read_frames(tmp_path, ["cam1"], 1))
+    assert "x:0" not in str(caught.value)

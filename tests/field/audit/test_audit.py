@@ -1,4 +1,4 @@
-"""A program's motion is found in joint states, whatever else they show."""
+"""A program's motion is found in joint states, whatever else they show; a fit of a camera has the right slopes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sqrp_cli.camera.projection import Projection
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.field.audit.bag_footage import JointTracks, found_steps, joint_tracks
+from sqrp_cli.field.audit.camera_fit import SeenEdges
 from sqrp_cli.trajectory import Trajectory
 from tests.run.steps import played
 
@@ -87,3 +90,24 @@ def test_of_a_recording_that_was_interrupted_it_is_said_that_it_ends_too_early(e
 def test_what_is_not_there_is_said(runs: Any, arm: list[str], says: str) -> None:
     with pytest.raises(InputError, match=says):
         found_steps(PROGRAM, arm, recorded(runs), Path("run.mcap"))
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_slopes_are_the_differences_of_how_far_points_are_away() -> None:
+    rng = np.random.default_rng(3)
+    camera = load_workspace(ROOT / "workspaces" / "tabletop").cameras["cam1"]
+    projection, n = Projection(camera), 50
+    points = np.column_stack([rng.uniform(-0.1, 0.1, (n, 2)), rng.uniform(0.8, 1.2, n)])
+    owner = rng.integers(-1, 2, n)
+    fitted = SeenEdges(
+        projection=projection, points=points, speeds=rng.normal(0.0, 0.3, (n, 3)), levers=rng.normal(0.0, 0.05, (n, 3)),
+        body=rng.integers(0, 4, n), pixels=projection.pixels(points)[0], normals=rng.normal(size=(n, 2)),
+        contrast=np.zeros((n, 21)), R_CW=np.tile(np.linalg.qr(rng.normal(size=(3, 3)))[0], (n, 1, 1)), alike=np.ones(n),
+        owned=owner[:, None] == [0, 1], deviations=np.ones(16), reach=5.0,
+    )  # fmt: skip
+    change = rng.normal(0.0, 0.02, len(fitted.deviations))
+    steps = 1e-6 * np.eye(len(change))
+    differences = [fitted.away(change + step) - fitted.away(change - step) for step in steps]
+    np.testing.assert_allclose(fitted.slopes(change), np.stack(differences, axis=1) / 2e-6, rtol=1e-4, atol=0.05)
