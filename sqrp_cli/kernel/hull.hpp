@@ -85,15 +85,13 @@ struct Hull {
     bool may_meet(const Node& n, uint32_t& planes) const {
         V3 below = n.center - n.extent - bounds.high, above = bounds.low - n.center - n.extent;
         if (most(most(below.x, below.y), below.z) > 0 || most(most(above.x, above.y), above.z) > 0) return false;
-        double low[PLANES], high[PLANES];
-        for (int i = 0; i < PLANES; i++) {
+        for (uint32_t left = planes; left; left &= left - 1) {
+            int i = __builtin_ctz(left);
             double d = height(i, n.center), r = fabs(x[i]) * n.extent.x + fabs(y[i]) * n.extent.y + fabs(z[i]) * n.extent.z;
-            low[i] = d - r, high[i] = d + r;
+            if (d - r > 0) return false;
+            if (d + r <= 0) planes &= ~(1u << i);
         }
-        uint32_t out = 0, in = 0;
-        for (int i = 0; i < PLANES; i++) out |= uint32_t(low[i] > 0) << i, in |= uint32_t(high[i] <= 0) << i;
-        planes &= ~in;
-        return !out;
+        return true;
     }
 
     // The part of a triangle that is inside some of the planes, or all.
@@ -145,9 +143,9 @@ inline bool meets_surface(const Surface& s, const Hull& H, bool full) {
         return true;
     };
     auto leaf = [&](const Node& n, uint32_t) {
-        bool found = false;
-        for (int i = n.first; !found && i < n.first + n.count; i++) found = H.clip(s.triangles[i]).n;
-        return found;
+        for (int i = n.first; i < n.first + n.count; i++)
+            if (H.clip(s.triangles[i]).n) return true;
+        return false;
     };
     if (walk(s, H.all(), enter, leaf) || inside) return true;
     for (int i = 0; full && i < s.count(); i++)  // or it is around all of the hull

@@ -73,7 +73,8 @@ struct Winding {
         double r0 = a.y / a.z, r1 = b.y / b.z;
         int from = first_row(r0), to = first_row(r1);
         if (from == to) return;
-        double c0 = a.x / a.z, slope = (b.x / b.z - c0) / (r1 - r0), at = c0 - r0 * slope;
+        double c0 = a.x / a.z, c1 = b.x / b.z, slope = (c1 - c0) / (r1 - r0), at = c0 - r0 * slope;
+        if (least(c0, c1) > COLUMNS + 1) return;  // beyond all rays
         if (to < from) swap(from, to), weight = -weight;
         for (int k = from; k < to; k++) step[first_column(at + k * slope - shift(k))][k] += int16_t(weight);
     }
@@ -127,11 +128,13 @@ struct Grid {
     double seen(const Rays& blocked) const { return total ? double(silhouette.count_without(blocked)) / total : 1.0; }
 };
 
+struct Share { double seen; int near; Rays around; };  // the least that a near solid leaves of a box; the rays that it may block
+
 // Memory that a call uses again and again.
 struct Scratch {
     List<int8_t> turned;     // of each triangle: 1 and -1 of those whose outline is drawn, turned to the eye or away; else 0
     List<int32_t> drawn;     // these
-    List<Rays> rest;
+    List<Share> rest;
 };
 
 // Calls `whole(i, side)` for the triangles that may block rays to a box and lie before its far side, and

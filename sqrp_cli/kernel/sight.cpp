@@ -15,10 +15,7 @@ void* solid_new(const double* vertices, int vertex_count, const int64_t* faces, 
     return solid;
 }
 
-void solid_free(void* solid) {
-    static_cast<Solid*>(solid)->~Solid();
-    free(solid);
-}
+void solid_free(void* solid) { static_cast<Solid*>(solid)->~Solid(), free(solid); }
 
 constexpr int8_t UNKNOWN = -1, UNSEEN = 0, SEEN = 1;
 

@@ -12,7 +12,7 @@ struct Triangle {
 struct Node { V3 center, extent; int first, count; };
 
 constexpr double SAME_PLACE = 1e9;  // points whose coordinates agree when rounded to a billionth of a metre are one
-constexpr int LEAF = 8;             // most triangles of a leaf
+constexpr int LEAF = 16;            // most triangles of a leaf
 constexpr int DEEPEST = 64;         // nodes that a walk keeps: children halve the triangles, so 32 are enough for 2^31
 
 struct Surface {

@@ -177,10 +177,7 @@ private:
         return by >= 0 ? by : hit[0]->solid;
     }
 
-    const Grid& rays() {
-        if (!has_grid) grid = Grid::of(H, X_WC), has_grid = true;
-        return grid;
-    }
+    const Grid& rays() { return has_grid ? grid : (has_grid = true, grid = Grid::of(H, X_WC)); }
 
     // The share that is visible; once it is less than `enough`, any other one that is; NAN: it must be exact. decide: whether
     // it need be no more exact where it is enough, and what the image's edge takes counts as hidden.
@@ -192,19 +189,24 @@ private:
             for (int i = 0; i < resting; i++) scene.block(still_blocked, g, near[i], state);
         has_rays = true;
         Rays blocked = still ? still_blocked : Rays();
-        List<Rays>& rest = scene.scratch.rest;  // at least what the solids from each on block
-        if (decide) {
-            rest.resize(most(rest.size(), n + 1)), rest[n] = {};
-            for (int i = n; i-- > first;) (rest[i] = rest[i + 1]).add_around(g.map * scene.pose_of(near[i].solid, state), scene.solids[near[i].solid]->surface.nodes[0]);
-        }
         double seen = g.seen(blocked);
-        for (int i = first; !(seen < enough); i++) {
-            if (decide) {
-                double least_seen = share_in_image(blocked | rest[i], enough);
-                if (i == n || least_seen >= enough) return least_seen;
-            } else if (i == n) break;
-            scene.block(blocked, g, near[i], state), seen = g.seen(blocked);
-            if (seen < enough) in_the_way = near[i].solid;
+        List<Share>& rest = scene.scratch.rest;  // what the solids from each on block at least
+        rest.clear();
+        for (int i = first; decide && i < n; i++) {
+            Rays around;
+            around.add_around(g.map * scene.pose_of(near[i].solid, state), scene.solids[near[i].solid]->surface.nodes[0]);
+            // The more a solid may hide, the sooner it decides, and soonest what hid the box last.
+            rest.add({near[i].solid == in_the_way ? -1 : g.seen(around), i, around});
+        }
+        sort(rest.begin(), rest.end(), [](const Share& a, const Share& b) { return a.seen < b.seen; });
+        for (int k = rest.size() - 1; k-- > 0;) rest[k].around = rest[k].around | rest[k + 1].around;
+        for (int k = 0; !(seen < enough); k++) {
+            bool last = k == n - first;
+            double least_seen = decide ? share_in_image(last ? blocked : blocked | rest[k].around, enough) : seen;
+            if (last || (decide && least_seen >= enough)) return least_seen;
+            const Near& next = near[decide ? rest[k].near : first + k];
+            scene.block(blocked, g, next, state), seen = g.seen(blocked);
+            if (seen < enough) in_the_way = next.solid;
         }
         return seen;
     }
