@@ -42,17 +42,6 @@ def ran(script: str, folder: Path, **environment: str) -> subprocess.CompletedPr
     return subprocess.run(command, env=whole, check=True, capture_output=True, text=True)
 
 
-@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="not on this system")
-def test_processes_come_from_one_that_has_imported_what_they_need(tmp_path: Path) -> None:
-    assert ran(PROBE, tmp_path).stdout == "forkserver started\n"
-
-
-def test_processes_are_started_where_the_name_of_the_temporary_folder_is_too_long_for_a_socket(tmp_path: Path) -> None:
-    temporary = tmp_path / ("long" * 30)
-    temporary.mkdir()
-    assert ran(PROBE, tmp_path, TMPDIR=str(temporary)).stdout == "spawn started\n"
-
-
 def test_what_the_processes_of_a_run_import_is_there() -> None:
     assert [name for name in NEEDED if importlib.util.find_spec(name) is None] == []
 
@@ -72,10 +61,6 @@ if __name__ == "__main__":
     os.write(worker.pipe.fileno(), struct.pack("!i", 100) + b"half of it")
     worker.close()
 """
-
-
-def test_a_process_whose_message_was_torn_off_by_ctrl_c_ends_silently(tmp_path: Path) -> None:
-    assert ran(TORN, tmp_path).stderr == ""
 
 
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
@@ -137,32 +122,24 @@ def test_what_goes_wrong_in_a_process_goes_wrong_here() -> None:
         list(in_processes(lambda number: 1 // number, [1, 0], 2))
 
 
-def test_results_come_in_the_order_of_what_they_are_of() -> None:
-    def slow_at_first(number: int) -> int:
-        time.sleep(0.2 if number == 0 else 0.0)
+def kill_oneself(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("third", [lambda _: time.sleep(0.2), kill_oneself])
+def test_results_come_in_order_whether_one_takes_long_or_its_process_is_killed(tmp_path: Path, third: Any) -> None:
+    def work(number: int) -> int:
+        if number == 3 and not (tmp_path / "done").exists():
+            (tmp_path / "done").touch()
+            third(number)
         return -number
 
-    assert list(in_processes(slow_at_first, range(20), 3)) == [-number for number in range(20)]
-
-
-def test_what_a_process_did_that_was_killed_is_done_again(tmp_path: Path) -> None:
-    def dies_once(number: int) -> int:
-        if number == 3 and not (tmp_path / "died").exists():
-            (tmp_path / "died").touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return number
-
-    assert list(in_processes(dies_once, range(10), 2)) == list(range(10))
+    assert list(in_processes(work, range(10), 2)) == [-number for number in range(10)]
 
 
 def test_what_kills_its_process_twice_is_an_error() -> None:
-    def dies(number: int) -> int:
-        if number == 3:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return number
-
     with pytest.raises(InputError, match="died twice; is there enough memory"):
-        list(in_processes(dies, range(10), 2))
+        list(in_processes(lambda number: kill_oneself(number) if number == 3 else number, range(10), 2))
     assert not multiprocessing.active_children()
 
 
@@ -212,13 +189,6 @@ pool.close()
 """
 
 
-def test_workers_do_not_run_a_script_without_a_guard_again(tmp_path: Path) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    typed = subprocess.run([sys.executable, "-"], input=SCRIPT, env=environment, capture_output=True, text=True)
-    for run in (ran(SCRIPT, tmp_path), typed):
-        assert (run.stdout, run.stderr) == ("begins\n[2, 4, 6]\n", "")
-
-
 KILLED_SERVER = """
 import os, signal
 from multiprocessing import forkserver
@@ -238,9 +208,31 @@ except InputError as error:
 """
 
 
-def test_the_end_of_the_server_that_forks_workers_is_an_error_with_a_reason(tmp_path: Path) -> None:
-    run = ran(KILLED_SERVER, tmp_path)
-    assert (run.stdout, run.stderr) == ("worker-died\n", "")
+@pytest.mark.parametrize(
+    ("script", "folder", "printed"),
+    [
+        (PROBE, "", "forkserver started\n"),
+        (PROBE, "long" * 30, "spawn started\n"),
+        (TORN, "", ""),
+        (SCRIPT, "", "begins\n[2, 4, 6]\n"),
+        (KILLED_SERVER, "", "worker-died\n"),
+    ],
+    ids=["processes come from one that has imported what they need", "unless no socket can have so long a name",
+         "a message that Ctrl-C tore off ends its process silently", "a script without a guard is not run again",
+         "the end of the server that forks workers is an error with a reason"],
+)  # fmt: skip
+def test_processes_are_started_and_end_without_a_word(tmp_path: Path, script: str, folder: str, printed: str) -> None:
+    """folder: for temporary files, below the test's own."""
+    temporary = tmp_path / folder
+    temporary.mkdir(exist_ok=True)
+    found = ran(script, tmp_path, **({"TMPDIR": str(temporary)} if folder else {}))
+    assert (found.stdout, found.stderr) == (printed, "")
+
+
+def test_a_script_that_is_typed_is_not_run_again_either() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    typed = subprocess.run([sys.executable, "-"], input=SCRIPT, env=environment, capture_output=True, text=True)
+    assert (typed.stdout, typed.stderr) == ("begins\n[2, 4, 6]\n", "")
 
 
 def test_a_number_of_processes_that_no_machine_has_takes_no_memory() -> None:

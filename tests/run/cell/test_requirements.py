@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes.util
-import importlib.util
 import os
 import subprocess
 import sys
@@ -11,66 +10,43 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.errors import InputError
 from sqrp_cli.run.cell import requirements
 from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.run.record.events import VERSION, event
 from sqrp_cli.run.record.log import LogWriter
 from sqrp_cli.run.record.report import RunReport
+from tests.cells import ROOT, refused
 
-ROOT = Path(__file__).parents[3]
 INSTALL = "pip install mujoco opencv-contrib-python-headless"
 
 
-def problem() -> tuple[str, str, str | None]:
-    """Code, message and mend of what is wrong."""
-    with pytest.raises(InputError) as raised:
-        check_simulator()
-    (found,) = raised.value.problems
-    return found.code, found.message, found.mend
-
-
-def without_libraries(monkeypatch: pytest.MonkeyPatch, *missing: str) -> None:
-    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None if name in missing else f"lib{name}.so.1")
-
-
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = importlib.util.find_spec
-    monkeypatch.setattr(requirements, "find_spec", lambda name: None if name in ("mujoco", "cv2") else real(name))
-    code, message, mend = problem()
-    assert (code, mend) == ("missing-extra", INSTALL)
-    assert "`sim`" in message
+    monkeypatch.setattr(requirements, "find_spec", lambda _: None)
+    found = refused(check_simulator)
+    assert (found.code, found.mend, "`sim`" in found.message) == ("missing-extra", INSTALL, True)
 
 
 @pytest.mark.parametrize(
     ("chosen", "missing", "says"),
     [
-        (None, ["EGL", "OSMesa"], ["libegl1 libgl1 libgl1-mesa-dri", "libosmesa6 with MUJOCO_GL=osmesa"]),
-        ("egl", ["EGL"], ["MUJOCO_GL is `egl`, but libEGL is not installed"]),
-        ("off", ["EGL"], ["MUJOCO_GL is `off`"]),
+        ("", ["EGL", "OSMesa"], ["libegl1 libgl1 libgl1-mesa-dri", "libosmesa6 with MUJOCO_GL=osmesa"]),
+        ("egl", ["EGL"], ["MUJOCO_GL is `egl`, but libEGL is not installed"]), ("off", ["EGL"], ["MUJOCO_GL is `off`"]),
+        ("", [], "egl"), ("", ["EGL"], "osmesa"), ("osmesa", ["EGL"], "osmesa"),
     ],
-)
-def test_an_opengl_that_is_missing_is_named_with_its_debian_packages(
-    monkeypatch: pytest.MonkeyPatch, chosen: str | None, missing: list[str], says: list[str]
+)  # fmt: skip
+def test_the_way_to_draw_is_chosen_by_what_there_is_or_named_with_its_debian_packages(
+    monkeypatch: pytest.MonkeyPatch, chosen: str, missing: list[str], says: list[str] | str
 ) -> None:
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    if chosen is not None:
-        monkeypatch.setenv("MUJOCO_GL", chosen)
-    without_libraries(monkeypatch, *missing)
-    code, message, mend = problem()
-    assert code == "no-opengl"
-    assert all(part in message for part in says)
-    assert chosen or mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
-
-
-@pytest.mark.parametrize(("missing", "chosen"), [((), "egl"), (("EGL",), "osmesa")])
-def test_the_way_to_draw_is_chosen_by_what_there_is(
-    monkeypatch: pytest.MonkeyPatch, missing: tuple[str, ...], chosen: str
-) -> None:
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    without_libraries(monkeypatch, *missing)
-    check_simulator()
-    assert os.environ["MUJOCO_GL"] == chosen
+    """says: the way, or parts of the message where there is none."""
+    monkeypatch.setenv("MUJOCO_GL", chosen)
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None if name in missing else f"lib{name}.so.1")
+    if isinstance(says, str):
+        check_simulator()
+        assert os.environ["MUJOCO_GL"] == says
+        return
+    found = refused(check_simulator)
+    assert (found.code, [part in found.message for part in says]) == ("no-opengl", [True] * len(says))
+    assert chosen or found.mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
 
 
 def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
