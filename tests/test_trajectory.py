@@ -24,12 +24,6 @@ def smooth_trajectory(seed: int) -> Trajectory:
     return Trajectory(bumpy_path(seed, pieces=1), law)
 
 
-def test_a_line_is_straight_and_ends_where_it_should() -> None:
-    q0, q1 = np.array([0.1, -2.0, 3.0]), np.array([0.4, 5.0, 3.0])
-    s = np.linspace(0, 1, 11)
-    np.testing.assert_allclose(JointPath.line(q0, q1).positions(s), q0 + s[:, None] * (q1 - q0), atol=1e-15)
-
-
 @given(st.integers(0, 1000), st.sampled_from([1, 2, 3]))
 def test_derivatives_agree_with_finite_differences_of_the_order_below(seed: int, order: int) -> None:
     trajectory = smooth_trajectory(seed)
@@ -58,10 +52,13 @@ def test_derivative_bounds_hold_everywhere(seed: int, order: int) -> None:
         assert (np.abs(path.derivatives(s, order)) <= bound * (1 + 1e-9)).all()
 
 
-def test_the_end_of_a_path_is_its_last_position_and_the_bound_of_a_line_is_exact() -> None:
-    path = bumpy_path(3)
+def test_the_end_of_a_path_is_its_last_position_and_a_line_is_straight_with_an_exact_bound() -> None:
+    path, s = bumpy_path(3), np.linspace(0, 1, 11)
     np.testing.assert_allclose(path.end, path.positions([1.0])[0], atol=1e-14)
-    np.testing.assert_allclose(JointPath.line([0.0, 1.0], [2.0, -3.0]).derivative_bounds(), [[2.0, 4.0]])
+    q0, q1 = np.array([0.0, 1.0, 3.0]), np.array([2.0, -3.0, 3.0])
+    line = JointPath.line(q0, q1)
+    np.testing.assert_allclose(line.positions(s), q0 + s[:, None] * (q1 - q0), atol=1e-15)
+    np.testing.assert_allclose(line.derivative_bounds(), [[2.0, 4.0, 0.0]])
 
 
 def test_a_trajectory_holds_its_ends_outside_its_duration() -> None:
@@ -70,19 +67,13 @@ def test_a_trajectory_holds_its_ends_outside_its_duration() -> None:
     np.testing.assert_allclose(trajectory.positions([-1.0, 99.0]), ends)
 
 
-@given(st.floats(0.1, 10))
-def test_stretching_a_law_divides_its_derivatives_by_powers(factor: float) -> None:
+@given(st.floats(0.1, 10), st.floats(0, 1))
+def test_stretching_a_law_divides_its_derivatives_by_powers_and_time_at_inverts_it(factor: float, s: float) -> None:
     law = smooth_trajectory(1).law
     t = np.linspace(0.01, 1.99, 20)
     expected = law.derivatives(t) / factor ** np.arange(4)[:, None]
     np.testing.assert_allclose(law.stretched(factor).derivatives(t * factor), expected, rtol=1e-9, atol=1e-12)
-
-
-@given(st.floats(0, 1))
-def test_time_at_inverts_the_law(s: float) -> None:
-    law = smooth_trajectory(1).law
-    t = law.time_at(s)
-    assert law.derivatives([t])[0, 0] == pytest.approx(s, abs=1e-12)
+    assert law.derivatives([law.time_at(s)])[0, 0] == pytest.approx(s, abs=1e-12)
 
 
 def test_a_standstill_stays_and_lasts() -> None:
@@ -103,11 +94,9 @@ def test_numbers_written_as_json_give_the_same_trajectory_bit_for_bit(seed: int)
 
 
 def test_shifting_a_path_moves_its_positions_only() -> None:
-    path, s = bumpy_path(3), np.linspace(0, 1, 20)
-    shifted = path.shifted([1.0, 0.0, -2.0, 0.0])
-    np.testing.assert_allclose(
-        shifted.positions(s) - path.positions(s), np.tile([1.0, 0.0, -2.0, 0.0], (20, 1)), atol=1e-12
-    )
+    path, s, offset = bumpy_path(3), np.linspace(0, 1, 20), [1.0, 0.0, -2.0, 0.0]
+    shifted = path.shifted(offset)
+    np.testing.assert_allclose(shifted.positions(s) - path.positions(s), np.tile(offset, (20, 1)), atol=1e-12)
     np.testing.assert_array_equal(shifted.derivatives(s, 1), path.derivatives(s, 1))
 
 

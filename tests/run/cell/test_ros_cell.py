@@ -350,45 +350,37 @@ def test_a_malformed_message_takes_none_after_it_along(inbox: Inbox) -> None:
     assert inbox.take() == []
 
 
-def problems_of(path: Path, text: str, joints: tuple[str, ...] = (), *primitives: object) -> dict[str, int | None]:
-    """What is wrong with a file, and in which lines."""
-    path.write_text(text)
-    program = SimpleNamespace(joints=joints, steps=(SimpleNamespace(primitives=primitives),))
+TOPICS = "trajectory: {topic: /a}\ncameras:\n  cam: {image: '%s'}\n"
+WRONG = "trajectory: {topic: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\njoint_states: /joint_states\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        *((f"{key}\nsteps: []\ncameras: {{}}\n", {f"this is {what}, expected a file that says how to reach a r": None})
+          for key, what in (("sqrp_program: 1", "a program"), ("skills: [pickup]", "a workspace"))),
+        *((TOPICS % name, {f"`cameras.cam.image`: found `{name}`, expected a topic such as": 3})
+          for name in ("/cam 1/image", "cam-1/image", "/", "/cam//image", "/1/image", "/cam1/image/")),
+        (WRONG, {"no camera `cma`": 4, "lacks `cam`": 3, "no joint `elbwo`": 2, "2 joints are called `e`": 2,
+                 "lacks `elbow`, which the program moves": 2, "has no `tool`": None}),
+    ],
+)  # fmt: skip
+def test_a_file_that_does_not_fit_says_everything_that_is_wrong(
+    tmp_path: Path, text: str, said: dict[str, int | None]
+) -> None:
+    """said: parts of messages, with their lines."""
+    (tmp_path / "robot.yaml").write_text(text)
+    step = SimpleNamespace(primitives=(SimpleNamespace(action="Grasp", guard=None),))
     with pytest.raises(InputError) as caught:
-        read_robot_file(path, WORKSPACE, program)
-    return {problem.message: problem.place.line for problem in caught.value.problems}
-
-
-@pytest.mark.parametrize(("key", "what"), [("sqrp_program: 1", "a program"), ("skills: [pickup]", "a workspace")])
-def test_another_file_is_called_what_it_is(tmp_path: Path, key: str, what: str) -> None:
-    (message,) = problems_of(tmp_path / "other.yaml", f"{key}\nsteps: []\ncameras: {{}}\n")
-    assert message == f"this is {what}, expected a file that says how to reach a robot"
+        read_robot_file(tmp_path / "robot.yaml", WORKSPACE, SimpleNamespace(joints=("a", "elbow"), steps=(step,)))
+    found = {problem.message: problem.place.line for problem in caught.value.problems}
+    for part, line in said.items():
+        assert [found[message] for message in found if part in message] == [line]
 
 
 def test_only_a_simulated_cell_may_be_slower() -> None:
     assert f" ({RobotFile.model_validate({**FILE, 'use_sim_time': True}).mend_of_lateness})" == SLOWER
     assert not RobotFile.model_validate({**FILE, "use_sim_time": False}).mend_of_lateness
-
-
-def test_a_file_that_does_not_fit_says_everything_that_is_wrong(tmp_path: Path) -> None:
-    text = (
-        "trajectory: {topic: /a}\njoints: {a: e, elbwo: e}\ncameras:\n  cma: {image: /i}\njoint_states: /joint_states\n"
-    )
-    grasp = SimpleNamespace(action="Grasp", guard=None)
-    said = problems_of(tmp_path / "robot.yaml", text, ("a", "elbow"), grasp)
-    for part, line in {
-        "no camera `cma`": 4, "lacks `cam`": 3, "no joint `elbwo`": 2, "lacks `elbow`, which the program moves": 2,
-        "2 joints are called `e`": 2, "has no `tool`": None,
-    }.items():  # fmt: skip
-        assert [said[message] for message in said if part in message] == [line]
-
-
-@pytest.mark.parametrize("name", ["/cam 1/image", "cam-1/image", "/", "/cam//image", "/1/image", "/cam1/image/"])
-def test_a_name_that_no_topic_can_have_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
-    text = f"trajectory: {{topic: /a}}\ncameras:\n  cam: {{image: '{name}'}}\n"
-    (message, line), *_ = problems_of(tmp_path / "robot.yaml", text).items()
-    assert line == 3
-    assert f"`cameras.cam.image`: found `{name}`, expected a topic such as" in message
 
 
 def test_without_a_simulated_clock_time_is_that_of_this_computer(wire: Wire) -> None:
