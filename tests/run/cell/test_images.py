@@ -42,11 +42,16 @@ LENSES = {
 
 @contextmanager
 def drawing(
-    things: Sequence[SceneObject], cameras: Sequence[Camera], seed: int = 0, *, base: Workspace | None = None
+    things: Sequence[SceneObject],
+    cameras: Sequence[Camera],
+    seed: int = 0,
+    *,
+    base: Workspace | None = None,
+    joints: dict[str, float] | None = None,
 ) -> Iterator[Renderer]:
-    """A renderer of some things, with the robot of a workspace at home."""
+    """A renderer of some things, with the robot of a workspace at home, or where joints are told."""
     base = cell(base or empty(), things, cameras)
-    physics = SimulatedCell(base, world(base))
+    physics = SimulatedCell(base, world(base, joints))
     renderer = Renderer(physics.model, cameras, seed)
     renderer.move(physics.positions)
     try:
@@ -95,21 +100,19 @@ def test_a_pixel_beyond_the_lens_is_black() -> None:
 
 
 def test_a_camera_on_a_link_moves_with_it() -> None:
-    X_LC = pose(axis_rotation(0, 0.3), (0.05, 0.02, 0.03))
-    eye = camera(frame="tool0", X_FC=X_LC)
-    base = workspace("workspaces/tabletop")
-    model = RobotModel.load(base.robot)
+    X_LC, base, point_C = (
+        pose(axis_rotation(0, 0.3), (0.05, 0.02, 0.03)),
+        workspace("workspaces/tabletop"),
+        [0.06, -0.04, 0.35],
+    )
+    eye, model = camera(frame="tool0", X_FC=X_LC), RobotModel.load(base.robot)
     q = model.home + np.array([0.4, 0.2, -0.3, 0.1, 0.2, 0.5])
     X_WC = model.link_poses(q[None])["tool0"][0] @ X_LC
-    point_C = np.array([0.06, -0.04, 0.35])
-    ball = thing("ball", transform(X_WC, point_C[None])[0].tolist(), (0.02,) * 3, shape=Sphere(0.01), fixed=True)
-    there = cell(base, [ball], [eye])
-    physics = SimulatedCell(there, world(there, dict(zip(model.arm, q, strict=True))))
-    renderer = Renderer(physics.model, [eye], 0)
-    renderer.move(physics.positions)
-    (seen,) = blobs(renderer.image("cam", 0.0))
-    renderer.close()
-    assert np.linalg.norm(seen - Projection(eye).pixels(point_C)[0]) < 0.3
+    at = transform(X_WC, np.array([point_C]))[0].tolist()
+    ball = thing("ball", at, (0.02,) * 3, shape=Sphere(0.01), fixed=True)
+    with drawing([ball], [eye], base=base, joints=dict(zip(model.arm, q, strict=True))) as renderer:
+        (seen,) = blobs(renderer.image("cam", 0.0))
+    assert np.linalg.norm(seen - Projection(eye).pixels(np.array(point_C))[0]) < 0.3
 
 
 def test_leaving_out_what_is_out_of_view_changes_no_pixel() -> None:
@@ -126,20 +129,13 @@ def test_leaving_out_what_is_out_of_view_changes_no_pixel() -> None:
 def test_processes_draw_what_one_process_draws() -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
-    names = [eye.name for eye in cameras]
-    physics = SimulatedCell(base, world(base))
-    pool, drawn = start_drawing(physics.model, cameras, 7)
-    apart = []
-    for t in (0.0, 0.1):
-        list(pool.map([(index, physics.positions, t) for index in range(len(cameras))]))
-        apart.append([image.copy() for image in drawn])
-    pool.close()
-    renderer = Renderer(physics.model, cameras, 7)
-    renderer.move(physics.positions)
-    for t, images in zip((0.0, 0.1), apart, strict=True):
-        for name, image in zip(names, images, strict=True):
-            assert np.array_equal(image, renderer.image(name, t))
-    renderer.close()
+    with drawing(tuple(base.objects.values()), cameras, 7, base=base) as renderer:
+        pool, drawn = start_drawing(renderer._model, cameras, 7)
+        for t in (0.0, 0.1):
+            list(pool.map([(index, renderer._data.qpos, t) for index in range(len(cameras))]))
+            for eye, image in zip(cameras, drawn, strict=True):
+                assert np.array_equal(image, renderer.image(eye.name, t))
+        pool.close()
 
 
 def test_noise_depends_on_seed_camera_and_time_alone() -> None:

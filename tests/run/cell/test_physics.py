@@ -68,13 +68,6 @@ def test_the_arm_follows_a_fast_motion_within_a_tenth_of_a_millimetre() -> None:
     assert physics.measured_joints() == pytest.approx(there, abs=1e-4)
 
 
-def test_the_tool_is_where_the_kinematics_of_the_arm_says() -> None:
-    base = suction_cell()
-    physics, q = started(base, above((0.3, 0.2, 0.25)))
-    model = RobotModel.load(base.robot)
-    assert physics.tool_pose() == pytest.approx(model.tool_pose(np.array([q[name] for name in model.arm])), abs=1e-9)
-
-
 def test_torque_stays_within_the_effort_that_the_urdf_states() -> None:
     """A jump of the reference by 1 rad asks for thousands of newton metres."""
     base = workspace("workspaces/tabletop")
@@ -102,6 +95,8 @@ def test_suction_holds_only_what_it_touches() -> None:
 def test_suction_carries_a_thing_rigidly_and_loses_it_for_good() -> None:
     base = suction_cell()
     physics, q = started(base, above(CUBE_TOP))
+    model = RobotModel.load(base.robot)
+    assert physics.tool_pose() == pytest.approx(model.tool_pose(np.array([q[name] for name in model.arm])), abs=1e-9)
     physics.advance(0.2, Rest(q))
     physics.grasp()
     X_TO = inverse(physics.tool_pose()) @ physics.truth().X_WO["cube"]
@@ -114,8 +109,7 @@ def test_suction_carries_a_thing_rigidly_and_loses_it_for_good() -> None:
     physics.slip()
     assert physics.held() is None
     physics.advance(1.5 + 0.1, Rest(lifted))
-    fallen = before - physics.truth().X_WO["cube"][2, 3]
-    assert fallen == pytest.approx(9.81 / 2 * 0.1**2, rel=0.05)
+    assert before - physics.truth().X_WO["cube"][2, 3] == pytest.approx(9.81 / 2 * 0.1**2, rel=0.05)
     physics.advance(2.5, Rest(lifted))
     assert physics.truth().X_WO["cube"][2, 3] == pytest.approx(0.02, abs=5e-4)
 
@@ -132,10 +126,8 @@ def test_the_arm_knows_the_weight_that_it_holds() -> None:
 
 
 def test_a_cell_may_begin_with_something_in_the_tool() -> None:
-    base = suction_cell()
-    X_WT = above((0.3, 0.2, 0.3))
+    base, X_WT, X_TO = suction_cell(), above((0.3, 0.2, 0.3)), pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
     q = at_pose(base, X_WT)
-    X_TO = pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
     start = world(base, q)
     elsewhere = {name: X for name, X in start.X_WO.items() if name != "cube"}
     physics = SimulatedCell(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
@@ -203,6 +195,10 @@ def grasped(base: Workspace) -> tuple[SimulatedCell, dict[str, float]]:
     return physics, arm | TOUCHING
 
 
+def fingers(physics: SimulatedCell) -> list[float]:
+    return [physics.measured_joints()[f"{side}_finger_joint"] for side in ("left", "right")]
+
+
 def test_fingers_hold_by_friction_while_the_arm_moves_and_let_go() -> None:
     base = gripper_cell()
     physics, q = grasped(base)
@@ -216,8 +212,7 @@ def test_fingers_hold_by_friction_while_the_arm_moves_and_let_go() -> None:
     physics.release()
     physics.advance(4.7, Quintic(lifted, lifted | OPEN, 4.0, 0.5))  # released fingers follow the reference
     assert physics.held() is None
-    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.04, abs=5e-4)
-    assert physics.measured_joints()["right_finger_joint"] == pytest.approx(0.04, abs=5e-4)
+    assert fingers(physics) == pytest.approx([0.04, 0.04], abs=5e-4)
 
 
 def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
@@ -228,10 +223,10 @@ def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
     for k in range(1, 7):
         physics.advance(0.05 * k, Rest(arm | OPEN))
         assert physics.held() is None
-        assert physics.measured_joints()["left_finger_joint"] > 0.04 - 0.05 * 0.05 * k
+        assert fingers(physics)[0] > 0.04 - 0.05 * 0.05 * k
     physics.advance(0.6, Rest(arm | OPEN))
     assert physics.held() == "cube"
-    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.02, abs=5e-4)
+    assert fingers(physics)[0] == pytest.approx(0.02, abs=5e-4)
 
 
 def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
@@ -243,8 +238,7 @@ def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
     assert physics.held() is None
     physics.advance(3.5, Rest(lifted))
     assert physics.truth().X_WO["cube"][2, 3] == pytest.approx(0.02, abs=1e-3)
-    assert physics.measured_joints()["left_finger_joint"] == pytest.approx(0.0, abs=1e-3)
-    assert physics.measured_joints()["right_finger_joint"] == pytest.approx(0.0, abs=1e-3)
+    assert fingers(physics) == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
 @pytest.mark.parametrize("name", REAL_ARMS)
@@ -267,21 +261,6 @@ LED_ARM = """<robot name="led">
   <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
     <limit lower="-2" upper="2"/><mimic joint="motor" multiplier="-0.5" offset="0.1"/></joint>
 </robot>"""
-
-
-@pytest.mark.parametrize("effort", [None, 5])
-def test_a_motor_bears_the_weight_of_the_joints_that_mimic_it(tmp_path: Path, effort: int | None) -> None:
-    """Holding the arm takes 31 Nm: where its motors could not, it is balanced, and 5 Nm are left beyond its weight."""
-    limit = "" if effort is None else f' effort="{effort}"'
-    urdf = tmp_path / "led.urdf"
-    urdf.write_text(LED_ARM.replace('upper="2"/>', f'upper="2"{limit}/>'))
-    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "arm"))
-    physics = SimulatedCell(base, World(frozenset(), {}, None, None, {"motor": 0.2}))
-    physics.advance(2.5, Quintic({"motor": 0.2}, {"motor": 1.0}, 0.0, 2.0))
-    assert physics.measured_joints() == pytest.approx({"motor": 1.0, "elbow": -0.4}, abs=1e-3)
-    assert effort is None or np.abs(torques(physics)).max() < 31.4 / 2 + effort
-
-
 BARE_ARM = """<robot name="bare">
   <link name="base"/>
   <link name="upper"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
@@ -295,14 +274,26 @@ BARE_ARM = """<robot name="bare">
 </robot>"""
 
 
-def test_a_robot_without_inertia_or_effort_moves_too(tmp_path: Path) -> None:
-    urdf = tmp_path / "bare.urdf"
-    urdf.write_text(BARE_ARM)
-    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(urdf, "tip"))
-    start = {"one": 0.0, "two": 0.1}
+@pytest.mark.parametrize(
+    ("urdf", "tip", "start", "wanted", "ends", "effort"),
+    [
+        (LED_ARM, "arm", {"motor": 0.2}, {"motor": 1.0}, {"motor": 1.0, "elbow": -0.4}, None),
+        (LED_ARM.replace('upper="2"/>', 'upper="2" effort="5"/>'), "arm",
+         {"motor": 0.2}, {"motor": 1.0}, {"motor": 1.0, "elbow": -0.4}, 5.0),
+        (BARE_ARM, "tip", {"one": 0.0, "two": 0.1}, {"one": 1.0, "two": 0.4}, {"one": 1.0, "two": 0.4}, None),
+    ],
+    ids=["a motor bears the joints that mimic it", "also where it could not", "without inertia or effort"],
+)  # fmt: skip
+def test_an_arm_moves_whatever_its_file_says_of_inertia_and_effort(
+    tmp_path: Path, urdf: str, tip: str, start: dict, wanted: dict, ends: dict, effort: float | None
+) -> None:
+    """Holding the led arm takes 31 Nm: where its motors could not, it is balanced, and 5 Nm are left beyond that."""
+    (tmp_path / "arm.urdf").write_text(urdf)
+    base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(tmp_path / "arm.urdf", tip))
     physics = SimulatedCell(base, World(frozenset(), {}, None, None, start))
-    physics.advance(1.5, Quintic(start, {"one": 1.0, "two": 0.4}, 0.0, 1.0))
-    assert physics.measured_joints() == pytest.approx({"one": 1.0, "two": 0.4}, abs=1e-3)
+    physics.advance(2.5, Quintic(start, wanted, 0.0, 2.0))
+    assert physics.measured_joints() == pytest.approx(ends, abs=1e-3)
+    assert effort is None or np.abs(torques(physics)).max() < 31.4 / 2 + effort
 
 
 def test_meshes_are_as_large_as_the_planner_takes_them() -> None:
