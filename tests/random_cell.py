@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import count
 from math import ceil, pi, sqrt
 from pathlib import Path
 
@@ -46,29 +47,40 @@ def random_cell(folder: Path, crowd: Crowd) -> Path:
     """
     layout = make_starter(folder, None)
     cell = Cell.load(load_workspace(folder))
-    reach = arm_reach(cell.model)
-    rng = np.random.default_rng(crowd.seed)
+    reach, rng, size = arm_reach(cell.model), np.random.default_rng(crowd.seed), layout.cube_size
     base = np.array(cell.model.joint_origins(cell.model.home)[0, :2])
     home = cell.model.tool_pose(cell.model.home)[:2, 3]
-    size = layout.cube_size
-    taken = _Ground(base, NEAREST * reach)
-    obstacles = []
     farthest = max(FARTHEST * reach, sqrt((NEAREST * reach) ** 2 + crowd.objects * 3 * (size + CLEARANCE) ** 2 / pi))
+    taken: list[tuple[Array, float]] = []  # the middle and radius of each item [m]
+
+    def free_place(radius: float, by: float) -> Array:
+        """A place for an item, uniform over the ring around the base, which grows if none is free; (2,), in whole mm.
+
+        by: the distance to keep from the tool at home.
+        """
+        for tries in count():
+            distance = sqrt(rng.uniform((NEAREST * reach + radius) ** 2, (farthest * 1.1 ** (tries // 200)) ** 2))
+            turn = rng.uniform(-pi, pi)
+            place = (base + distance * np.array([np.cos(turn), np.sin(turn)])).round(3)
+            apart = all(np.linalg.norm(other - place) - r - radius > CLEARANCE for other, r in taken)
+            if apart and np.linalg.norm(place - home) >= by:
+                taken.append((place, radius))
+                return place
+        raise AssertionError
+
+    obstacles, cubes = [], []
     for index in range(crowd.objects // CUBES_PER_OBSTACLE):
         extents = rng.uniform((0.06, 0.06, 0.08), (0.12, 0.12, 0.2)).round(2)
-        radius = float(np.hypot(*extents[:2])) / 2
-        place = taken.draw(rng, farthest, radius, home, HOME_CLEARANCE)
+        place = free_place(float(np.hypot(*extents[:2])) / 2, HOME_CLEARANCE)
         size_of, at = list(_triple(extents)), list(_triple([*place, extents[2] / 2]))
         head = f"  block{index + 1}: {{type: block, color: grey, size: {size_of}, pose: {{position: {at}}}"
         obstacles.append(f"{head}, fixed: true, on: table}}\n")
-    cubes = []
     for index in range(crowd.objects):
-        color = COLORS[index % len(COLORS)]
-        place = taken.draw(rng, farthest, size / sqrt(2), home, 0.0)
+        color, place = COLORS[index % len(COLORS)], free_place(size / sqrt(2), 0.0)
         cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
     places = np.array([cube.position for cube in cubes])
     views = {f"cam{index + 1}": _view_of_some(rng, base, reach, places) for index in range(crowd.cameras)}
-    edge = max(farthest + float(np.abs(base).max()), taken.edge)
+    edge = max(farthest + float(np.abs(base).max()), *(float(np.abs(place).max()) + radius for place, radius in taken))
     side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
     text = workspace_text(replace(layout, cubes=cubes, views=views, table_side=side))
     tasks = "".join(f"  - {{task: pickup {color}}}\n" for color in dict.fromkeys(cube.color for cube in cubes))
@@ -76,37 +88,6 @@ def random_cell(folder: Path, crowd: Crowd) -> Path:
     start = text.index("\n", text.index(f"  {cubes[-1].name}: {{")) + 1
     (folder / "workspace.yaml").write_text(text[:start] + "".join(obstacles) + text[start:], encoding="utf-8")
     return folder
-
-
-class _Ground:
-    """Occupied places on the table: circles around items [m]."""
-
-    def __init__(self, base: Array, nearest: float) -> None:
-        self._base, self._nearest = base, nearest
-        self._places = np.empty((0, 2))
-        self._radii = np.empty(0)
-
-    @property
-    def edge(self) -> float:
-        """The largest distance from the world's origin, along x or y, at which anything stands [m]."""
-        return float((np.abs(self._places).max(axis=1) + self._radii).max(initial=0.0))
-
-    def draw(self, rng: np.random.Generator, farthest: float, radius: float, apart_from: Array, by: float) -> Array:
-        """A free place for an item of a radius, uniform over the ring around the base; in whole millimetres, (2,).
-
-        apart_from, by: a point (2,) and the distance to keep from it. The ring grows if no place is found.
-        """
-        while True:
-            for _ in range(200):
-                distance = sqrt(rng.uniform((self._nearest + radius) ** 2, farthest**2))
-                turn = rng.uniform(-pi, pi)
-                place = (self._base + distance * np.array([np.cos(turn), np.sin(turn)])).round(3)
-                gaps = np.linalg.norm(self._places - place, axis=1) - self._radii - radius
-                if (gaps > CLEARANCE).all() and np.linalg.norm(place - apart_from) >= by:
-                    self._places = np.vstack([self._places, place])
-                    self._radii = np.append(self._radii, radius)
-                    return place
-            farthest *= 1.1
 
 
 def _view_of_some(rng: np.random.Generator, base: Array, reach: float, places: Array) -> tuple[Point, Point]:
