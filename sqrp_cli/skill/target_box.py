@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
-from typing import Annotated
+from collections.abc import Container, Iterable
+from dataclasses import replace
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
-from sqrp_cli.files.frames import TOOL, FrameField
+from sqrp_cli.files.frames import TOOL, FrameField, FrameName
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -81,6 +82,15 @@ class TargetBox(FileRecord):
     """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
     """Names of links, objects or parts that do not hide the box, in order."""
+
+    def seen_through(self, parts: Iterable[str]) -> Self:
+        """The same box, from which some more parts hide nothing."""
+        return replace(self, encloses=(*self.encloses, *dict.fromkeys(parts)))
+
+    @classmethod
+    def on_object(cls, name: str, **fields: Any) -> TargetBox:  # noqa: ANN401 - the others of a box
+        """A box that moves with an object and encloses it."""
+        return cls(name=name, frame=FrameName(name), encloses=(name,), **fields)
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

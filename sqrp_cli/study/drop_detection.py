@@ -354,8 +354,8 @@ def _judges(
     judged_at, seen = dict[SoughtBox, Mask](), dict[SoughtBox, Mask]()
     for asked, states, found in ((boxes, drops.states, judged_at), (places, lost.states(lost.samples_at(some)), seen)):
         robot_alone = found is judged_at
-        through = dict.fromkeys(others if robot_alone else ())
-        own = [replace(box, limits=box.limits.judging, encloses=(*box.encloses, *through)) for box in asked]
+        through = others if robot_alone else ()
+        own = [replace(box, limits=box.limits.judging).seen_through(through) for box in asked]
         found |= {box: np.zeros((len(some), len(cameras)), dtype=bool) for box in asked}
         if asked and cameras:
             targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(len(some))] * len(own)

@@ -28,7 +28,7 @@ from sqrp_cli.field.audit.footage import Frame, ImageFiles
 from sqrp_cli.field.audit.frame_audit import believed_in, detected, frames_of
 from sqrp_cli.field.calibrating.fit import DetectorLooks
 from sqrp_cli.files.entries import from_fields
-from sqrp_cli.files.frames import FrameName, frame_poses
+from sqrp_cli.files.frames import frame_poses
 from sqrp_cli.files.source import describe
 from sqrp_cli.files.units import LARGEST, as_number
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
@@ -130,15 +130,8 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
                 if kind != "color" and obj.printed_marker is not None:
                     side, normal = obj.printed_marker.side, (0.0, 0.0, 1.0)
                     size, X_OB = (side, side, FLAT), pose(position=(0.0, 0.0, obj.size[2] / 2))
-                box = TargetBox(
-                    name=label.object,
-                    detector=label.detector,
-                    frame=FrameName(label.object),
-                    size=size,
-                    X_FB=read_only(X_OB),
-                    normal=normal,
-                    encloses=(label.object,),
-                )
+                shape = {"size": size, "X_FB": read_only(X_OB), "normal": normal}
+                box = TargetBox.on_object(label.object, detector=label.detector, **shape)
                 targets[f"there({label.object})"] = ProgramTarget(cameras=1, boxes=(box,), seen={})
         image = LabelledImage(
             frame=Frame(camera.name, float(number), number),
