@@ -26,11 +26,6 @@ def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp, cell)
     assert _codes(sqrp("check", cell, "--json")) <= {"assumed-limit"}
 
 
-def test_a_new_cell_works_as_it_is_meant(sqrp, tmp_path):
-    assert sqrp("init", tmp_path / "new", "--no-run").code == 0
-    assert _codes(sqrp("check", tmp_path / "new", "--json")) == set()
-
-
 def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
     assert sqrp("init", folder / "new", "--no-run").code == 0
     path = folder / "new" / "workspace.yaml"
@@ -38,28 +33,6 @@ def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) ->
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")  # several objects and cameras have the same entry
     return folder / "new"
-
-
-def test_a_number_that_cannot_be_meant_is_a_warning_with_its_place_and_what_was_meant(sqrp, tmp_path):
-    cell = _new_cell(sqrp, tmp_path, "latency: 50 ms", "latency: 50")
-    outcome = sqrp("check", cell, "--json")
-    assert outcome.code == 0
-    (problem,) = outcome.document["problems"]
-    lines = (cell / "workspace.yaml").read_text(encoding="utf-8").splitlines()
-    line = next(number for number, text in enumerate(lines, 1) if text.endswith("latency: 50"))
-    place = {"file": str(cell / "workspace.yaml"), "line": line, "column": lines[line - 1].index("50") + 1}
-    assert problem == {"code": "doubtful-unit", "severity": "warning", **place, "message": problem["message"]}
-    assert "50 ms would be `50 ms` or 0.05" in problem["message"]
-
-
-def test_what_was_probably_meant_is_said_before_the_errors_that_follow_from_it(sqrp, tmp_path):
-    cell = _new_cell(sqrp, tmp_path, "size: [0.04, 0.04, 0.04]", "size: [40, 40, 40]")
-    for command in (["check", cell], ["rank", cell, "pickup red"]):
-        outcome = sqrp(*command)
-        assert outcome.code == 2
-        assert outcome.err.startswith("warning: ")
-        assert "40 mm would be `40 mm` or 0.04" in outcome.err.splitlines()[0]
-        assert "\nerror: " in outcome.err
 
 
 def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hides_everything(sqrp, tmp_path):

@@ -19,7 +19,6 @@ from sqrp_cli.field.audit.survey import survey
 from sqrp_cli.files.yaml_file import parse_yaml
 from sqrp_cli.geometry import inverse, pose
 from sqrp_cli.ros.bag import Bag
-from sqrp_cli.run.record.report import Confusion
 from tests.trials.recordings import CellPictures, Truth, record
 
 pytestmark = pytest.mark.slow
@@ -92,36 +91,6 @@ def test_the_saved_document_prints_what_the_command_printed(audit, tmp_path):
     path.write_text(audit.to_json(), encoding="utf-8")
     assert str(read_result(path)) == str(audit)
     assert read_result(path).to_json() == audit.to_json()
-
-
-def test_a_second_run_in_the_recording_is_told(audit):
-    assert "is there 2 times (runs, or a retry): the first is compared" in str(replace(audit, runs=2))
-    assert "(runs, or a retry)" not in str(audit)
-
-
-@pytest.mark.parametrize(
-    ("until", "said"),
-    [
-        (None, "No image of the motion is compared."),
-        (0.4, "Images are compared up to 0.40 s of {time:.2f} s of the motion: then the recording ends, or"),
-    ],
-)
-def test_how_far_images_are_compared_is_told_where_they_end_before_the_motion(audit, until, said):
-    (time,) = audit.times
-    cut, whole = (replace(audit, until=[t]) for t in (until, time - 0.1))
-    assert said.format(time=time) in " ".join(str(cut).split())
-    assert "Images are compared" not in str(whole)
-
-
-def test_the_last_line_says_why_an_audit_is_not_passed_though_all_came_true(audit):
-    prediction, usual = ([{"hold(g2)": {"cam3": found}}] for found in (Confusion(tp=9), Confusion()))
-    seen = replace(audit, prediction=prediction, usual=usual)
-    last = "100.0 % of what was predicted to be seen was seen, at least 97 %."
-    why = "cam3 has moved, the clock of cam3 is wrong and the clock of cam5 is wrong"
-    assert " ".join(str(seen).split()).endswith(f"{last} Not passed: {why}.")
-    alone = replace(seen, apart={"cam5": 60.0}, cameras={}, unsurveyed="no OpenGL")
-    assert " ".join(str(alone).split()).endswith(f"{last} Not passed: the clock of cam5 is wrong.")
-    assert str(replace(seen, cameras={})).endswith(f"\n{last}")
 
 
 def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(audit, sqrp, quick_cell, monkeypatch):

@@ -106,37 +106,6 @@ def test_long_names_are_shown_in_full(sqrp, own_watch):
     assert f"in_place({name})" in sqrp("explain", own_watch, "watch green", "--choose", name).out
 
 
-def without_formulas(workspace: Path, primitives: str = "") -> None:
-    """Take formulas and faults from the skill of a copy of the hand-worked cell; give it other primitives."""
-    skill = workspace / "watch" / "skill.yaml"
-    text = skill.read_text(encoding="utf-8")
-    skill.write_text((primitives or text[: text.index("formulas:")]) + text[text.index("targets:") :], encoding="utf-8")
-
-
-@pytest.mark.parametrize("options", [(), ("--samples", 5)], ids=["adaptive", "samples"])
-@pytest.mark.parametrize("command", ["rank", "explain"])
-def test_a_skill_without_formulas_has_no_quality(sqrp, own_watch, command, options):
-    without_formulas(own_watch)
-    assert sqrp(command, own_watch, "watch seen", *options).code == 0
-    outcome = sqrp(command, own_watch, "watch seen", *options, "--json")
-    assert outcome.code == 0, outcome.err
-    candidate = outcome.document if command == "explain" else outcome.document["candidates"][0]
-    assert (candidate["q_avg"], candidate["q_eoi"], candidate["faults"]) == (None, None, {})
-    assert (candidate["t_total"], candidate["t_eoi"], candidate["states"]) == (0.0, 0.0, 0)
-    assert candidate["time"] == pytest.approx(4.0, abs=1e-9)
-    if command == "explain":
-        assert candidate["samples"]
-        assert all(s["covered"] is None and s["literals"] == {} for s in candidate["samples"])
-
-
-@pytest.mark.parametrize("command", ["rank", "explain"])
-def test_a_motion_that_takes_no_time_is_no_error(sqrp, own_watch, command):
-    without_formulas(own_watch, "primitives:\n  - {name: w0, joint_move: home}\n")
-    for options in ((), ("--all",) if command == "explain" else ("--samples", 5), ("--json",)):
-        outcome = sqrp(command, own_watch, "watch seen", *options)
-        assert outcome.code == 0, outcome.err
-
-
 MAIN = "from sqrp_cli.cli.main import main\nmain()"
 
 

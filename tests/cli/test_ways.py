@@ -75,12 +75,6 @@ def test_a_page_of_scores_shows_the_motions_that_were_scored(sqrp, walled, tmp_p
     )
 
 
-def test_a_limit_of_time_is_shown_by_a_time_that_motions_take(sqrp, tabletop):
-    refused = sqrp("rank", tabletop, "pickup green", "--max-time", "fast")
-    assert refused.code == 2
-    assert "a time such as `20 s`" in refused.err
-
-
 G2 = "pickup g2 path=seen approach_yaw=90deg"
 GREEN = "pickup green path=seen"
 
