@@ -126,27 +126,46 @@ def asked(once):
     return ask
 
 
+TABLETOP = ROOT / "workspaces" / "tabletop"
+WATCH, GRIPPER = (ROOT / "tests" / "cases" / name for name in ("watch", "gripper"))
+
+
 @pytest.fixture(scope="session")
 def tabletop():
     """The shipped workspace; nothing here may depend on where its things stand."""
-    return ROOT / "workspaces" / "tabletop"
+    return TABLETOP
 
 
 @pytest.fixture(scope="session")
 def watch():
     """A cell in which every figure can be worked out by hand; see its files."""
-    return ROOT / "tests" / "cases" / "watch"
+    return WATCH
+
+
+@pytest.fixture(scope="session")
+def gripper():
+    """A cell with a gripper of two fingers that carry markers."""
+    return GRIPPER
+
+
+def _said(*command: object) -> Any:
+    """A fixture: what a command says as a document, once for all."""
+    return pytest.fixture(lambda asked: asked(*command, "--json"), scope="session")
+
+
+ranked = _said("rank", TABLETOP, TASK)
+explained = _said("explain", TABLETOP, TASK, "--all")
+shown = _said("show", TABLETOP)
+watched = _said("explain", WATCH, "watch cube", "--all")
+watch_shown = _said("show", WATCH)
+gripped = _said("explain", GRIPPER, "pickup_two_finger", "--all", "--samples", 9)
+gripper_shown = _said("show", GRIPPER)
 
 
 @pytest.fixture
 def own_watch(watch, tmp_path):
     """A copy of that cell, to be changed."""
     return Path(shutil.copytree(watch, tmp_path / "watch"))
-
-
-@pytest.fixture(scope="session")
-def ranked(asked, tabletop):
-    return asked("rank", tabletop, TASK, "--json")
 
 
 @pytest.fixture(scope="session")
@@ -161,16 +180,6 @@ def tabletop_written(once, tabletop):
 
     made: Written = once("written", write)
     return made
-
-
-@pytest.fixture(scope="session")
-def explained(asked, tabletop):
-    return asked("explain", tabletop, TASK, "--all", "--json")
-
-
-@pytest.fixture(scope="session")
-def shown(asked, tabletop):
-    return asked("show", tabletop, "--json")
 
 
 @pytest.fixture
@@ -223,32 +232,6 @@ def harsh_explained(asked, harsh):
 @pytest.fixture(scope="session")
 def harsh_shown(asked, harsh):
     return asked("show", harsh, "--json")
-
-
-@pytest.fixture(scope="session")
-def watched(asked, watch):
-    return asked("explain", watch, "watch cube", "--all", "--json")
-
-
-@pytest.fixture(scope="session")
-def watch_shown(asked, watch):
-    return asked("show", watch, "--json")
-
-
-@pytest.fixture(scope="session")
-def gripper():
-    """A cell with a gripper of two fingers that carry markers."""
-    return ROOT / "tests" / "cases" / "gripper"
-
-
-@pytest.fixture(scope="session")
-def gripped(asked, gripper):
-    return asked("explain", gripper, "pickup_two_finger", "--all", "--json", "--samples", 9)
-
-
-@pytest.fixture(scope="session")
-def gripper_shown(asked, gripper):
-    return asked("show", gripper, "--json")
 
 
 @pytest.fixture(scope="session")

@@ -32,14 +32,6 @@ def test_verbose_says_how_long_each_step_took(sqrp, watch):
     assert verbose.err.endswith(" s\n")
 
 
-def test_a_candidate_is_chosen_by_its_place(sqrp, watch, tmp_path):
-    file = tmp_path / "program.yaml"
-    outcome = sqrp("rank", watch, "watch green", "--choose", "2", "--program", file)
-    assert outcome.code == 0
-    assert sqrp("program", file, "--json").document["steps"][0]["parameters"]["object"] == "turned"
-    assert sqrp("explain", watch, "watch green", "--choose", "2").out.startswith("turned: rank 2")
-
-
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
 MOST_MODULES = 180  # of the package, that any of these commands enters

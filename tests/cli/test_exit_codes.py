@@ -34,14 +34,6 @@ def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
     assert (outcome.document["feasible"], outcome.document["samples"]) == (False, [])
 
 
-def test_json_is_one_document_and_nothing_else(sqrp_process, watch):
-    """`rank` is asked for longer in test_determinism.py."""
-    for arguments in (("rank", watch, "watch cube"), ("show", watch), ("check", watch, "watch cube")):
-        outcome = sqrp_process(*arguments, "--json")
-        assert (outcome.code, outcome.err) == (0, "")
-        assert outcome.document["schema"] == 1
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.RankJob.assess

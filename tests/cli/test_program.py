@@ -273,13 +273,6 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, folder, monke
     assert sorted(folder.iterdir()) == [path, folder / "watch"]
 
 
-def test_the_same_choice_writes_the_same_program(sqrp, tabletop, tmp_path):
-    one, other = tmp_path / "one.yaml", tmp_path / "other.yaml"
-    for path in (one, other):
-        assert sqrp("rank", tabletop, "pickup g2", "--program", path).code == 0
-    assert one.read_bytes() == other.read_bytes()
-
-
 def test_a_program_of_a_version_that_knew_no_usual_images_is_not_taken_for_edited(program, tmp_path):
     path, written = tmp_path / "old.yaml", load_program(program)
     (step,) = written.steps

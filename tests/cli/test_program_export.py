@@ -122,16 +122,6 @@ def test_fingers_move_in_the_table_but_are_left_out_of_the_arm_controllers_messa
     assert all(len(point["positions"]) == 6 for point in message["points"])
 
 
-def test_a_program_is_not_overwritten_by_its_own_export(sqrp, watch, tmp_path):
-    program = tmp_path / "program.csv"
-    assert sqrp("rank", watch, "watch seen", "--program", program).code == 0
-    before = program.read_bytes()
-    outcome = sqrp("program", program, "--export", program)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "so it is not overwritten" in outcome.err
-    assert program.read_bytes() == before
-
-
 # A tower of three, built by three `rank` calls
 
 TOWER = Path(__file__).parents[2] / "workspaces" / "tower"

@@ -138,25 +138,3 @@ def test_pareto_candidates_are_those_that_no_other_dominates(ranked, watch_ranke
         for candidate in candidates:
             assert candidate["pareto"] is not any(dominates(other, candidate) for other in candidates)
         assert any(candidate["pareto"] for candidate in candidates)
-
-
-def test_metrics_that_no_formula_defines_are_null(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
-    text = skill.read_text(encoding="utf-8")
-    before, _, rest = text.partition("faults:")
-    skill.write_text(before + rest[rest.index("targets:") :], encoding="utf-8")
-    candidates = feasible(sqrp("rank", own_watch, "watch cube", "--json").document)
-    for candidate in candidates:
-        assert (candidate["q_eoi"], candidate["t_eoi"], candidate["faults"]) == (None, 0.0, {})
-        assert candidate["t_total"] == pytest.approx(1.5, abs=1e-9)
-    assert [candidate["rank"] for candidate in candidates] == list(range(1, len(candidates) + 1))
-    assert candidates[0]["parameters"]["object"] == "seen"
-
-
-def test_a_skill_that_only_waits_can_be_ranked(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
-    lines = skill.read_text(encoding="utf-8").splitlines(keepends=True)
-    skill.write_text("".join(line for line in lines if "joint_move" not in line), encoding="utf-8")
-    outcome = sqrp("rank", own_watch, "watch seen", "--json")
-    assert outcome.code == 0, outcome.err
-    assert outcome.document["candidates"][0]["time"] == pytest.approx(4.0, abs=1e-9)

@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from tests.cli.test_document_schemas import assert_sound
+
 Document = dict[str, Any]
 
 CELLS = ("tabletop", "harsh", "watch")
@@ -23,29 +25,12 @@ def show(request, scenes):
     return document
 
 
-def poses(value: Any) -> list[Any]:
-    """Every 4x4 of numbers somewhere inside a document."""
-    if isinstance(value, dict):
-        return [found for entry in value.values() for found in poses(entry)]
-    if isinstance(value, list):
-        if len(value) == 4 and all(isinstance(row, list) and len(row) == 4 for row in value):
-            return [value]
-        return [found for entry in value for found in poses(entry)]
-    return []
-
-
 def root(show: Document) -> ElementTree.Element:
     return ElementTree.parse(show["robot"]["urdf"]).getroot()  # noqa: S314 - our own files
 
 
-def test_every_pose_is_rigid(show):
-    found = poses(show)
-    assert len(found) > len(show["cameras"])
-    for pose in found:
-        X = np.array(pose)
-        assert np.abs(X[:3, :3] @ X[:3, :3].T - np.eye(3)).max() < 1e-9
-        assert np.linalg.det(X[:3, :3]) == pytest.approx(1.0, abs=1e-9)
-        assert X[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+def test_every_figure_is_finite_and_every_pose_rigid(show):
+    assert_sound(show)
 
 
 def test_the_urdf_exists_and_has_the_joints_that_are_listed(show):

@@ -73,22 +73,6 @@ def test_a_narrow_terminal_loses_nothing(printed, arguments):
     assert words - set(re.findall(r"[A-Za-z_]{3,}", narrow)) == set()
 
 
-def test_the_table_shows_the_figures_of_the_document(tabletop_written, ranked):
-    lines = [line for line in tabletop_written.out.splitlines() if line.strip()]
-    rows = {line.split()[0]: line for line in reversed(lines)}  # sentences below the table may begin with a figure, too
-    for candidate in ranked.document["candidates"]:
-        if not candidate["feasible"]:
-            continue
-        row = rows[str(candidate["rank"])]
-        assert candidate["parameters"]["object"] in row.split()
-        assert ("*" in row) is candidate["pareto"]
-        (fault,) = candidate["faults"].values()
-        for figure in (100 * candidate["q_eoi"], 100 * candidate["q_avg"], fault["expected_time"]):
-            assert f"{figure:.1f}" in row.split()
-        for figure in (candidate["time"], fault["delay_mean"], fault["delay_worst"]):
-            assert f"{figure:.2f}" in row.split()
-
-
 def test_the_command_that_check_proposes_works(sqrp, watch, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     out = " ".join(sqrp("check", os.path.relpath(watch, tmp_path)).out.split())
