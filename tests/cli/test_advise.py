@@ -72,7 +72,8 @@ def aims(kept):
     return ("--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--out", kept)
 
 
-def test_the_document_says_what_was_asked_and_what_meets_it(advised, sqrp, small):
+def test_the_document_says_what_was_asked_and_what_meets_it_the_least_changes_first(advised, sqrp, small):
+    # The document says what was asked and what meets it.
     assert list(advised)[:8] == ["schema", "document", "workspace", "task", "want", "candidate", "way", "met"]
     assert (advised["workspace"], advised["task"]) == ("tabletop", TASK)
     assert advised["want"] == {"q_eoi": 1.0, "q_avg": None, "time": None, "delay": None}
@@ -89,15 +90,7 @@ def test_the_document_says_what_was_asked_and_what_meets_it(advised, sqrp, small
     assert advised["nearest"] is None
     kinds = {kind["kind"]: kind for kind in advised["kinds"]}
     assert kinds["way"]["why"] == "not tried: the way is fixed"
-
-
-def test_the_table_of_a_saved_result_is_that_of_the_command(sqrp, small, aims, tmp_path):
-    saved = tmp_path / "advice.json"
-    saved.write_text(sqrp("advise", small, TASK, *aims, "--json").out)
-    assert sqrp("show", saved).out == sqrp("advise", small, TASK, *aims).out
-
-
-def test_sizes_are_those_of_the_changes_and_the_least_come_first(advised):
+    # Sizes are those of the changes and the least come first.
     for kind in ("aim", "position"):
         found = [one for one in advised["advice"] if one["kind"] == kind]
         assert found
@@ -106,11 +99,15 @@ def test_sizes_are_those_of_the_changes_and_the_least_come_first(advised):
         for one in found:
             assert one["unit"] == {"aim": "rad", "position": "m"}[kind]
             assert np.linalg.norm(one["change"]) == pytest.approx(one["size"], rel=1e-6)
-
-
-def test_cam1_moves_at_most_as_far_as_the_best_of_many_random_offsets(advised):
+    # Cam1 moves at most as far as the best of many random offsets.
     cam1 = next(one for one in advised["advice"] if (one["kind"], one["target"]) == ("position", "cam1"))
     assert cam1["size"] <= 0.157
+
+
+def test_the_table_of_a_saved_result_is_that_of_the_command(sqrp, small, aims, tmp_path):
+    saved = tmp_path / "advice.json"
+    saved.write_text(sqrp("advise", small, TASK, *aims, "--json").out)
+    assert sqrp("show", saved).out == sqrp("advise", small, TASK, *aims).out
 
 
 def test_what_it_costs_is_what_rank_says_of_the_changed_workspace(advised, sqrp, own):

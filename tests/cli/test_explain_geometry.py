@@ -213,17 +213,15 @@ def some_samples(document: Document) -> list[Document]:
     return [*samples[::6], samples[-1]]
 
 
-def test_q_has_every_movable_joint_of_the_urdf_and_mimics_follow(show, documents):
+def test_joints_corners_and_occluders_follow_from_the_robot_and_the_cell(show, documents):
     arm = Arm(show["robot"])
+    # Q has every movable joint of the urdf and mimics follow.
     for document in documents:
         for sample in document["samples"]:
             assert arm.movable <= set(sample["q"])
             for joint, (leader, multiplier, offset) in arm.mimics.items():
                 assert sample["q"][joint] == pytest.approx(multiplier * sample["q"][leader] + offset, abs=EXACT)
-
-
-def test_corners_follow_from_frame_size_and_pose(show, documents):
-    arm = Arm(show["robot"])
+    # Corners follow from frame size and pose.
     for document in documents:
         for sample in some_samples(document):
             frames = frames_of(arm, document, sample)
@@ -231,10 +229,7 @@ def test_corners_follow_from_frame_size_and_pose(show, documents):
                 X = frames[box["frame"]] @ np.array(box["pose"])
                 corners = SIGNS * np.array(box["size"]) @ X[:3, :3].T + X[:3, 3]
                 assert np.abs(np.array(found["corners"]) - corners).max() < EXACT
-
-
-def test_geometric_causes_follow_from_camera_and_corners(show, documents):
-    arm = Arm(show["robot"])
+    # Geometric causes follow from camera and corners.
     lenses = {name: Lens(camera) for name, camera in show["cameras"].items()}
     for document in documents:
         for sample in some_samples(document):
@@ -274,7 +269,8 @@ def test_the_cells_stage_every_cause(scenes):
     assert set(causes) == {None, "hidden", "same_colour", *LIMITS}
 
 
-def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_encloses(show, documents):
+def test_boxes_and_what_hides_them_are_those_of_the_cell(show, documents):
+    # Occluders are links objects or opaque parts and so is what a box encloses.
     known = Arm(show["robot"]).links | set(show["objects"]) | {part["name"] for part in show["opaque"]}
     for document in documents:
         for target in document["targets"].values():
@@ -284,14 +280,26 @@ def test_occluders_are_links_objects_or_opaque_parts_and_so_is_what_a_box_enclos
             for _, box in boxes_of(document, sample):
                 hidden = [v for v in box["cameras"].values() if v["cause"] == "hidden"]
                 assert {v["by"] for v in hidden} <= known
-
-
-def test_normals_are_unit_vectors_and_thin_boxes_have_one(documents):
+    # Normals are unit vectors and thin boxes have one.
     for document in documents:
         for target in document["targets"].values():
             for box in target["boxes"]:
                 assert min(box["size"]) >= 0.002 or box["normal"] is not None
                 assert box["normal"] is None or np.linalg.norm(box["normal"]) == pytest.approx(1.0, abs=EXACT)
+    # An object that is not handled never moves.
+    for document in documents:
+        handled = set(document["parameters"].values())
+        for sample in document["samples"]:
+            for name, pose in sample["objects"].items():
+                if name not in handled:
+                    assert pose == show["objects"][name]["pose"]
+    # Paths in the documents are absolute.
+    paths = [
+        show["robot"]["urdf"],
+        *show["robot"]["package_roots"],
+        *(p["mesh"] for p in show["opaque"] if "mesh" in p),
+    ]
+    assert all(Path(path).is_absolute() for path in paths)
 
 
 def test_a_held_object_moves_rigidly_with_the_tool_and_rests_before(scenes):
@@ -322,21 +330,3 @@ def test_the_grasp_attaches_at_the_end_of_its_primitive(scenes):
         free = [sample["t"] for sample in document["samples"] if not sample["held"]]
         assert min(held) == pytest.approx(grasp_end, abs=EXACT)
         assert max(free) == pytest.approx(grasp_end, abs=EXACT)
-
-
-def test_an_object_that_is_not_handled_never_moves(show, documents):
-    for document in documents:
-        handled = set(document["parameters"].values())
-        for sample in document["samples"]:
-            for name, pose in sample["objects"].items():
-                if name not in handled:
-                    assert pose == show["objects"][name]["pose"]
-
-
-def test_paths_in_the_documents_are_absolute(show):
-    paths = [
-        show["robot"]["urdf"],
-        *show["robot"]["package_roots"],
-        *(p["mesh"] for p in show["opaque"] if "mesh" in p),
-    ]
-    assert all(Path(path).is_absolute() for path in paths)

@@ -103,40 +103,31 @@ def test_who_is_in_the_way_is_the_mean_of_the_samples(documents):
             assert entry["hidden"] == pytest.approx(seen, abs=EXACT)
 
 
-def test_primitives_follow_one_another_without_a_gap(documents):
+def test_times_of_primitives_and_formulas_and_states_add_up(documents):
     for document in documents:
+        # Primitives follow one another without a gap.
         primitives = document["primitives"]
         assert primitives[0]["start"] == 0.0
         assert all(first["end"] == then["start"] for first, then in pairwise(primitives))
         assert all(primitive["start"] <= primitive["end"] for primitive in primitives)
         assert document["time"] == pytest.approx(primitives[-1]["end"], abs=EXACT)
-
-
-def test_formula_times_add_up_to_t_total_and_t_eoi(documents):
-    for document in documents:
+        # Formula times add up to t total and t eoi.
         assert document["t_total"] == pytest.approx(length(spans(document)), abs=EXACT)
         assert document["t_eoi"] == pytest.approx(length(spans(document, "eventually")), abs=EXACT)
         assert all(0.0 <= start <= end <= document["time"] + EXACT for start, end in spans(document))
-
-
-def test_samples_hold_exactly_the_literals_of_the_formulas_that_contain_them(documents):
-    for document in documents:
-        for before, after, _ in steps(document):
-            middle = required(document, 0.5 * (before["t"] + after["t"]))
-            assert set(before["literals"]) == set(after["literals"]) == middle
-
-
-def test_every_edge_of_a_formula_or_primitive_is_sampled(documents):
-    for document in documents:
+        # Every edge of a formula or primitive is sampled.
         instants = [sample["t"] for sample in document["samples"]]
         assert instants == sorted(instants)
         edges = [edge for f in (*document["formulas"], *document["primitives"]) for edge in (f["start"], f["end"])]
         for edge in edges:
             assert min(abs(t - edge) for t in instants) < EXACT
-
-
-def test_instants_at_which_literals_or_held_object_change_are_sampled_twice(documents):
-    for document in documents:
+        # Samples hold exactly the literals of the formulas that contain them.
+        for before, after, _ in steps(document):
+            middle = required(document, 0.5 * (before["t"] + after["t"]))
+            assert set(before["literals"]) == set(after["literals"]) == middle
+        # States count the samples with literals.
+        assert document["states"] == sum(bool(sample["literals"]) for sample in document["samples"])
+        # Instants at which literals or held object change are sampled twice.
         doubled = 0
         for before, after in pairwise(document["samples"]):
             if set(before["literals"]) != set(after["literals"]) or before["held"] != after["held"]:
@@ -155,10 +146,11 @@ def test_samples_move_continuously(show, documents):
                 assert abs(after["q"][joint] - before["q"][joint]) <= limit * dt + EXACT
 
 
-def test_box_verdicts_decide_cameras_and_cameras_decide_literals_and_literals_decide_states(show, documents):
+def test_verdicts_follow_from_those_of_boxes(show, documents):
     for document in documents:
         for sample in document["samples"]:
             for name, literal in sample["literals"].items():
+                # Box verdicts decide cameras and cameras decide literals and literals decide states.
                 target = document["targets"][name]
                 assert len(literal["boxes"]) == len(target["boxes"])
                 assert set(literal["cameras"]) == set(show["cameras"])
@@ -172,27 +164,17 @@ def test_box_verdicts_decide_cameras_and_cameras_decide_literals_and_literals_de
                     assert found == expected
                 count = sum(v["covered"] for v in literal["cameras"].values())
                 assert literal["covered"] is (count >= target["k"])
-            literals = sample["literals"].values()
-            assert sample["covered"] is (all(v["covered"] for v in literals) if literals else None)
-
-
-def test_a_literal_and_its_negation_have_one_verdict(documents):
-    for document in documents:
-        for sample in document["samples"]:
-            for name, literal in sample["literals"].items():
+                # A literal and its negation have one verdict.
                 if negated(name) in sample["literals"]:
                     assert sample["literals"][negated(name)] == literal
-
-
-def test_box_verdicts_are_consistent_in_themselves(show, documents):
-    for document in documents:
-        for sample in document["samples"]:
-            for name, literal in sample["literals"].items():
+                # Box verdicts are consistent in themselves.
                 for box, seen in zip(document["targets"][name]["boxes"], literal["boxes"], strict=True):
                     detector = show["detectors"][box["detector"]]
                     assert box["min_visible"] == detector["min_visible"]
                     for verdict in seen["cameras"].values():
                         _check_verdict(verdict, box)
+            literals = sample["literals"].values()
+            assert sample["covered"] is (all(v["covered"] for v in literals) if literals else None)
 
 
 def _check_verdict(verdict: Document, box: Document) -> None:
@@ -215,19 +197,12 @@ def _check_verdict(verdict: Document, box: Document) -> None:
         assert verdict["by"] in (SIDES if verdict["cause"] == "out_of_image" else (None,))
 
 
-def test_states_count_the_samples_with_literals(documents):
+def test_q_is_the_length_of_the_covered_runs(documents):
     for document in documents:
-        assert document["states"] == sum(bool(sample["literals"]) for sample in document["samples"])
-
-
-def test_q_avg_is_the_length_of_the_covered_runs_over_t(documents):
-    for document in documents:
+        # Q avg is the length of the covered runs over t.
         covered = math.fsum(dt for before, after, dt in steps(document) if before["covered"] and after["covered"])
         assert document["q_avg"] == pytest.approx(covered / length(spans(document)), abs=EXACT)
-
-
-def test_q_eoi_is_that_within_the_events_of_interest(documents):
-    for document in documents:
+        # Q eoi is that within the events of interest.
         events = union(spans(document, "eventually"))
         covered = math.fsum(
             dt

@@ -33,16 +33,15 @@ def turned(sqrp, watch, tmp_path_factory):
     return folder, outcome
 
 
-def test_there_is_a_picture_per_blind_interval_and_camera_of_its_size_with_lines_under_it_and_a_sheet(turned):
+def test_pictures_show_things_where_the_intrinsics_put_them_and_targets_outlined(turned):
+    # There is a picture per blind interval and camera of its size with lines under it and a sheet.
     folder, outcome = turned
     assert sorted(path.name for path in folder.iterdir()) == ["01_0.5s-1.5s_eye.png", "contact-sheet.png"]
     assert f"1 blind interval, see {folder / 'contact-sheet.png'}" in outcome.err
     height, width, _ = read(folder / "01_0.5s-1.5s_eye.png").shape
     assert width == 641
     assert 481 + 40 < height < 481 + 120
-
-
-def test_things_are_where_the_intrinsics_put_them(turned):
+    # Things are where the intrinsics put them.
     image = read(turned[0] / "01_0.5s-1.5s_eye.png").astype(int)
     # `seen` is green, at y = 0.3 m; its face is 1.95 m away: u = 320 - 400 * 0.3 / 1.95.
     red, green, blue = image[240, round(320 - 400 * 0.3 / 1.95)]
@@ -51,9 +50,7 @@ def test_things_are_where_the_intrinsics_put_them(turned):
     face = image[240, :320, 1] - image[240, :320, 0] > 20
     assert np.flatnonzero(face).min() == pytest.approx(320 - 400 * 0.35 / 1.95, abs=1)
     assert abs(image[20, 320] - image[20, 321]).max() < 3, "the sky"
-
-
-def test_the_target_is_outlined_where_it_is_in_red_and_what_is_covered_in_green(turned):
+    # The target is outlined where it is in red and what is covered in green.
     image = read(turned[0] / "01_0.5s-1.5s_eye.png")[:481]
     cosine, sine = np.cos(np.radians(80)), np.sin(np.radians(80))
     corners = np.array([[x, y, z] for x in (-0.0505, -0.0515) for y in (-0.04, 0.04) for z in (-0.04, 0.04)])

@@ -55,18 +55,16 @@ def test_the_table_in_the_terminal_is_the_same_with_a_report(sqrp, watch, tmp_pa
     assert f"open {tmp_path / 'page.html'} in a browser" in outcome.err
 
 
-def test_the_page_is_small_and_names_no_other_place(written):
+def test_the_page_is_one_small_file_that_names_no_other_place(written):
     text = written.read_text(encoding="utf-8")
+    # The page is small and names no other place.
     assert len(text) < 10e6
     without_library = re.sub(r"<script>/\*\*.*?</script>", "", text, flags=re.DOTALL)
     assert "Three.js" not in without_library
     places = set(re.findall(r"https?://[^\s\"'<>]+", without_library)) - {"http://www.w3.org/2000/svg"}
     assert places == set()
     assert not re.findall(r"<(?:link|iframe|img)\b|\bsrc=|@import|url\(", without_library)
-
-
-def test_a_page_with_200_candidates_is_below_25_megabytes(written):
-    text = written.read_text(encoding="utf-8")
+    # A page with 200 candidates is below 25 megabytes.
     details = [len(found) for found in re.findall(r'id="detail-\d+">([^<]*)<', text)]
     assert len(details) == 5
     assert len(text) - sum(details) + 200 * max(details) < 25e6
@@ -256,7 +254,8 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
     assert not page.locator("#study").is_visible()
 
 
-def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
+def test_the_slider_playback_and_words_go_together(shown):
+    # The slider moves robot and cursor and words together.
     def state():
         return shown.js(
             """() => [sqrp.time, document.querySelector('#cursor i').style.left,
@@ -276,17 +275,13 @@ def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
     shown.js("() => sqrp.seek(5.2)")
     assert shown.texts("#hiding") == [f"red, in the way: {', '.join(shown.js('[...sqrp.scene.culprits]'))}"]
     assert "forearm_link" in shown.texts("#hiding")[0]
-
-
-def test_a_tool_at_hardly_less_than_zero_is_at_zero(shown):
+    # A tool at hardly less than zero is at zero.
     at = "x => { sqrp.scene.toolPosition = () => [x, -0.36, 0.1]; sqrp.seek(12.4); delete sqrp.scene.toolPosition; }"
     shown.js(at, -0.0004)
     assert shown.texts("#tool")[0].startswith("tool at 0.000, -0.360, 0.100 m")
     shown.js(at, -0.0006)
     assert shown.texts("#tool")[0].startswith("tool at -0.001, -0.360, 0.100 m")
-
-
-def test_play_goes_on_and_stops(shown):
+    # Play goes on and stops.
     shown.page.select_option("#speed", "4")
     shown.page.click("#play")
     shown.page.wait_for_function("() => sqrp.time > 12.6")

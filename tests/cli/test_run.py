@@ -33,7 +33,8 @@ def slip(slip_run):
     return slip_run.outcome
 
 
-def test_a_slip_is_seen_retried_and_the_task_done(slip):
+def test_a_slip_is_seen_retried_and_the_task_done_as_images_were_predicted_to_show(slip):
+    # A slip is seen retried and the task done.
     assert slip.code == 0, slip.err
     (fault,) = slip.document["faults"]
     (step,) = slip.document["steps"]
@@ -42,18 +43,14 @@ def test_a_slip_is_seen_retried_and_the_task_done(slip):
     assert fault["injected"] <= fault["happened"] <= fault["detected"] < fault["acted"] < fault["recovered"]
     assert fault["recovered"] <= step["end"] + 1e-6
     assert 0 < fault["delay"] <= fault["predicted_delay"] + 0.002
-
-
-def test_what_was_predicted_to_be_seen_is_seen(slip):
+    # What was predicted to be seen is seen.
     (step,) = slip.document["prediction"]
     counts = [found for cameras in step.values() for found in cameras.values()]
     right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
     assert right > 30
     assert right >= 0.97 * (right + wrong)
     assert all(found.keys() == {"tp", "tn", "fp", "fn"} for found in counts)
-
-
-def test_images_that_were_not_promised_show_what_they_usually_do_and_hardly_anything_else(slip):
+    # Images that were not promised show what they usually do and hardly anything else.
     (promised,), (usual,) = slip.document["prediction"], slip.document["usual"]
     assert {atom: set(cameras) for atom, cameras in usual.items()} == {atom: set(of) for atom, of in promised.items()}
     told, wrong, others = (
@@ -270,23 +267,20 @@ def moved_on(sqrp, tmp_path_factory):
     return folder, run_in("moved_on", folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7").document
 
 
-def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on):
+def test_the_robot_moves_on_to_where_the_retry_can_be_judged_and_tells_what_no_image_shows(moved_on):
+    # The robot moves on to where the retry can be judged.
     run = moved_on[1]
     assert run["outcome"] == "done", run["reason"]
     (fault,) = run["faults"]
     assert run["steps"][0]["attempts"] == 2
     assert fault["moved_on"] > 0.3
     assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
-
-
-def test_images_usually_show_that_the_place_between_open_fingers_is_empty(moved_on):
+    # Images usually show that the place between open fingers is empty.
     (usual,) = moved_on[1]["usual"]
     told, wrong, others = (sum(counts[key] for counts in usual["hold(red2)"].values()) for key in ("tp", "fp", "fn"))
     assert wrong == 0
     assert told > 5 * others  # of images at the edge of a time
-
-
-def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on):
+    # What no image shows at the end is told with the last that did.
     folder, run = moved_on
     events = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
     (retry,) = (event["t"] for event in events if event["event"] == "retry")

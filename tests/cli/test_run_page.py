@@ -45,7 +45,8 @@ def opened(browser, tmp_path_factory):
     return Opened(browser, path)
 
 
-def test_the_page_says_how_the_run_went(opened):
+def test_the_page_says_in_words_and_timelines_how_the_run_went(opened):
+    # The page says how the run went.
     assert opened.complaints == []
     assert opened.texts("#title") == ["pickup g1 in cell: stopped"]
     assert opened.texts("#summary") == ["Slip at 2.00 s, seen after 0.15 s, stopped at 4.00 s."]
@@ -55,9 +56,7 @@ def test_the_page_says_how_the_run_went(opened):
     told = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
     assert told["predictions that came true"] == "75.0 %"
     assert told["slip seen after"] == "0.15 s"
-
-
-def test_the_timeline_shows_what_the_images_showed(opened):
+    # The timeline shows what the images showed.
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
     own = [label.removeprefix("hold(g1), ") for label in labels if label.startswith("hold(g1), ")]
     assert own == [
@@ -71,15 +70,11 @@ def test_the_timeline_shows_what_the_images_showed(opened):
         "in truth, hold(g1), 1.50 s to 4.00 s: false",
     } <= set(labels)
     assert not any("open" in label for label in labels)
-
-
-def test_a_fault_is_marked_from_when_it_happens_until_something_is_done(opened):
+    # A fault is marked from when it happens until something is done.
     marks = opened.js("[...document.querySelectorAll('.lane .mark')].map((mark) => parseFloat(mark.style.left))")
     assert marks == pytest.approx([50.0, 53.75])
     assert {"fault not seen yet", "fault seen, robot responds"} <= set(opened.texts("#legend span"))
-
-
-def test_the_time_is_told_in_words_and_what_an_image_shows_counts_from_when_it_was_taken(opened):
+    # The time is told in words and what an image shows counts from when it was taken.
     for t, shown in ((2.09, "true"), (2.11, "false"), (2.5, "false")):
         opened.js("t => sqrp.seek(t)", t)
         assert opened.texts(".row.literal .now") == ["images show all", f"images show: {shown}"]
@@ -140,7 +135,8 @@ def played(slip_run, browser):
     opened.context.close()
 
 
-def test_tool_and_object_are_where_the_simulation_says(played):
+def test_everything_is_where_the_simulation_and_the_log_say(played):
+    # Tool and object are where the simulation says.
     """Where a state was told to micrometres; between two, where the arm is quick, to what a straight line leaves."""
     told = [found for found in played.moments if abs(25 * found.t - round(25 * found.t)) < 1e-6]
     between = [found for found in played.moments if abs(25 * found.t - round(25 * found.t)) > 0.05]
@@ -152,9 +148,7 @@ def test_tool_and_object_are_where_the_simulation_says(played):
             assert np.abs(played.thing()[:3, 3] - found.thing).max() < tolerance, found.t
             assert np.abs(played.thing()[:3, :3] - found.turn).max() < 20 * tolerance, found.t
     assert np.ptp([found.tool for found in between], axis=0).max() > 0.1
-
-
-def test_before_the_slip_the_object_is_in_the_tool_and_then_on_the_table(played):
+    # Before the slip the object is in the tool and then on the table.
     (fault,) = played.document["faults"]
     begin = fault["injected"]
     for t in (begin - 0.2, begin - 0.05):
@@ -174,9 +168,7 @@ def test_before_the_slip_the_object_is_in_the_tool_and_then_on_the_table(played)
     played.at(played.document["time"])
     assert np.linalg.norm(played.thing()[:3, 3] - played.tool()) == pytest.approx(0.02, abs=0.003)
     assert played.thing()[2, 3] > 0.1
-
-
-def test_boxes_are_where_the_thing_is_looked_for_in_the_colour_of_what_images_show(played):
+    # Boxes are where the thing is looked for in the colour of what images show.
     (fault,) = played.document["faults"]
     evidence = [event for event in events_of(played) if event["event"] == "evidence"]
     names = {"true": "covered", "false": "out", "blind": "hidden", "nothing": "nothing"}
@@ -204,13 +196,7 @@ def test_boxes_are_where_the_thing_is_looked_for_in_the_colour_of_what_images_sh
         for atom, box, lines in shown:
             assert box == colors[taken[atom]["value"]]
             assert lines == {name: colors[taken[atom]["cameras"].get(name, "nothing")] for name in ("cam3", "cam5")}
-
-
-def events_of(played: Played) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (played.folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
-
-
-def test_a_second_attempt_has_a_box_where_the_object_was_found(played):
+    # A second attempt has a box where the object was found.
     (fault,) = played.document["faults"]
     second = [event for event in events_of(played) if event["event"] == "step"][1]
     (box,) = second["boxes"]["obj_on_table(g2)"]
@@ -220,9 +206,7 @@ def test_a_second_attempt_has_a_box_where_the_object_was_found(played):
     (corners,) = [np.array(corners) for atom, corners in shown if atom == "obj_on_table(g2)"]
     half = np.array(box["size"]) / 2
     np.testing.assert_allclose(np.abs(transform(np.linalg.inv(box["pose"]), corners)), np.tile(half, (8, 1)), atol=1e-5)
-
-
-def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
+    # The page of a run says what is true and who does not know it.
     opened = played.opened
     assert opened.complaints == []
     assert "The monitors do not know that: they judge by images alone." in opened.texts("#note")[0]
@@ -235,24 +219,7 @@ def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
     assert opened.js("sqrp.time") == pytest.approx(fault["detected"])
     assert opened.texts(".row.truth .now")[0] == "false"
     assert opened.texts("#legend span")[-1] == "nothing has to be seen"
-
-
-def test_robot_and_rows_are_on_one_screen_and_fast_clicks_leave_the_page_as_it_was(played, browser):
-    opened = Opened(browser, played.folder / "page.html")
-    opened.page.set_viewport_size({"width": 1400, "height": 900})
-    shown = "[...document.querySelectorAll('#summary, #moments, #view, .row')]"
-    bottoms = opened.js(f"{shown}.map((e) => e.getBoundingClientRect().bottom)")
-    assert len(bottoms) > 8
-    assert 0 < max(bottoms) <= 900
-    assert opened.js("sqrp.time") == pytest.approx(played.document["faults"][0]["happened"], abs=1e-6)
-    click_at_random(opened, 3)
-    assert opened.complaints == []
-    assert opened.page.locator("#view canvas").count() == 1
-    assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
-    opened.context.close()
-
-
-def test_a_run_is_seen_through_its_cameras_and_from_near_the_tool(played):
+    # A run is seen through its cameras and from near the tool.
     opened = played.opened
     played.at(played.document["faults"][0]["detected"])
 
@@ -269,6 +236,25 @@ def test_a_run_is_seen_through_its_cameras_and_from_near_the_tool(played):
     opened.page.uncheck("#follow")
     assert picture() == outside
     assert opened.complaints == []
+
+
+def events_of(played: Played) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (played.folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+def test_robot_and_rows_are_on_one_screen_and_fast_clicks_leave_the_page_as_it_was(played, browser):
+    opened = Opened(browser, played.folder / "page.html")
+    opened.page.set_viewport_size({"width": 1400, "height": 900})
+    shown = "[...document.querySelectorAll('#summary, #moments, #view, .row')]"
+    bottoms = opened.js(f"{shown}.map((e) => e.getBoundingClientRect().bottom)")
+    assert len(bottoms) > 8
+    assert 0 < max(bottoms) <= 900
+    assert opened.js("sqrp.time") == pytest.approx(played.document["faults"][0]["happened"], abs=1e-6)
+    click_at_random(opened, 3)
+    assert opened.complaints == []
+    assert opened.page.locator("#view canvas").count() == 1
+    assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
+    opened.context.close()
 
 
 def test_a_log_and_its_program_give_the_same_page_again_and_no_program_is_overwritten(sqrp, played):

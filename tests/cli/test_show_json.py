@@ -33,7 +33,8 @@ def test_every_figure_is_finite_and_every_pose_rigid(show):
     assert_sound(show)
 
 
-def test_the_urdf_exists_and_has_the_joints_that_are_listed(show):
+def test_robot_parts_and_cameras_are_given_in_full(show):
+    # The urdf exists and has the joints that are listed.
     assert Path(show["robot"]["urdf"]).is_file()
     joints = {joint.get("name"): joint for joint in root(show).findall("joint")}
     assert show["robot"]["joints"]
@@ -46,19 +47,7 @@ def test_the_urdf_exists_and_has_the_joints_that_are_listed(show):
         assert 0.0 < limits["velocity"] <= float(stated.get("velocity")) + 1e-9
         assert limits["acceleration"] > 0.0
         assert limits["jerk"] > 0.0
-
-
-def test_home_is_within_the_joint_limits_and_begins_every_motion(show, scenes):
-    for name, value in show["robot"]["home"].items():
-        limits = show["robot"]["joints"].get(name)
-        if limits is not None:
-            assert limits["lower"] <= value <= limits["upper"]
-    documents = next(documents for found, documents in scenes.values() if found is show)
-    for document in documents:
-        assert document["samples"][0]["q"] == pytest.approx(show["robot"]["home"], abs=1e-9)
-
-
-def test_opaque_parts_hang_on_links_of_the_urdf_or_on_objects_or_in_the_world(show):
+    # Opaque parts hang on links of the urdf or on objects or in the world.
     links = {link.get("name") for link in root(show).findall("link")}
     names = [part["name"] for part in show["opaque"]]
     assert len(names) == len(set(names))
@@ -72,26 +61,10 @@ def test_opaque_parts_hang_on_links_of_the_urdf_or_on_objects_or_in_the_world(sh
             assert part["shape"] in (*SIZES, "sphere")
             assert np.size(part["size"]) == SIZES.get(part["shape"], 1)
             assert np.min(part["size"]) > 0.0
-
-
-def test_the_solid_parts_of_the_tool_are_listed_on_the_link_that_carries_it(scenes):
-    show, _ = scenes["tabletop"]
-    tool = ElementTree.parse(show["robot"]["tool"]["urdf"]).getroot()  # noqa: S314 - our own files
-    solid = [link for link in tool.findall("link") if link.find("collision") is not None]
-    carried = [part for part in show["opaque"] if part["parent"] == show["robot"]["tool"]["link"]]
-    assert {part["name"] for part in carried} == {link.get("name") for link in solid}
-    # The tool's own axis is z: its parts are cylinders whose centres lie on it, one after the other.
-    heights = [np.array(part["pose"])[:3, 3] for part in carried]
-    assert np.abs(np.array(heights)[:, :2]).max() < 1e-9
-    assert sorted(heights[i][2] for i in range(len(heights))) == pytest.approx([0.01, 0.05, 0.09], abs=1e-9)
-
-
-def test_links_of_the_robot_are_not_repeated_among_the_opaque_parts(show):
+    # Links of the robot are not repeated among the opaque parts.
     links = {link.get("name") for link in root(show).findall("link")}
     assert not links & {part["name"] for part in show["opaque"]}
-
-
-def test_cameras_are_given_in_full(show):
+    # Cameras are given in full.
     links = {link.get("name") for link in root(show).findall("link")}
     for camera in show["cameras"].values():
         K = np.array(camera["K"])
@@ -105,6 +78,28 @@ def test_cameras_are_given_in_full(show):
         assert camera["latency"] >= 0.0
         assert type(camera["width"]) is int
         assert type(camera["height"]) is int
+
+
+def test_home_is_within_the_joint_limits_and_begins_every_motion(show, scenes):
+    for name, value in show["robot"]["home"].items():
+        limits = show["robot"]["joints"].get(name)
+        if limits is not None:
+            assert limits["lower"] <= value <= limits["upper"]
+    documents = next(documents for found, documents in scenes.values() if found is show)
+    for document in documents:
+        assert document["samples"][0]["q"] == pytest.approx(show["robot"]["home"], abs=1e-9)
+
+
+def test_the_solid_parts_of_the_tool_are_listed_on_the_link_that_carries_it(scenes):
+    show, _ = scenes["tabletop"]
+    tool = ElementTree.parse(show["robot"]["tool"]["urdf"]).getroot()  # noqa: S314 - our own files
+    solid = [link for link in tool.findall("link") if link.find("collision") is not None]
+    carried = [part for part in show["opaque"] if part["parent"] == show["robot"]["tool"]["link"]]
+    assert {part["name"] for part in carried} == {link.get("name") for link in solid}
+    # The tool's own axis is z: its parts are cylinders whose centres lie on it, one after the other.
+    heights = [np.array(part["pose"])[:3, 3] for part in carried]
+    assert np.abs(np.array(heights)[:, :2]).max() < 1e-9
+    assert sorted(heights[i][2] for i in range(len(heights))) == pytest.approx([0.01, 0.05, 0.09], abs=1e-9)
 
 
 def test_shapes_of_objects_are_listed_part_by_part(sqrp, watch):
