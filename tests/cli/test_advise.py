@@ -295,13 +295,12 @@ def test_every_kind_of_change_meets_the_goal_once_it_is_in_the_file(sqrp, advise
     assert sqrp("check", own).code == 0
 
 
-def test_documents_of_every_kind_of_change_fit_their_schema(advised, others):
+def test_documents_fit_their_schema_and_a_moved_part_stays_on_its_table(advised, others):
+    # Documents of every kind of change fit their schema.
     for document in (advised, others):
         validate(document, "advise")
         assert_no_other_key_fits(document, "advise")
-
-
-def test_a_moved_part_stays_on_its_table(others):
+    # A moved part stays on its table.
     one = next(one for one in others["advice"] if one["kind"] == "object")
     assert (one["target"], one["change"][2]) == ("g3", 0.0)
     assert np.linalg.norm(one["change"]) == pytest.approx(one["size"])

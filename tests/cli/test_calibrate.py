@@ -37,7 +37,8 @@ def outcome(sqrp, folder):
     return found
 
 
-def test_frames_with_labels_give_a_curve_and_say_how_good_it_is(outcome):
+def test_frames_with_labels_give_a_curve_and_a_patch_that_gives_it_to_the_workspace(outcome, folder, tmp_path):
+    # Frames with labels give a curve and say how good it is.
     jsonschema.validate(outcome.document, schema_of("calibrate"), cls=jsonschema.Draft202012Validator)
     found = outcome.document["detectors"]["aruco"]
     assert outcome.document["images"] == 60
@@ -48,9 +49,7 @@ def test_frames_with_labels_give_a_curve_and_say_how_good_it_is(outcome):
     assert found["held_out"]["calibration_error"] == pytest.approx(error)
     assert found["seen"] == pytest.approx(sum(one["looks"] * one["seen"] for one in bins) / found["looks"])
     assert found["curve"]["pixels"] > 0
-
-
-def test_the_patch_gives_the_workspace_the_curve(outcome, folder):
+    # The patch gives the workspace the curve.
     patch = (folder / "curves.patch").read_text()
     assert patch.endswith(outcome.document["patch"])
     (added,) = [line[1:] for line in patch.splitlines() if line.startswith("+ ")]
@@ -59,9 +58,7 @@ def test_the_patch_gives_the_workspace_the_curve(outcome, folder):
     learned = load_workspace(folder / "cell", content.replace(before, f"{before}{added}\n").encode())
     stated = outcome.document["detectors"]["aruco"]["curve"]
     assert asdict(learned.detectors["aruco"].curve) == stated
-
-
-def test_the_patch_is_applied_as_the_command_says_wherever_the_workspace_is(outcome, folder, tmp_path):
+    # The patch is applied as the command says wherever the workspace is.
     (said,) = [line for line in " ".join(outcome.err.split()).split("to have the curves: ") if "patch -p0" in line]
     assert said.startswith(f"patch -p0 -d {folder / 'cell'} < ")
     patch = (folder / "curves.patch").read_text()
@@ -73,16 +70,15 @@ def test_the_patch_is_applied_as_the_command_says_wherever_the_workspace_is(outc
     assert load_workspace(own).detectors["aruco"].curve is not None
 
 
-def test_a_curve_that_is_there_is_replaced(folder):
+def test_a_curve_that_is_there_is_replaced_and_the_table_compares_limits_and_curve(folder, sqrp):
+    # A curve that is there is replaced.
     document = read_workspace_document(folder / "cell/workspace.yaml")
     for bias in (-3.0, -5.0):
         content = with_curve(document, "aruco", Curve(bias=bias, pixels=1.0))
         document = read_workspace_document(document.path, content)
     assert content.decode().count("curve:") == 1
     assert load_workspace(folder / "cell", content).detectors["aruco"].curve == Curve(bias=-5.0, pixels=1.0)
-
-
-def test_the_table_compares_limits_and_curve(sqrp, folder):
+    # The table compares limits and curve.
     outcome = sqrp("calibrate", folder / "frames", "--workspace", folder / "cell")
     assert outcome.out.startswith("Detectors of cell in 60 images")
     assert "curve, poses held out" in outcome.out

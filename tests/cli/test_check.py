@@ -64,16 +64,15 @@ def program(holding):
     path.unlink()
 
 
-def test_the_plan_of_the_document_is_what_ranking_its_step_gives(sqrp, laying, holding):
+def test_a_plan_is_what_ranking_its_steps_gives_and_the_best_after_it_is_written(sqrp, laying, holding, program):
+    # The plan of the document is what ranking its step gives.
     (candidate,) = sqrp("check", laying, "pickup g3", "--after", holding, "--json").document["candidates"]
     best = sqrp("rank", laying, "lay g2", "--after", holding, "--json").document["candidates"][0]
     (step,) = candidate["plan"]
     assert candidate["planning"] == "plan"
     figures = ("feasible", "q_avg", "q_eoi", "time", "reasons")
     assert step == {"task": "lay g2", "action": "lay(g2)", **{name: best[name] for name in figures}}
-
-
-def test_of_several_candidates_the_best_after_its_plan_is_written(sqrp, laying, program, holding):
+    # Of several candidates the best after its plan is written.
     task = "pickup object=g1,g3"
     assert sqrp("check", laying, task, "--program", program).code == 0
     laid, written = load_program(program).steps[-2:]

@@ -62,12 +62,13 @@ def loaded(modules: tuple[str, ...], *arguments: str | Path) -> str:
     return found
 
 
-def test_a_ranking_loads_only_what_it_uses():
+def test_commands_load_only_what_they_use(tmp_path):
+    # A ranking loads only what it uses.
     assert loaded(HEAVY, "rank", str(TABLETOP), "pickup g2") == "0"
-
-
-def test_help_is_there_before_anything_is_read():
+    # Help is there before anything is read.
     assert loaded((*HEAVY, *READING), "--help") == "0"
+    # A ranking with a page enters few modules.
+    assert loaded((), "rank", TABLETOP, "pickup g2", "--report", tmp_path / "page.html") == "0"
 
 
 def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sources(tmp_path):
@@ -80,10 +81,6 @@ def test_byte_code_goes_to_the_cache_where_it_may_not_be_written_beside_the_sour
     subprocess.run([sys.executable, "-m", "sqrp_cli", "--help"], env=environment, cwd=tmp_path, check=True)
     assert list((tmp_path / "cache" / "sqrp" / "bytecode").rglob("app.*.pyc"))
     assert not list((tmp_path / "sqrp_cli").rglob("__pycache__"))
-
-
-def test_a_ranking_with_a_page_enters_few_modules(tmp_path):
-    assert loaded((), "rank", TABLETOP, "pickup g2", "--report", tmp_path / "page.html") == "0"
 
 
 def test_a_saved_result_is_shown_without_what_found_it(tmp_path):

@@ -39,12 +39,11 @@ def proposed(sqrp, monkeypatch):
     return ask
 
 
-def test_commands_and_options_are_proposed(proposed):
+def test_words_and_tasks_are_proposed_as_a_shell_takes_them(proposed, tabletop):
+    # Commands and options are proposed.
     assert proposed("ra") == ["rank"]
     assert proposed("rank", "cell", "pickup", "--ca") == ["--calibration"]
-
-
-def test_a_task_goes_on_word_by_word_and_each_proposal_is_one(proposed, tabletop):
+    # A task goes on word by word and each proposal is one.
     workspace = load_workspace(tabletop)
     assert proposed("rank", str(tabletop), '"st') == ["stack"]
     found = proposed("rank", str(tabletop), '"pickup ')
@@ -52,21 +51,15 @@ def test_a_task_goes_on_word_by_word_and_each_proposal_is_one(proposed, tabletop
     for text in found:
         if not text.endswith(("=", " then")):
             assert read_task(text, workspace).candidates
-
-
-def test_of_a_task_of_several_steps_the_last_is_completed(proposed, tabletop):
+    # Of a task of several steps the last is completed.
     found = proposed("rank", str(tabletop), '"pickup g1 then stack g1 g')
     assert "pickup g1 then stack g1 g2" in found
     assert all(text.startswith("pickup g1 then stack g1 g") for text in found)
-
-
-def test_an_unquoted_task_is_proposed_in_quotes(proposed, tabletop):
+    # An unquoted task is proposed in quotes.
     assert proposed("rank", str(tabletop), "pickup\\ gr") == ["'pickup green'"]
     assert "'pickup green'" in proposed("rank", str(tabletop), "pick")
     assert proposed("rank", str(tabletop), "'pickup gr") == ["pickup green"]
-
-
-def test_candidates_cameras_codes_and_schemas_are_proposed(proposed, tabletop):
+    # Candidates cameras codes and schemas are proposed.
     assert proposed("explain", str(tabletop), '"pickup green"', "--choose", "g") == [f"g{n}" for n in range(1, 7)]
     assert proposed("place", str(tabletop), "--keep", "cam") == [f"cam{n}" for n in range(1, 7)]
     assert proposed("rules", "wrong-u") == ["wrong-unit"]

@@ -15,14 +15,13 @@ from sqrp_cli.study import pipeline
 from tests.cli.conftest import press_ctrl_c
 
 
-def test_version_is_printed_alone(sqrp):
+def test_version_and_help_without_a_command(sqrp):
+    # Version is printed alone.
     outcome = sqrp("--version")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("sqrp ")
     assert len(outcome.out.splitlines()) == 1
-
-
-def test_without_a_command_the_help_is_shown_on_stderr_and_it_is_misuse(sqrp):
+    # Without a command the help is shown on stderr and it is misuse.
     outcome = sqrp()
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err == sqrp("--help").out

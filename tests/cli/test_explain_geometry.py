@@ -302,7 +302,8 @@ def test_boxes_and_what_hides_them_are_those_of_the_cell(show, documents):
     assert all(Path(path).is_absolute() for path in paths)
 
 
-def test_a_held_object_moves_rigidly_with_the_tool_and_rests_before(scenes):
+def test_a_held_object_is_attached_at_the_end_of_the_grasp_and_moves_rigidly(scenes):
+    # A held object moves rigidly with the tool and rests before.
     for name in ("tabletop", "harsh"):
         show, documents = scenes[name]
         arm = Arm(show["robot"])
@@ -320,9 +321,7 @@ def test_a_held_object_moves_rigidly_with_the_tool_and_rests_before(scenes):
                     assert not in_tool
             assert in_tool
             assert np.abs(np.array(in_tool) - in_tool[0]).max() < EXACT
-
-
-def test_the_grasp_attaches_at_the_end_of_its_primitive(scenes):
+    # The grasp attaches at the end of its primitive.
     _, documents = scenes["tabletop"]
     for document in documents:
         grasp_end = next(p["end"] for p in document["primitives"] if p["name"] == "a3")

@@ -231,7 +231,8 @@ def _literals(document: Document, fault: str) -> set[str]:
     return {literal for f in document["formulas"] if f["fault"] == fault for literal in f["literals"]}
 
 
-def test_images_show_a_fault_where_samples_say_that_its_literals_are_covered(documents):
+def test_images_show_a_fault_in_windows_on_the_clock_of_a_camera(documents, show):
+    # Images show a fault where samples say that its literals are covered.
     for document, fault in _faults(documents):
         literals, sight = _literals(document, fault), document["sights"][fault]
         refuted = any(
@@ -250,9 +251,7 @@ def test_images_show_a_fault_where_samples_say_that_its_literals_are_covered(doc
             shown = any(window["start"] <= middle <= window["end"] for window in sight["windows"])
             both = covered(before) and covered(after)
             assert shown if both else refuted or not shown
-
-
-def test_windows_of_a_fault_have_the_clock_of_a_camera(show, documents):
+    # Windows of a fault have the clock of a camera.
     clocks = {(1.0 / camera["rate"], camera["latency"]) for camera in show["cameras"].values()}
     for document, fault in _faults(documents):
         assert {(w["period"], w["lag"]) for w in document["sights"][fault]["windows"]} <= clocks
@@ -337,7 +336,8 @@ def test_recovery_takes_at_least_as_long_as_the_joints_need_to_go_back(show, doc
                     assert duration >= way / joint["velocity"] - 1e-9
 
 
-def test_the_hand_worked_cell_has_the_figures_worked_out_by_hand(scenes):
+def test_the_hand_worked_cell_has_figures_and_causes_worked_out_by_hand(scenes):
+    # The hand worked cell has the figures worked out by hand.
     _, documents = scenes["watch"]
     by_name = {document["parameters"]["object"]: document for document in documents}
     blind = {"delay_mean": None, "delay_worst": None, "blind_longest": 1.0, "unseen": 1.0, "expected_time": None}
@@ -352,25 +352,7 @@ def test_the_hand_worked_cell_has_the_figures_worked_out_by_hand(scenes):
         assert set(document["faults"]) == {"moved"}
         for key, value in figures.items():
             assert document["faults"]["moved"][key] == (value if value is None else pytest.approx(value, abs=EXACT))
-
-
-def test_a_fault_of_two_intervals_is_averaged_over_both_and_not_over_the_time_between(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
-    twice = "eventually[w1.start, w1.end] (not in_place) and eventually[w3.end - 0.05, w3.end] (not in_place)"
-    text = skill.read_text(encoding="utf-8")
-    skill.write_text(text.replace("eventually[w2.start + 1, w2.end] (not in_place)", twice), encoding="utf-8")
-    document = sqrp("explain", own_watch, "watch seen", "--json").document
-    # Always seen while it may happen, in [0, 1] and [3.95, 4] s, and when the run looks at the end; the arm stands
-    # still. The next image is half a period of 0.1 s away on average.
-    middle = (1.0 * 0.5 + 0.05 * 3.975) / 1.05
-    expected = {
-        "delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0,
-        "expected_time": middle + 0.1 + 4.0,
-    }  # fmt: skip
-    assert document["faults"] == {"moved": pytest.approx(expected, abs=EXACT)}
-
-
-def test_every_cause_is_named_where_it_was_staged(scenes):
+    # Every cause is named where it was staged.
     _, documents = scenes["watch"]
     staged = {
         "seen": (None, None), "near": ("too_near", None), "far": ("too_far", None), "left": ("out_of_image", "left"),
@@ -390,7 +372,24 @@ def test_every_cause_is_named_where_it_was_staged(scenes):
     assert found == {name: {verdict} for name, verdict in staged.items()}
 
 
-def test_all_gives_every_candidate_in_ranking_order_infeasible_ones_without_samples(ranked, explained):
+def test_a_fault_of_two_intervals_is_averaged_over_both_and_not_over_the_time_between(sqrp, own_watch):
+    skill = own_watch / "watch" / "skill.yaml"
+    twice = "eventually[w1.start, w1.end] (not in_place) and eventually[w3.end - 0.05, w3.end] (not in_place)"
+    text = skill.read_text(encoding="utf-8")
+    skill.write_text(text.replace("eventually[w2.start + 1, w2.end] (not in_place)", twice), encoding="utf-8")
+    document = sqrp("explain", own_watch, "watch seen", "--json").document
+    # Always seen while it may happen, in [0, 1] and [3.95, 4] s, and when the run looks at the end; the arm stands
+    # still. The next image is half a period of 0.1 s away on average.
+    middle = (1.0 * 0.5 + 0.05 * 3.975) / 1.05
+    expected = {
+        "delay_mean": 0.1, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0,
+        "expected_time": middle + 0.1 + 4.0,
+    }  # fmt: skip
+    assert document["faults"] == {"moved": pytest.approx(expected, abs=EXACT)}
+
+
+def test_all_candidates_are_explained_as_rank_orders_and_judges_them(ranked, explained):
+    # All gives every candidate in ranking order infeasible ones without samples.
     document = explained.document
     assert {"schema", "workspace", "task", "candidates"} <= set(document)
     assert document["schema"] == 1
@@ -401,28 +400,25 @@ def test_all_gives_every_candidate_in_ranking_order_infeasible_ones_without_samp
     for candidate in infeasible:
         assert candidate["reasons"]
         assert (candidate["samples"], candidate["primitives"], candidate["q_avg"]) == ([], [], None)
-
-
-FASTEST = ("pickup green", "--json", "--ways", "fastest")
-
-
-def test_without_a_choice_the_first_ranked_is_explained(sqrp, asked, tabletop):
-    document = sqrp("explain", tabletop, *FASTEST).document
-    shared = {"schema", "document", "workspace", "task"}
-    first = asked("explain", tabletop, *FASTEST, "--all").document["candidates"][0]
-    assert {name: value for name, value in document.items() if name not in shared} == first
-
-
-def test_a_chosen_candidate_is_explained(sqrp, asked, tabletop):
-    explained = asked("explain", tabletop, *FASTEST, "--all").document["candidates"]
-    last = [c for c in explained if c["feasible"]][-1]
-    document = sqrp("explain", tabletop, *FASTEST, "--choose", last["parameters"]["object"]).document
-    assert {name: document[name] for name in last} == last
-
-
-def test_rank_and_explain_agree_on_a_candidate_to_the_tolerance_of_adaptive_sampling(ranked, explained):
+    # Rank and explain agree on a candidate to the tolerance of adaptive sampling.
     for candidate, detailed in zip(ranked.document["candidates"], explained.document["candidates"], strict=True):
         for field in ("parameters", "feasible", "rank", "reasons", "time", "t_total", "t_eoi", "pareto"):
             assert candidate[field] == detailed[field]
         for field in ("q_avg", "q_eoi"):
             assert candidate[field] == pytest.approx(detailed[field], abs=1e-3)
+
+
+FASTEST = ("pickup green", "--json", "--ways", "fastest")
+
+
+def test_the_chosen_candidate_is_explained_by_default_the_first(sqrp, asked, tabletop):
+    # Without a choice the first ranked is explained.
+    document = sqrp("explain", tabletop, *FASTEST).document
+    shared = {"schema", "document", "workspace", "task"}
+    first = asked("explain", tabletop, *FASTEST, "--all").document["candidates"][0]
+    assert {name: value for name, value in document.items() if name not in shared} == first
+    # A chosen candidate is explained.
+    explained = asked("explain", tabletop, *FASTEST, "--all").document["candidates"]
+    last = [c for c in explained if c["feasible"]][-1]
+    document = sqrp("explain", tabletop, *FASTEST, "--choose", last["parameters"]["object"]).document
+    assert {name: document[name] for name in last} == last

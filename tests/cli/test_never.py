@@ -26,7 +26,8 @@ def under_the_table(once):
     return folder
 
 
-def test_no_delay_is_ranked(sqrp, under_the_table, tmp_path):
+def test_no_delay_is_ranked_and_no_threshold_and_no_goal_is_met(sqrp, under_the_table, tmp_path):
+    # No delay is ranked.
     found = sqrp("rank", under_the_table, "pickup g2", "--json").document["candidates"][0]
     slip = found["faults"]["slip"]
     assert slip.pop("blind_longest") == pytest.approx(found["t_eoi"])
@@ -37,9 +38,7 @@ def test_no_delay_is_ranked(sqrp, under_the_table, tmp_path):
     assert "Never noticed, as no image is sure to show it: slip in 100 % of cases." in shown.out
     assert "never in 100 % of cases" in sqrp("explain", under_the_table, "pickup g2", columns=200).out
     assert "never" in sqrp("program", tmp_path / "p.yaml").out
-
-
-def test_no_threshold_and_no_goal_is_met(sqrp, under_the_table):
+    # No threshold and no goal is met.
     scored = sqrp("score", under_the_table, columns=200)
     assert scored.code == 1
     assert "slip of g2 may never be noticed, expected at most 5 s" in scored.out

@@ -104,7 +104,8 @@ def test_figures_are_those_of_the_document_and_it_is_said_why_the_first_is_the_b
     assert said.startswith("2 of 2 candidates can be done, best Q_eoi first. seen is best: the cameras see")
 
 
-def test_every_word_explains_itself_to_the_keyboard_and_in_the_list(opened):
+def test_words_explain_themselves_and_the_legend_has_what_the_rows_have(opened):
+    # Every word explains itself to the keyboard and in the list.
     words = opened.page.locator("dfn[tabindex='0'], #ranking th button")
     told = {}
     for index in range(words.count()):
@@ -118,9 +119,7 @@ def test_every_word_explains_itself_to_the_keyboard_and_in_the_list(opened):
     assert listed["Q_eoi"] == told["Q_eoi"]
     opened.page.keyboard.press("Escape")
     assert not opened.page.locator("#tip").is_visible()
-
-
-def test_the_legend_has_what_the_rows_have_as_it_looks_there(opened):
+    # The legend has what the rows have as it looks there.
     looks = """selector => [...document.querySelectorAll(selector)].map((e) => {
         const { backgroundImage, backgroundColor } = getComputedStyle(e);
         return `${backgroundColor} ${backgroundImage}`;

@@ -62,11 +62,22 @@ def test_the_answer_does_not_depend_on_processes_and_is_kept(sqrp, cell, tmp_pat
     assert files == {file: file.stat().st_mtime_ns for file in tmp_path.glob("*/*.json")}
 
 
-def test_a_camera_that_stays_is_not_moved(sqrp, cell):
+def test_cameras_that_stay_are_not_moved_and_count_for_what_a_skill_needs(sqrp, cell):
+    # A camera that stays is not moved.
     found = sqrp("place", cell, "--cameras", "1", "--keep", "cam2", "--json").document
     assert found["keep"] == ["cam2"]
     assert "-  cam1:" in found["patch"]
     assert "-  cam2:" not in found["patch"]
+    # Where the cameras that stay may be enough a small budget has a result.
+    keep = ["--keep", "cam1", "--keep", "cam2"]
+    kept = sqrp(
+        "place", cell, "pickup g2", *keep, "--want", "q_avg 1 %", "--ways", "fastest", "--budget", "10", "--json"
+    )
+    assert (kept.code, kept.document["cameras"]) == (1, [])
+    # A skill needs fewer cameras beside those that stay.
+    kept = sqrp("place", cell, "pickup g2", "--cameras", "1", "--keep", "cam2", "--ways", "fastest", "--json")
+    assert kept.code == 0
+    assert kept.document["floor"] == {"cameras": 1, "reason": "`inspect` needs two at once"}
 
 
 RAILS = """
@@ -95,20 +106,6 @@ def test_a_moved_camera_is_beside_those_that_stay_and_no_later_than_the_goal_say
     for camera in found.document["cameras"]:
         assert np.linalg.norm(np.array(camera["pose"])[:3, 3] - [-0.112, 1.15, 0.9]) >= 0.08
     assert found.document["delay_worst"] <= most
-
-
-def test_where_the_cameras_that_stay_may_be_enough_a_small_budget_has_a_result(sqrp, cell):
-    keep = ["--keep", "cam1", "--keep", "cam2"]
-    kept = sqrp(
-        "place", cell, "pickup g2", *keep, "--want", "q_avg 1 %", "--ways", "fastest", "--budget", "10", "--json"
-    )
-    assert (kept.code, kept.document["cameras"]) == (1, [])
-
-
-def test_a_skill_needs_fewer_cameras_beside_those_that_stay(sqrp, cell):
-    kept = sqrp("place", cell, "pickup g2", "--cameras", "1", "--keep", "cam2", "--ways", "fastest", "--json")
-    assert kept.code == 0
-    assert kept.document["floor"] == {"cameras": 1, "reason": "`inspect` needs two at once"}
 
 
 def test_a_camera_that_only_makes_up_the_number_is_the_one_that_sees_most(sqrp, cell):

@@ -68,7 +68,8 @@ def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
     assert times == best["primitives"]
 
 
-def test_reading_it_back_gives_the_same_trajectory(program, best):
+def test_it_is_read_back_with_its_trajectory_and_formulas_in_seconds(program, best, step):
+    # Reading it back gives the same trajectory.
     (step,) = load_program(program).steps
     joints = load_program(program).joints
     for primitive in step.primitives:
@@ -78,9 +79,7 @@ def test_reading_it_back_gives_the_same_trajectory(program, best):
             if primitive.start <= sample["t"] <= primitive.end:
                 q = trajectory.positions(np.array([sample["t"] - primitive.start]))[0]
                 assert q == pytest.approx([sample["q"][joint] for joint in joints], abs=1e-9)
-
-
-def test_formulas_carry_their_times_in_seconds(step, best):
+    # Formulas carry their times in seconds.
     texts = " ".join(formula["formula"] for formula in step["formulas"])
     assert not any(primitive["name"] in texts for primitive in best["primitives"])
     for primitive in best["primitives"]:
@@ -108,7 +107,8 @@ def seen_intervals(document: Document, literals: tuple[str, str], camera: str) -
     return intervals
 
 
-def test_what_each_camera_sees_when_agrees_with_the_samples(step, best):
+def test_what_cameras_see_and_worlds_agree_with_the_document(step, best, shown):
+    # What each camera sees when agrees with the samples.
     found = 0
     for atom, target in step["targets"].items():
         for camera, intervals in target["seen"].items():
@@ -117,9 +117,7 @@ def test_what_each_camera_sees_when_agrees_with_the_samples(step, best):
             found += len(intervals)
     assert found
     assert {name.removeprefix("not ") for name in best["targets"]} == set(step["targets"])
-
-
-def test_the_worlds_before_and_after_are_the_workspace_and_what_the_action_makes_of_it(step, best, shown):
+    # The worlds before and after are the workspace and what the action makes of it.
     show, before, after = shown.document, step["before"], step["after"]
     grasped, last = best["parameters"]["object"], best["samples"][-1]
     assert sorted(before["facts"]) == sorted(show["state"])

@@ -40,7 +40,8 @@ def replay(shown, export):
     return Replay(shown.document, export)
 
 
-def test_every_multiple_of_the_period_and_every_edge_of_a_primitive_has_a_row(replay, listed):
+def test_rows_and_the_ros_message_say_the_same_and_the_tool_is_told_once(replay, listed, shown, sqrp, program, export):
+    # Every multiple of the period and every edge of a primitive has a row.
     end = listed["total"]["time"]
     edges = [edge for step in listed["steps"] for p in step["primitives"] for edge in (p["start"], p["end"])]
     assert np.abs(np.array(edges)[:, None] - replay.t).min(axis=1).max() < 1e-9
@@ -48,23 +49,7 @@ def test_every_multiple_of_the_period_and_every_edge_of_a_primitive_has_a_row(re
     assert np.abs(multiples[:, None] - replay.t).min(axis=1).max() <= 0.01 / RATE
     assert (replay.t[0], replay.t[-1]) == (0.0, pytest.approx(end, abs=1e-9))
     assert len(replay.t) <= len(multiples) + len(set(edges))
-
-
-@pytest.mark.parametrize("of", ["replay", "tower_replay"])
-def test_limits_are_kept_derivatives_belong_together_straight_moves_are_straight_and_nothing_touches(request, of):
-    found = request.getfixturevalue(of)
-    assert_limits(found)
-    assert_continuous(found)
-    assert_straight(found)
-    assert found.contacts() == set()
-
-
-def test_the_check_for_contacts_does_see_some(replay, monkeypatch):
-    monkeypatch.setattr(replay, "q", replay.q[0] + np.outer(np.ones(len(replay.q)), [0, 1.3, 0, 0, 0, 0]))
-    assert any("table" in pair for pair in replay.contacts())
-
-
-def test_the_tool_is_told_once_to_grasp_when_its_tip_is_on_the_object(replay, shown, listed):
+    # The tool is told once to grasp when its tip is on the object.
     told = [index for index, row in enumerate(replay.rows) if row["tool"]]
     assert [replay.rows[index]["tool"] for index in told] == ["grasp g2"]
     top = np.array(shown.document["objects"]["g2"]["pose"])[:3, 3] + [0, 0, 0.02]
@@ -76,9 +61,7 @@ def test_the_tool_is_told_once_to_grasp_when_its_tip_is_on_the_object(replay, sh
     assert command["end"] == pytest.approx(replay.t[first_held], abs=1e-9)
     assert {row["held"] for row in replay.rows[first_held:]} == {"g2"}
     assert np.abs(replay.v[told[0] : first_held + 1]).max() < 1e-8
-
-
-def test_the_ros_message_says_the_same(sqrp, program, export, replay):
+    # The ros message says the same.
     path = export.with_name("ros.yaml")
     assert sqrp("program", program, "--export", path, "--rate", RATE).code == 0
     text = path.read_text(encoding="utf-8")
@@ -93,6 +76,20 @@ def test_the_ros_message_says_the_same(sqrp, program, export, replay):
     assert all(0 <= time["nanosec"] < 10**9 for time in times)
     np.testing.assert_allclose([time["sec"] + 1e-9 * time["nanosec"] for time in times], replay.t, atol=1e-12)
     assert "# step 1, a3: grasp, grasp g2" in text
+
+
+@pytest.mark.parametrize("of", ["replay", "tower_replay"])
+def test_limits_are_kept_derivatives_belong_together_straight_moves_are_straight_and_nothing_touches(request, of):
+    found = request.getfixturevalue(of)
+    assert_limits(found)
+    assert_continuous(found)
+    assert_straight(found)
+    assert found.contacts() == set()
+
+
+def test_the_check_for_contacts_does_see_some(replay, monkeypatch):
+    monkeypatch.setattr(replay, "q", replay.q[0] + np.outer(np.ones(len(replay.q)), [0, 1.3, 0, 0, 0, 0]))
+    assert any("table" in pair for pair in replay.contacts())
 
 
 def test_an_export_is_replaced_by_the_next_and_is_the_same_every_time(sqrp, program, tmp_path):

@@ -65,13 +65,14 @@ def missing_reach(candidate: Document) -> float | None:
     return float(figure[1]) if figure and "too far" in candidate["reasons"][0] else None
 
 
-def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach(ranked):
+def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach_and_moving_it_by_less_does_not_help(
+    ranked, sqrp, tabletop_cell, tmp_path
+):
+    # The reason of g6 says by how much it is out of reach.
     figure = missing_reach(ranked.document["candidates"][-1])
     assert figure is not None
     assert figure > 0.0
-
-
-def test_moving_an_object_by_less_than_it_is_too_far_does_not_help(sqrp, ranked, tabletop_cell, tmp_path):
+    # Moving an object by less than it is too far does not help.
     figure = missing_reach(ranked.document["candidates"][-1])
     x, y, z = tabletop_cell["objects"]["g6"]["pose"]["position"]
     away = math.hypot(x, y)
@@ -82,7 +83,8 @@ def test_moving_an_object_by_less_than_it_is_too_far_does_not_help(sqrp, ranked,
     assert 0.0 <= missing_reach(g6) < figure
 
 
-def test_feasible_candidates_have_every_metric(ranked):
+def test_feasible_candidates_have_every_metric_and_others_reasons(ranked, watch_ranked):
+    # Feasible candidates have every metric.
     for candidate in feasible(ranked.document):
         assert candidate["reasons"] == []
         assert candidate["verdict"]
@@ -101,9 +103,7 @@ def test_feasible_candidates_have_every_metric(ranked):
             if not never:
                 assert 0.0 <= figures["delay_mean"] <= figures["delay_worst"]
                 assert figures["expected_time"] >= candidate["time"]
-
-
-def test_infeasible_candidates_have_reasons_and_no_metrics(ranked, watch_ranked):
+    # Infeasible candidates have reasons and no metrics.
     infeasible = [c for d in (ranked.document, watch_ranked) for c in d["candidates"] if not c["feasible"]]
     assert len(infeasible) == 2
     for candidate in infeasible:

@@ -40,7 +40,8 @@ def rewritten(slip_run, tmp_path):
     return write
 
 
-def test_a_recording_has_every_image_and_the_joints(slip_run):
+def test_a_recording_has_what_frames_have_and_an_audit_and_a_detector_learn_the_same_from_it(slip_run, asked, audited):
+    # A recording has every image and the joints.
     images = slip_run.outcome.document["images"]
     with Bag(slip_run.cell.folder / "run.mcap") as bag:
         counts = {topic.name: topic.messages for topic in bag.topics}
@@ -48,9 +49,7 @@ def test_a_recording_has_every_image_and_the_joints(slip_run):
     assert sum(count for name, count in counts.items() if name.endswith("compressed")) == images
     assert counts["/joint_states"] == counts["/tf"] >= 25 * slip_run.outcome.document["time"]
     assert ends[-1] - ends[0] == pytest.approx(slip_run.outcome.document["time"], abs=2e-3)
-
-
-def test_an_audit_finds_in_it_what_it_finds_in_the_frames(asked, slip_run, audited):
+    # An audit finds in it what it finds in the frames.
     frames = asked("audit", slip_run.cell.program, slip_run.cell.folder / "frames", "--json").document
     assert audited.document["images"] == frames["images"]
     assert audited.document["skipped"] == frames["skipped"] > 0  # from the slip on, with those of the retry
@@ -60,16 +59,12 @@ def test_an_audit_finds_in_it_what_it_finds_in_the_frames(asked, slip_run, audit
                 kept = other[literal][camera]
                 assert abs(counts["tp"] - kept["tp"]) <= 1, (literal, camera)  # packed as JPEG
                 assert abs(counts["fn"] - kept["fn"]) <= 1, (literal, camera)
-
-
-def test_it_tells_how_far_images_are_compared(slip_run, audited):
+    # It tells how far images are compared.
     footage = (opened := open_program(slip_run.cell.program)).footage(slip_run.cell.folder / "run.mcap", {})
     last = max(frames_of(footage, 0, opened.program.steps[0], {}).values())
     assert audited.document["until"] == [pytest.approx(last, abs=1e-3)]
     assert last < opened.program.steps[0].time - 0.3  # the part fell
-
-
-def test_a_detector_learns_the_same_from_it_as_from_the_frames(slip_run):
+    # A detector learns the same from it as from the frames.
     opened, folder = open_program(slip_run.cell.program), slip_run.cell.folder
     looks = []
     for source in (folder / "frames", folder / "run.mcap"):

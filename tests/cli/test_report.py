@@ -48,11 +48,18 @@ def column(opened, number: int) -> list[str]:
 # What is written
 
 
-def test_the_table_in_the_terminal_is_the_same_with_a_report(sqrp, watch, tmp_path):
+def test_a_report_is_the_terminals_table_and_more_and_is_written_where_it_can_be(sqrp, watch, tmp_path):
+    # The table in the terminal is the same with a report.
     outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
     assert outcome.code == 0
     assert outcome.out == sqrp("rank", watch, "watch green").out
     assert f"open {tmp_path / 'page.html'} in a browser" in outcome.err
+    # A report is written about nothing feasible too but not where it cannot be.
+    assert sqrp("rank", watch, "watch stray", "--report", tmp_path / "page.html").code == 1
+    assert (tmp_path / "page.html").exists()
+    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "no" / "page.html")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "mkdir -p" in outcome.err
 
 
 def test_the_page_is_one_small_file_that_names_no_other_place(written):
@@ -78,14 +85,6 @@ def test_the_same_page_comes_out_again_however_many_processes_there_are(sqrp, wa
         text = path.read_text(encoding="utf-8")
         pages.append(re.sub(r'id="overview">[^<]*<', "", text))  # it has the command in it
     assert pages[0] == pages[1]
-
-
-def test_a_report_is_written_about_nothing_feasible_too_but_not_where_it_cannot_be(sqrp, watch, tmp_path):
-    assert sqrp("rank", watch, "watch stray", "--report", tmp_path / "page.html").code == 1
-    assert (tmp_path / "page.html").exists()
-    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "no" / "page.html")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "mkdir -p" in outcome.err
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
@@ -177,20 +176,19 @@ def test_however_fast_one_clicks_the_last_click_is_what_is_shown(browser, reques
     opened.context.close()
 
 
-def test_the_page_asks_for_nothing_and_complains_about_nothing(opened, written):
+def test_the_page_says_what_was_computed_and_shows_it_in_the_order_of_the_ranking(
+    opened, written, asked, tabletop, ranked
+):
+    # The page asks for nothing and complains about nothing.
     assert opened.requests == [written.as_uri()]
     assert opened.complaints == []
-
-
-def test_the_page_says_what_was_computed(opened, written, asked, tabletop):
+    # The page says what was computed.
     about = dict(zip(opened.texts("#about dt"), opened.texts("#about dd"), strict=True))
     assert about["command"].startswith("sqrp rank ")
     assert f"--report {written}" in about["command"]
     assert about["digest"] == asked("show", tabletop, "--json").document["digest"]
     assert about["accuracy"].startswith("Sampled every 10 mm and 50 ms or closer")
-
-
-def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked):
+    # The table shows the figures in the order of the ranking.
     candidates = ranked.document["candidates"]
     assert column(opened, 2) == [candidate["parameters"]["object"] for candidate in candidates]
     q_eoi = [f"{100 * candidate['q_eoi']:.1f} %" for candidate in candidates if candidate["feasible"]]
@@ -200,7 +198,8 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
     assert column(opened, 4)[-1] == f"approach ({candidates[-1]['reasons'][0].replace(' to', ') to', 1)}"
 
 
-def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
+def test_the_table_is_sorted_by_a_click_on_a_title_and_filtered_by_words(opened, ranked):
+    # A click on a title sorts and another one turns the order.
     button = opened.page.locator("#ranking th", has_text="time [s]").locator("button")
     button.click()
     times = [float(text) for text in column(opened, 6)]
@@ -211,9 +210,7 @@ def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
     assert column(opened, 2)[-1] == "g6", "without a figure, last in either order"
     opened.page.locator("#ranking th button").first.click()
     assert column(opened, 1)[0].startswith("1")
-
-
-def test_the_filter_keeps_what_has_its_words(opened, ranked):
+    # The filter keeps what has its words.
     opened.page.fill("#filter", "g4 lift=0.1")
     assert column(opened, 2) == ["g4"]
     assert opened.texts("#shown") == ["1 of 6"]
@@ -291,8 +288,9 @@ def test_the_slider_playback_and_words_go_together(shown):
     assert shown.js("sqrp.time") == time
 
 
-def test_robot_objects_and_boxes_are_where_the_documents_say(shown, explained):
-    """The page computes the corners of boxes from joint values; `explain --json` gives them."""
+def test_boxes_and_pixels_are_where_the_documents_say(shown, explained, asked, tabletop):
+    # Robot objects and boxes are where the documents say.
+    # The page computes the corners of boxes from joint values; `explain --json` gives them.
     document = next(c for c in explained.document["candidates"] if c["parameters"]["object"] == "g1")
     samples = document["samples"]
     checked = 0
@@ -304,17 +302,14 @@ def test_robot_objects_and_boxes_are_where_the_documents_say(shown, explained):
             assert np.abs(np.array(corners) - found["boxes"][0]["corners"]).max() < 1e-5
             checked += 1
     assert checked > 10
-
-
-def test_looking_through_a_camera_uses_its_intrinsics(shown, asked, tabletop):
+    # Looking through a camera uses its intrinsics.
     camera = asked("show", tabletop, "--json").document["cameras"]["cam2"]
     X_CW = np.linalg.inv(np.array(camera["pose"]))
     for point in ([0.0, 0.0, 0.3], [-0.3, -0.2, 0.1], [0.5, 0.4, 0.0]):
         u, v, w = np.array(camera["K"]) @ (X_CW @ [*point, 1.0])[:3]
         assert shown.js("point => sqrp.scene.pixel('cam2', point)", point) == pytest.approx([u / w, v / w], abs=1e-3)
 
-
-def test_a_click_on_a_camera_changes_the_view(shown):
+    # A click on a camera changes the view.
     def picture():
         return shown.js("() => { sqrp.scene.render(); return sqrp.scene.renderer.domElement.toDataURL(); }")
 
@@ -329,7 +324,8 @@ def test_a_click_on_a_camera_changes_the_view(shown):
     assert picture() == outside
 
 
-def test_the_timeline_tells_cause_and_culprit_to_pointer_and_keyboard(shown):
+def test_the_timeline_tells_cause_and_culprit_and_is_as_long_as_the_document_says(shown, explained):
+    # The timeline tells cause and culprit to pointer and keyboard.
     run = shown.page.locator(".run[aria-label^='cam2, hold(g1)'][aria-label*='hidden by upper_arm_link']").last
     run.hover()
     assert run.get_attribute("aria-label") in shown.texts("#tip")[0]
@@ -344,10 +340,8 @@ def test_the_timeline_tells_cause_and_culprit_to_pointer_and_keyboard(shown):
     shown.page.keyboard.press("Enter")
     start = float(re.search(r", ([\d.]+) s to", focused)[1])
     assert shown.js("sqrp.time") == pytest.approx(start, abs=0.006)
-
-
-def test_the_timeline_is_as_long_as_the_document_says(shown, explained):
-    """Share of the time that each camera's runs cover, against the samples of `explain --json`."""
+    # The timeline is as long as the document says.
+    # Share of the time that each camera's runs cover, against the samples of `explain --json`.
     document = next(c for c in explained.document["candidates"] if c["parameters"]["object"] == "g1")
     samples = document["samples"]
     t = np.array([sample["t"] for sample in samples])

@@ -92,16 +92,15 @@ def test_the_saved_document_prints_what_the_command_printed(audit, tmp_path):
     assert read_result(path).to_json() == audit.to_json()
 
 
-def test_of_a_camera_that_was_not_found_it_is_not_said_that_it_has_not_moved(audit, sqrp, quick_cell, monkeypatch):
+def test_what_is_not_known_of_cameras_and_how_a_patch_is_had_is_said(audit, sqrp, quick_cell, monkeypatch):
+    # Of a camera that was not found it is not said that it has not moved.
     lost = replace(audit, cameras={"cam3": replace(audit.cameras["cam3"], pose=None)})
     monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: lost)
     found = sqrp("audit", quick_cell.program, "run.mcap", "--patch", quick_cell.folder / "no.patch", columns=200)
     little = "Images of cam3 show too little of the cell to tell where it is"
     assert f"{little}, or it has moved by more than can be found out.\n" in found.out
     assert "of no camera is it known that it has moved, so" in found.err
-
-
-def test_how_a_patch_is_written_is_said_until_it_is(audit, sqrp, quick_cell, monkeypatch):
+    # How a patch is written is said until it is.
     monkeypatch.setattr("sqrp_cli.cli.commands.runs.audited", lambda *_: audit)
     patch = quick_cell.folder / "moved.patch"
     for option, said in [((), True), (("--patch", patch), False)]:

@@ -103,16 +103,17 @@ def test_an_error_while_editing_is_told_and_recovered_from(sqrp, own_watch, savi
     assert "100.0 → 0.0" in found.out
 
 
-def test_a_workspace_that_begins_with_an_error_is_watched_too(sqrp, own_watch, saving, replaced):
+def test_a_workspace_that_begins_with_an_error_is_watched_with_every_file_that_it_refers_to(
+    sqrp, own_watch, saving, replaced
+):
+    # A workspace that begins with an error is watched too.
     replaced(*BROKEN)()
     saving(replaced(*BROKEN[::-1]))
     found = sqrp("check", own_watch, "--watch")
     assert found.code == 130
     assert "error: " in found.err
     assert "watch" in found.out
-
-
-def test_every_file_that_the_workspace_refers_to_is_watched(sqrp, own_watch, saving, replaced):
+    # Every file that the workspace refers to is watched.
     saving(replaced("wait: 2 s", "wait: 3 s", "watch/skill.yaml"), replaced("arm", "arm", "arm.urdf"))
     out = sqrp("rank", own_watch, "watch seen", "--watch", columns=120).out
     assert "skill.yaml saved" in out
