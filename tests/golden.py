@@ -17,6 +17,7 @@ import math
 import os
 import shlex
 import shutil
+import subprocess
 import sys
 import sysconfig
 import tempfile
@@ -93,12 +94,25 @@ WORDS: dict[str, Callable[..., Any]] = {
     "link": lambda target, name: Path(name).symlink_to(target),
     "own": lambda cell, camera=None: copied(Path("own"), cell, camera) and None,
     "py": lambda expression: evaluated(expression),
+    "sh": lambda script: run_by_shell(script),
 }
 """What can be done with files; texts have `\\n` for the end of a line.
 
 `join`: a file with texts after it, each so many times. `own`: a shipped cell to be changed, own/workspaces/CELL; with
 the cameras before one. `py`: an expression of the Python interface.
+`sh`: commands in processes of their own, by a shell.
 """
+
+
+def run_by_shell(script: str) -> str:
+    """What a shell prints of commands that run in processes of their own, and the exit code of the last."""
+    own = 'sqrp() { "$PYTHON" -m sqrp_cli "$@"; }\n'
+    variables = {name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "LINES", "TERM")}
+    variables |= {"PYTHON": sys.executable, "COLUMNS": "80", "NO_COLOR": "1", "LC_ALL": "C.UTF-8"}
+    done = subprocess.run(["/bin/sh", "-c", own + script], env=variables, capture_output=True, timeout=120, check=False)
+    code = [f"? {done.returncode}"] if done.returncode else []
+    err = [f"! {line}" for line in done.stderr.decode().splitlines()]
+    return "\n".join([*done.stdout.decode().splitlines(), *err, *code])
 
 
 @cache

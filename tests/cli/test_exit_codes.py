@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -152,34 +149,6 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
     assert "--debug" in outcome.err
     with pytest.raises(RuntimeError, match="moon"):
         sqrp("--debug", "rank", watch, "watch seen")
-
-
-@pytest.mark.parametrize(
-    ("command", "read"), [(["explain", "--all", "--json"], 10), (["rank", "--program", "p.yaml"], 0)]
-)
-def test_a_reader_that_leaves_early_is_no_error_and_all_is_written(watch, tmp_path, command, read):
-    name, *options = command
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sqrp_cli", name, str(watch), "watch cube", *options],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", cwd=tmp_path,
-    )  # fmt: skip
-    assert len(process.stdout.read(read)) == read
-    process.stdout.close()
-    assert process.wait(timeout=60) in (0, 141)
-    assert process.stderr.read() in ("", "seen is now the last step of p.yaml\n")
-    process.stderr.close()
-    assert (tmp_path / "p.yaml").is_file() is ("--program" in options)
-
-
-def test_the_installed_script_runs_from_any_folder(tmp_path, watch):
-    script = Path(sys.executable).with_name("sqrp")
-    finished = subprocess.run(
-        [str(script), "rank", os.path.relpath(watch, tmp_path), "watch seen", "--json"],
-        cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
-    )  # fmt: skip
-    assert finished.returncode == 0, finished.stderr
-    assert json.loads(finished.stdout)["workspace"] == "watch"
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_new_cell_whose_first_run_is_interrupted_stays_and_is_told(sqrp, monkeypatch, tmp_path):

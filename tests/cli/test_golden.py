@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -11,10 +12,10 @@ from tests.golden import DOCUMENTS, FOLDER, differences, document, played, secti
 SECTIONS = [(file.stem, section) for file in sorted(FOLDER.glob("*.txt")) for section in sections(file.stem)]
 
 
-@pytest.mark.parametrize(
-    "section", [one for _, one in SECTIONS], ids=[f"{name}: {one.title}" for name, one in SECTIONS]
-)
-def test_commands_print_what_they_did(sqrp, tmp_path, section):
+@pytest.mark.parametrize(("name", "section"), SECTIONS, ids=[f"{name}: {one.title}" for name, one in SECTIONS])
+def test_commands_print_what_they_did(sqrp, tmp_path, name, section):
+    if name == "linux" and not Path("/dev/full").exists():
+        pytest.skip("needs the device that is always full")
     assert list(played(section, tmp_path, sqrp)) == section.lines
 
 

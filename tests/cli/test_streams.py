@@ -24,83 +24,11 @@ from sqrp_cli.cli.streams import _LOOK_ALIKES
 from sqrp_cli.errors import InputError
 from sqrp_cli.run.image import CameraImage
 from sqrp_cli.run.record.images import ImageRecorder
-from sqrp_cli.shown import shown_name
 from tests.cells import command_lines
 
 PACKAGE = Path(sqrp_cli.__file__).parent
 
 SQRP = [sys.executable, "-m", "sqrp_cli"]
-REASONS = {">&-": "Bad file descriptor", ">/dev/full": "No space left on device"}
-"""Why results are lost, by where they go."""
-
-needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-
-
-def redirected(arguments: list[str], redirections: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
-    """A command run by a shell with redirections."""
-    words = ["/bin/sh", "-c", f'exec "$@" {redirections}', "sh", *SQRP, *arguments]
-    return subprocess.run(words, capture_output=True, env={**os.environ, **variables}, check=False, timeout=60)
-
-
-COMMANDS = [
-    (["--version"], 0, True, "<&- "),
-    (["rnak"], 2, False, "<&-"),
-    (["rank", "{watch}", "watch stray"], 1, True, ""),
-    (["show", "nowhere"], 2, False, ""),
-]
-"""Words, exit code, whether there are results, and what stdin is; the first two are quick."""
-
-OUT, ERR = ("", ">&-", ">/dev/full"), ("", "2>&-", "2>/dev/full")
-
-
-@needs_full
-@pytest.mark.parametrize(
-    ("command", "out", "err"),
-    [
-        *((command, out, err) for command in COMMANDS[:2] for out, err in zip(OUT, ERR, strict=True)),
-        *((command, out, err) for command in COMMANDS[2:] for out, err in [(OUT[0], ERR[1]), (OUT[2], ERR[0])]),
-    ],
-    ids=lambda value: " ".join(value[0])[:30] if isinstance(value, tuple) else None,
-)
-def test_the_exit_code_is_that_of_the_command_or_of_lost_results(watch, command, out, err):
-    arguments, code, has_results, stdin = command
-    filled = [argument.format(watch=watch) for argument in arguments]
-    found = redirected(filled, f"{out} {err} {stdin}", PYTHONUNBUFFERED="1" if stdin == "<&-" else "")
-    lost = has_results and out in REASONS
-    assert found.returncode == (2 if lost else code)
-    assert bool(found.stdout) is (has_results and not out)
-    if err or (has_results and not lost):
-        assert found.stderr == b""
-    elif lost:
-        assert found.stderr.decode() == f"error: the output cannot be written: {REASONS[out]}\n"
-    else:
-        assert found.stderr
-
-
-@pytest.mark.parametrize(
-    "variables", [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1:strict"}, {"LC_ALL": "C"}]
-)
-def test_names_of_any_bytes_are_shown_by_any_encoding(watch, tmp_path, variables):
-    folder = b"caf\xe9 " + "日本".encode()
-    cell = os.path.join(os.fsencode(tmp_path), folder)  # noqa: PTH118 - bytes
-    shutil.copytree(os.fsencode(watch), cell)
-    for command, *rest in (["rank", "watch seen"], ["show", "--json"]):
-        found = redirected([command, os.fsdecode(cell), *rest], "", **variables)
-        assert (found.returncode, found.stderr) == (0, b"")
-    assert json.loads(found.stdout)["workspace"] == shown_name(os.fsdecode(folder))
-    missing = redirected(["show", os.fsdecode(os.path.join(cell, b"\xe9"))], "", **variables)  # noqa: PTH118
-    assert missing.returncode == 2
-    assert b"no such file or folder" in missing.stderr
-    assert missing.stderr.count(b"\n") == 1
-
-
-def test_signs_of_charts_and_tables_have_look_alikes_in_ascii(watch):
-    command = ["explain", str(watch), "watch seen"]
-    usual, plain = redirected(command, ""), redirected(command, "", PYTHONIOENCODING="ascii")
-    chart, signs = plain.stdout.decode("ascii"), usual.stdout.decode()
-    assert "?" not in chart
-    assert [len(line) for line in chart.splitlines()] == [len(line) for line in signs.splitlines()]
-    assert ("█" in signs, "#" in chart) == (True, True)
 
 
 def test_every_sign_of_the_terminal_has_a_look_alike():
@@ -167,60 +95,13 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(sqrp, wa
     assert "output" not in outcome.err
 
 
-def test_without_any_input_a_dialog_ends(watch):
-    found = redirected(["program", "new", str(watch)], "<&-")
-    assert found.returncode == 0
-    assert found.stderr.decode() == "no step was chosen, so nothing was written\n"
-
-
-ARM = Path(__file__).parents[2] / "workspaces" / "robots" / "six_axis_arm.urdf"
 FULL = "No space left on device"
-LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))"
-"""No file may have more bytes, which is as good as a full disk."""
 
 
 def full(path: Path) -> Path:
     """A name for a device that is always full."""
     path.symlink_to("/dev/full")
     return path
-
-
-@pytest.mark.parametrize("option", ["--junit", "--summary", "--report", "--save-baseline"])
-def test_a_file_of_score_is_named_and_what_was_scored_is_printed(sqrp, watch, tmp_path, option):
-    path = full(tmp_path / "out.html")
-    outcome = sqrp("score", watch, option, path)
-    assert outcome.code == 2
-    assert f"error: {path}: this file cannot be written: {FULL}" in outcome.err
-    assert "1 of 1 task passed." in outcome.out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        (["rank", "WATCH", "watch green", "--report", "out.html"], "out.html: this file cannot be written: "),
-        (["rank", "WATCH", "watch green", "--program", "out.html"], "out.html: this file cannot be written: "),
-        (["explain", "WATCH", "watch turned", "--images", "pictures"], "pictures/"),
-        (["score", "WATCH", "--out", "results"], "results"),
-    ],
-    ids=["page", "program", "picture", "results"],
-)
-def test_what_cannot_be_written_is_named(sqrp_process, watch, tmp_path, monkeypatch, arguments, name):
-    monkeypatch.chdir(tmp_path)
-    filled = (watch if word == "WATCH" else word for word in arguments)
-    outcome = sqrp_process(*filled, prelude=LIMIT.format(100))
-    assert outcome.code == 2
-    assert f"error: {name}" in outcome.err
-    assert "File too large" in outcome.err
-    assert not [file for file in tmp_path.iterdir() if file.is_file()]
-
-
-def test_a_new_workspace_is_named_and_nothing_is_left_of_it(sqrp_process, tmp_path):
-    for limit in (100, 2100):  # the skill does not fit, or the workspace file
-        outcome = sqrp_process("init", tmp_path / "cell", "--urdf", ARM, prelude=LIMIT.format(limit))
-        assert (outcome.code, outcome.out) == (2, "")
-        assert f"error: {tmp_path / 'cell'}: this folder cannot be made: " in outcome.err
-        assert "File too large" in outcome.err
-        assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
