@@ -18,7 +18,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception import detectors
-from sqrp_cli.run.perception.detections import BoxDetection, Detection, fuse
+from sqrp_cli.run.perception.detections import BoxDetection, Detection, FusedTruth, fuse
 from sqrp_cli.run.perception.detectors import Background, marker_detection
 from sqrp_cli.run.perception.vision import Crop, FoundMarker, corners_of
 from sqrp_cli.skill.target_box import TargetBox
@@ -28,17 +28,13 @@ GREY, WHITE, RED, BLUE = (60, 60, 66), (200, 200, 200), (200, 30, 30), (30, 30, 
 EVERYWHERE = (slice(0, 60), slice(0, 80))
 
 
-def area(rows: slice, columns: slice) -> Mask:
+def area(top: int, bottom: int, left: int, right: int) -> Mask:
     mask = np.zeros((60, 80), dtype=bool)
-    mask[rows, columns] = True
+    mask[top:bottom, left:right] = True
     return mask
 
 
-ROBOT, WATCHED, OTHER = (
-    area(slice(0, 60), slice(20, 60)),
-    area(slice(10, 20), slice(30, 40)),
-    area(slice(40, 50), slice(30, 40)),
-)
+ROBOT, WATCHED, OTHER = area(0, 60, 20, 60), area(10, 20, 30, 40), area(40, 50, 30, 40)
 
 
 def painted() -> ImageArray:
@@ -50,24 +46,18 @@ def painted() -> ImageArray:
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_what_stands_before_the_robot_does_not_colour_it(*, moving: bool) -> None:
+def test_the_background_is_what_nothing_covers_and_what_stands_before_the_robot_does_not_colour_it(moving) -> None:
     image = painted()
-    background = Background(image, ROBOT, WATCHED, OTHER, moving=moving)
-    _, _, robot_colored = background.compared(image, EVERYWHERE, "red")
+    shown, _, robot_colored = Background(image, ROBOT, WATCHED, OTHER, moving=moving).compared(image, EVERYWHERE, "red")
+    assert shown[~ROBOT].all()
+    assert not shown[WATCHED].any()
     assert (robot_colored == ROBOT & ~WATCHED & ~OTHER).all()
-
-
-def test_the_background_is_what_neither_robot_nor_watched_thing_covers() -> None:
-    image = painted()
-    background = Background(image, ROBOT, WATCHED, OTHER, moving=False)
-    assert background.matches(image, EVERYWHERE)[~ROBOT].all()
-    assert not background.matches(image, EVERYWHERE)[WATCHED].any()
 
 
 def test_of_a_moving_camera_the_colours_around_robot_and_objects_are_the_background() -> None:
     image = painted()
     image[0:5, 0:5] = RED  # a movable object of the watched one's colour
-    aside = area(slice(0, 5), slice(0, 5))
+    aside = area(0, 5, 0, 5)
     background = Background(image, ROBOT, WATCHED, OTHER | aside, moving=True)
     assert (background.matches(image, EVERYWHERE) == ~ROBOT & ~aside).all()
 
@@ -77,7 +67,7 @@ def test_a_shade_on_a_background_of_its_colour_has_its_hue(*, moving: bool) -> N
     image = painted()
     image[50:60, 0:10] = RED
     background = Background(image, ROBOT, WATCHED, OTHER, moving=moving)
-    red = area(slice(50, 60), slice(0, 10))
+    red = area(50, 60, 0, 10)
     assert (background.compared(image, EVERYWHERE, "red")[1] >= red).all()
     shaded = image.copy()
     shaded[50:60, 0:5] = (120, 18, 18)
@@ -125,30 +115,22 @@ def detected(
     joints = {"finger": by_encoder}
 
     def outline(X_WB: Array, _: object) -> SimpleNamespace | None:
-        center = X_WB[:2, 3]
-        square = center + SIDE / 2 * CORNERS
+        center, square = X_WB[:2, 3], X_WB[:2, 3] + SIDE / 2 * CORNERS
         known = SimpleNamespace(center=center, area=SIDE**2, polygon=square, corners=corners_of(square), depth=1.0)
         return known if center[0] < edge else None
 
-    robot = SimpleNamespace(
-        fingers=SimpleNamespace(open={"finger": OPEN}, closed={"finger": CLOSED}), surfaces=(), link_poses=link_poses,
-        with_fingers=lambda _, fingers: fingers,
-    )  # fmt: skip
+    fingers = SimpleNamespace(open={"finger": OPEN}, closed={"finger": CLOSED})
+    robot = SimpleNamespace(fingers=fingers, surfaces=(), link_poses=link_poses, with_fingers=lambda _, other: other)
+    sought = SimpleNamespace(targets={"open": SimpleNamespace(boxes=(BOX,))}, when_open={"open": True})
     view: Any = SimpleNamespace(
-        image=np.zeros((100, 400, 3), dtype=np.uint8), outline=outline,
-        robot=(),
+        image=np.zeros((100, 400, 3), dtype=np.uint8), outline=outline, robot=(), sought=sought,
         pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
-        marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers,
-        crop=lambda *_: Crop.whole(100, 400),
+        marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers, crop=lambda *_: Crop.whole(100, 400),
         object_of=lambda *_: None, cell=SimpleNamespace(robot=robot, markers={"finger": Marker(id=0, side=0.02)}),
-        sought=SimpleNamespace(
-            targets={"open": SimpleNamespace(boxes=(BOX,))}, when_open={"open": True}
-        ),
     )  # fmt: skip
-    background: Any = None
     covered = lambda *_, **__: np.full((100, 400), beside is not None)  # noqa: E731
     with patch.multiple(detectors, find_markers=lambda *_: beside, pieces_mask=covered):
-        return marker_detection(view, background, "open", BOX)
+        return marker_detection(view, None, "open", BOX)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("seen", "says"), [(OPEN, Truth.TRUE), (OPEN + 10, Truth.TRUE), (CLOSED, Truth.FALSE)])
@@ -179,8 +161,8 @@ def detection(camera: str, *evidence: Truth, frozen: bool = False, t: float = 0.
     return Detection(camera, t, frozen, {"held": boxes})
 
 
-def fused(cameras: int, *detections: Detection) -> Truth:
-    return fuse("held", ProgramTarget(cameras=cameras, boxes=(box(),), seen={}), detections).truth
+def fused(cameras: int, *detections: Detection) -> FusedTruth:
+    return fuse("held", ProgramTarget(cameras=cameras, boxes=(box(),), seen={}), detections)
 
 
 def test_one_camera_needs_all_boxes_to_confirm_and_one_to_refute() -> None:
@@ -195,15 +177,14 @@ def test_one_camera_needs_all_boxes_to_confirm_and_one_to_refute() -> None:
 @given(st.lists(st.sampled_from(list(Truth)), max_size=6), st.integers(1, 3))
 def test_most_cameras_decide_if_they_are_as_many_as_needed(votes: list[Truth], needed: int) -> None:
     yes, no = votes.count(Truth.TRUE), votes.count(Truth.FALSE)
-    found = fused(needed, *(detection(str(i), vote) for i, vote in enumerate(votes)))
+    found = fused(needed, *(detection(str(i), vote) for i, vote in enumerate(votes))).truth
     assert (found == Truth.TRUE) == (yes >= needed and yes > no)
     assert (found == Truth.FALSE) == (no >= needed and no > yes)
 
 
 def test_cameras_that_contradict_each_other_at_the_same_time_are_a_conflict() -> None:
-    target = ProgramTarget(cameras=1, boxes=(box(),), seen={})
-    assert fuse("held", target, [detection("a", Truth.TRUE), detection("b", Truth.FALSE)]).conflict
-    assert not fuse("held", target, [detection("a", Truth.TRUE), detection("b", Truth.UNKNOWN)]).conflict
-    later = fuse("held", target, [detection("a", Truth.TRUE), detection("b", Truth.FALSE, t=0.1)])
+    assert fused(1, detection("a", Truth.TRUE), detection("b", Truth.FALSE)).conflict
+    assert not fused(1, detection("a", Truth.TRUE), detection("b", Truth.UNKNOWN)).conflict
+    later = fused(1, detection("a", Truth.TRUE), detection("b", Truth.FALSE, t=0.1))
     assert not later.conflict
     assert later.votes == {"a": Truth.TRUE, "b": Truth.FALSE}
