@@ -162,7 +162,7 @@ def compared(
                     rest.add(usual, seen)
                 if seen != promised:
                     blind = [box for box in detection.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
-                    least = min(blind, key=lambda box: box.share).because.value if blind else "detector"
+                    least = min(blind, key=lambda box: box.share).because if blind else "detector"
                     reason = least if promised else "more"
                     misses[f"{atom} {detection.camera} {reason} {truths[atom]}"] += 1
         values = {atom: fuse(atom, target, shown).truth for atom, target in step.targets.items()}

@@ -21,7 +21,7 @@ from sqrp_cli.logic.truth import Monitor, Trace, Truth, evaluate
 from sqrp_cli.program.record import ProgramFormula, ProgramResponse, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.monitor.nominal_step import NominalStep
-from sqrp_cli.run.perception.detections import Detection, Evidence, MissReason
+from sqrp_cli.run.perception.detections import Detection, Evidence
 from sqrp_cli.run.record.report import Confusion, Disagreement
 
 PATIENCE = 0.3
@@ -303,7 +303,7 @@ class PredictionCheck:
                 self.usual[atom][detection.camera].add(usual, detected)
             if predicted != detected:
                 blind = [box for box in boxes if box.evidence is Truth.UNKNOWN]
-                because = min(blind, key=lambda box: box.share).because if blind else MissReason.DETECTOR
+                because = min(blind, key=lambda box: box.share).because if blind else "detector limit"
                 self.disagreements.append(
                     Disagreement(
                         step=self._index,
@@ -314,7 +314,7 @@ class PredictionCheck:
                         seen=seen.word,
                         true=truths[atom],
                         share=round(min((box.share for box in boxes), default=0.0), 3),
-                        because=because.value if predicted else "",
+                        because=because if predicted else "",
                         usual=usual,
                     )
                 )

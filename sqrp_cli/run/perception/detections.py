@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
-from enum import StrEnum
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -26,18 +25,13 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import Marker
 from sqrp_cli.run.robot_body import RobotBody, Surface
 
+MissReason: TypeAlias = Literal["mask border", "same colour behind", "lighting", "detector limit"]
+"""Why an image does not show what it was predicted to show.
 
-class MissReason(StrEnum):
-    """Why an image does not show what it was predicted to show."""
-
-    MASK = "mask border"
-    """The outlines of robot and objects, which are a little too wide, leave too little of it."""
-    BACKGROUND = "same colour behind"
-    """The background has its colour, so that the image would look the same without it."""
-    LIGHTING = "lighting"
-    """The pixels have neither the object's colour nor the background's."""
-    DETECTOR = "detector limit"
-    """The image shows it, if not to the detector."""
+`mask border`: the outlines of robot and objects, which are a little too wide, leave too little of it. `same colour
+behind`: the background has its colour, so that the image would look the same without it. `lighting`: the pixels have
+neither the object's colour nor the background's. `detector limit`: the image shows it, if not to the detector.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +104,7 @@ class BoxDetection:
     """Of the object's silhouette, or of a marker's outline, that could be judged, in 0..1."""
     outline: Array
     """Of the box in the image, shape (n, 2) [pixels]."""
-    because: MissReason = MissReason.DETECTOR
+    because: MissReason = "detector limit"
     """Why it is blind, if it is."""
 
 

@@ -164,16 +164,17 @@ def color_detections(
             offset = (position - poses[i][:3, 3]) @ poses[i][:3, :3]
             inside = i in held if at_tool[i] else (np.abs(offset) <= 0.5 * np.array(box.size)).all()
             evidence = Truth.TRUE if inside else Truth.FALSE
-        because, wanted = MissReason.DETECTOR, view.cell.detectors[box.detector].min_visible
+        because: MissReason = "detector limit"
+        wanted = view.cell.detectors[box.detector].min_visible
         if place.share < np.clip(wanted - detector.BORDER * place.edge, detector.LEAST_SHARE, detector.MOST_SHARE):
-            missing = {
-                MissReason.MASK: place.hidden,
-                MissReason.BACKGROUND: place.same_color,
-                MissReason.LIGHTING: 1.0 - place.share - place.hidden - place.same_color,
+            missing: dict[MissReason, float] = {
+                "mask border": place.hidden,
+                "same colour behind": place.same_color,
+                "lighting": 1.0 - place.share - place.hidden - place.same_color,
             }
             evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
         if place.projected is None or place.projected.area < detector.LEAST_PIXELS**2:
-            evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
+            evidence, because = Truth.UNKNOWN, "detector limit"
         outline = NO_OUTLINE if place.projected is None else place.projected.box.polygon
         found.append(BoxDetection(box.name, evidence, place.share, outline, because))
     return found, position
@@ -293,7 +294,8 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
             found.append((float(np.hypot(*(marker.center - outline.center))), marker, closure))
         return min(found, key=lambda one: one[0])[1:] if found else None
 
-    found, because = None if wanted is None else nearest(view.markers(wanted.dictionary)), MissReason.DETECTOR
+    found = None if wanted is None else nearest(view.markers(wanted.dictionary))
+    because: MissReason = "detector limit"
     crop = view.crop(outline.polygon, round(AROUND * outline.area**0.5)) if found is None else None
     if crop is not None:
         # What of the robot is before the box, other than what carries the marker, may touch this in the image.
@@ -303,7 +305,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
             if wanted is not None:
                 beside = find_markers(view.image[crop], wanted.dictionary, hiding)
                 found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
-            because = MissReason.MASK if found is None else because
+            because = "mask border" if found is None else because
     share, evidence = 0.0 if found is None else 1.0, Truth.UNKNOWN
     if on_finger:
         about_object = any(view.object_of(atom, other) is not None for other in view.sought.targets[atom].boxes)
