@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from sqrp_cli.camera.hand_eye import read_hand_eye
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, rpy_to_matrix
-from tests.cells import edit
+from tests.cells import edit, read_cases, refused
 
+CASES = read_cases("static_transforms.yaml")
 LINKS = ("world", "base", "wrist")
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)
 IN_HAND = ("wrist", "camera_link", (0.03, -0.05, 0.12), (0.0, 0.6, 0.0, 0.8))
 IN_CAMERA = ("camera_link", "camera_optical_frame", (0.0, 0.015, 0.0), OPTICAL)
 OTHER = ("base", "lidar", (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-BACK = ("camera_optical_frame", "camera_link", *OTHER[2:])
 Frames = tuple[str, str, Sequence[float], Sequence[float]]
 
 
@@ -34,74 +33,26 @@ X_HC = matrix(IN_HAND) @ matrix(IN_CAMERA)
 """Of the optical frame in the wrist."""
 
 
-def stamped(frames: Frames) -> dict[str, Any]:
-    parent, child, position, quaternion = frames
-    return {
-        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": parent},
-        "child_frame_id": child,
-        "transform": {
-            "translation": dict(zip("xyz", map(float, position), strict=True)),
-            "rotation": dict(zip("xyzw", map(float, quaternion), strict=True)),
-        },
-    }
+def written(folder: Path, kind: str, name: str) -> Path:
+    """A file of the table."""
+    (folder / name).write_text(CASES[kind][name], encoding="utf-8")
+    return folder / name
 
 
-def options(frames: Frames) -> list[str]:
-    numbers = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*frames[2], *frames[3]), strict=True))
-    named = {"frame-id": frames[0], "child-frame-id": frames[1], **numbers}
-    return [word for name, value in named.items() for word in (f"--{name}", str(value))]
-
-
-def positional(frames: Frames) -> str:
-    return " ".join(map(str, (*frames[2], *frames[3], frames[0], frames[1])))
-
-
-def launch_py(*all_frames: Frames) -> str:
-    """As MoveIt's hand-eye calibration writes `camera_pose.launch.py`."""
-    nodes = ",\n".join(
-        f'Node(package="tf2_ros", executable="static_transform_publisher", output="log", arguments={options(frames)})'
-        for frames in all_frames
-    )
-    return (
-        '""" Static transform publisher acquired via MoveIt 2 hand-eye calibration """\n'
-        '""" EYE-IN-HAND: wrist -> camera """\n'
-        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n\n\n"
-        f"def generate_launch_description() -> LaunchDescription:\n    nodes = [{nodes}]\n"
-        "    return LaunchDescription(nodes)\n"
-    )
-
-
-def launch_xml(kind: str, frames: Frames) -> str:
-    arguments = f'args="{positional(frames)}"'
-    return f'<launch>\n  <node pkg="tf2_ros" {kind}="static_transform_publisher" name="c" {arguments}/>\n</launch>\n'
-
-
-TEXTS = {
-    "message.yaml": yaml.safe_dump({"transforms": [stamped(IN_HAND), stamped(IN_CAMERA), stamped(OTHER)]}),
-    "messages.yaml": "---\n".join(yaml.safe_dump({"transforms": [stamped(one)]}) for one in (IN_CAMERA, IN_HAND))
-    + "---\n",
-    "camera_pose.launch.py": launch_py(IN_HAND, IN_CAMERA),
-    "start.sh": "#!/bin/sh\n"
-    f"ros2 run tf2_ros static_transform_publisher {positional(IN_HAND)} &\n"
-    "# ros2 run tf2_ros static_transform_publisher 1 1 1 0 0 0 base lidar\n"
-    f"ros2 run tf2_ros static_transform_publisher \\\n   {' '.join(options(IN_CAMERA))}\n",
-}
-
-
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", CASES["chain"])
 def test_a_chain_of_transforms_ends_at_the_first_link(tmp_path, name):
-    path = tmp_path / name
-    path.write_text(TEXTS[name], encoding="utf-8")
-    found = read_hand_eye(path, carriers=LINKS)
+    found = read_hand_eye(written(tmp_path, "chain", name), carriers=LINKS)
     assert (found.parent, found.child) == ("wrist", "camera_optical_frame")
     np.testing.assert_allclose(found.X_PC, X_HC, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["type", "exec"])
-def test_launch_files_in_xml_are_read(tmp_path, kind):
-    path = tmp_path / "camera_pose.launch"
-    path.write_text(launch_xml(kind, IN_HAND), encoding="utf-8")
-    np.testing.assert_allclose(read_hand_eye(path).X_PC, matrix(IN_HAND), atol=1e-9)
+@pytest.mark.parametrize("name", CASES["in_hand"])
+def test_launch_files_are_read_and_not_executed(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    found = read_hand_eye(written(tmp_path, "in_hand", name))
+    assert found.parent == "wrist"
+    np.testing.assert_allclose(found.X_PC, matrix(IN_HAND), atol=1e-9)
+    assert not Path("trap").exists()
 
 
 def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path):
@@ -113,13 +64,6 @@ def test_angles_are_yaw_pitch_roll_in_the_older_order_and_by_name(tmp_path):
         found = read_hand_eye(path)
         assert (found.parent, found.child) == ("wrist", "cam")
         np.testing.assert_allclose(found.X_PC, expected, atol=1e-12)
-
-
-def test_a_launch_file_is_not_executed(tmp_path):
-    path, trap = tmp_path / "camera_pose.launch.py", tmp_path / "trap"
-    path.write_text(f"open({str(trap)!r}, 'w')\n" + launch_py(IN_HAND), encoding="utf-8")
-    assert read_hand_eye(path).parent == "wrist"
-    assert not trap.exists()
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
@@ -166,18 +110,13 @@ def test_without_the_library_a_recording_names_the_command_that_installs_it(tmp_
     path = tmp_path / "recording.bag"
     path.write_bytes(b"#ROSBAG V2.0\n")
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    with pytest.raises(InputError) as caught:
-        read_hand_eye(path)
-    assert caught.value.problems[0].mend == "pip install 'sqrp[bags]'"
+    assert refused(read_hand_eye, path).mend == "pip install 'sqrp[bags]'"
 
 
 def test_frames_that_lead_back_to_themselves_are_refused(tmp_path):
-    path = tmp_path / "tf.yaml"
-    path.write_text(yaml.safe_dump({"transforms": [stamped(IN_CAMERA), stamped(BACK)]}), encoding="utf-8")
-    with pytest.raises(InputError, match="lead back"):
-        read_hand_eye(path, "camera_link", LINKS)
-    with pytest.raises(InputError, match="did you mean `camera_link`"):
-        read_hand_eye(path, "camera_lnk", LINKS)
+    (tmp_path / "tf.yaml").write_text(CASES["ring"], encoding="utf-8")
+    for camera, said in (("camera_link", "lead back"), ("camera_lnk", "did you mean `camera_link`")):
+        assert said in refused(read_hand_eye, tmp_path / "tf.yaml", camera, LINKS).message
 
 
 def test_a_damaged_recording_is_refused(tmp_path):
@@ -197,31 +136,10 @@ def test_a_workspace_takes_the_pose_from_a_recording_in_a_folder(cell, frame):
     np.testing.assert_allclose(camera.X_FC, X_HC, atol=1e-9)
 
 
-CONDITIONAL = {
-    "xml": """<launch><arg name="sim" default="false"/>
-<node pkg="tf2_ros" exec="static_transform_publisher" args="{sim}" if="$(var sim)"/>
-<group unless="$(var sim)"><node pkg="tf2_ros" exec="static_transform_publisher" args="{real}"/></group></launch>""",
-    "py": """from launch import LaunchDescription
-def generate_launch_description():
-    sim = LaunchConfiguration("sim")
-    return LaunchDescription([DeclareLaunchArgument("sim", default_value="false"),
-        Node(package="tf2_ros", executable="static_transform_publisher", arguments={sim_words},
-             condition=conditions.IfCondition(sim)),
-        GroupAction(condition=UnlessCondition(LaunchConfiguration("sim")), actions=[
-            Node(package="tf2_ros", executable="static_transform_publisher", arguments={real_words})])])
-""",
-}
-
-
-@pytest.mark.parametrize("kind", CONDITIONAL)
-def test_a_transform_whose_condition_is_false_by_default_is_not_that_of_the_real_cell(kind, tmp_path):
-    sim, real = (("wrist", "camera", position, (0.0, 0.0, 0.0, 1.0)) for position in ((9.0, 9.0, 9.0), (0.1, 0.2, 0.3)))
-    text = CONDITIONAL[kind].format(
-        sim=positional(sim), real=positional(real), sim_words=options(sim), real_words=options(real)
-    )
-    path = tmp_path / f"camera.launch.{kind}"
-    path.write_text(text, encoding="utf-8")
+@pytest.mark.parametrize("name", CASES["conditional"])
+def test_a_transform_whose_condition_is_false_by_default_is_not_that_of_the_real_cell(name, tmp_path):
+    path = written(tmp_path, "conditional", name)
     assert read_hand_eye(path, carriers=LINKS).X_PC[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
     path.write_text(path.read_text().replace('default="false"', "").replace('default_value="false"', ""))
-    with pytest.raises(InputError, match=r"depends on .*sim.*, which is not known before a launch"):
-        read_hand_eye(path, carriers=LINKS)
+    said = refused(read_hand_eye, path, carriers=LINKS).message
+    assert re.search("depends on .*sim.*, which is not known before a launch", said)
