@@ -73,7 +73,7 @@ load: all
 
 # Plans for 300 random problems against Fast Downward, which takes 0.2 s for each.
 planners: all
-	SQRP_PLANNING_PROBLEMS=300 $(BIN)/pytest --numprocesses auto tests/logic/test_planner_against_fast_downward.py
+	SQRP_PLANNING_PROBLEMS=300 $(BIN)/pytest --numprocesses auto tests/logic/test_against_unified_planning.py -k fast_downward
 
 # The pictures of the documentation; needs Chromium.
 pictures: all

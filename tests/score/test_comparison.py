@@ -47,18 +47,12 @@ def test_a_difference_is_called_worse_only_where_nothing_got_better(capsys, shif
     assert f"\n  {mark:6}  pickup g4 for g4: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("before", ["left", None])
-def test_the_same_way_and_one_that_an_old_baseline_does_not_name_are_no_other(before):
-    assert not WayChange("g4", "g4", "g4", (SLOWER,), choice_before=before, choice="left").another_way
-
-
-def test_a_way_of_an_old_baseline_is_read():
+def test_an_old_baseline_names_no_way_and_a_short_loss_has_two_ends():
+    for before in ("left", None):
+        assert not WayChange("g4", "g4", "g4", (SLOWER,), choice_before=before, choice="left").another_way
     assert TypeAdapter(WayRecord).validate_python({"candidate": "g4", "feasible": True}).choice is None
-
-
-@pytest.mark.parametrize(("start", "end", "said"), [(5.002, 5.016, "5.002 s to 5.016 s"), (1.0, 2.5, "1.0 s to 2.5 s")])
-def test_a_short_loss_has_two_ends(start, end, said):
-    assert f"from {said}:" in str(LostView("hold(g4)", "cam6", start, end, "hidden by suction_cup"))
+    for start, end, said in ((5.002, 5.016, "5.002 s to 5.016 s"), (1.0, 2.5, "1.0 s to 2.5 s")):
+        assert f"from {said}:" in str(LostView("hold(g4)", "cam6", start, end, "hidden by suction_cup"))
 
 
 def with_camera_at(height: str) -> ScoredCell:

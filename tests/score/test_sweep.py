@@ -12,6 +12,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.score.sweep import middle_of_draws, middle_of_grid, read_variation, variants
+from tests.cells import read_cases
+
+CASES = read_cases("scores.yaml")
 
 
 def grid(*texts: str, draws: int | None = None, seed: int = 0):
@@ -34,48 +37,22 @@ def test_draws_lie_between_the_ends_and_are_the_same_for_a_seed() -> None:
     assert len(set(found)) == 50
 
 
-@pytest.mark.parametrize(
-    "texts",
-    [["a"], ["a=1"], ["a=1:2:3:4"], ["a=1:x:3"], ["a=1 m:2 cm:3"], ["=1:2:3"], ["a=1:2:0"], ["a=1:2"],
-     ["a=1:2:3", "a=1:2:3"], ["a=1:2:101", "b=1:2:100"]],
-)  # fmt: skip
+@pytest.mark.parametrize("texts", CASES["refused"])
 def test_what_is_no_variation_is_refused(texts: list[str]) -> None:
     with pytest.raises(InputError):
         grid(*texts)
 
 
-@pytest.mark.parametrize(
-    ("equal", "middle"),
-    [
-        ("1", 0),
-        ("11111", 2),
-        ("0111110", 3),
-        ("1101111100", 5),
-        ("011110", 2),  # of two in the middle the first
-        ("110011", 0),  # of two runs as long the first
-        ("1000111", 5),
-    ],
-)
-def test_on_a_line_it_is_the_middle_of_the_longest_run(equal: str, middle: int) -> None:
+@pytest.mark.parametrize(("equal", "middle"), CASES["rows"])
+def test_in_a_row_it_is_the_middle_of_the_longest_run(equal: str, middle: int) -> None:
     assert middle_of_grid(np.array([sign == "1" for sign in equal])) == middle
 
 
-@pytest.mark.parametrize(
-    ("rows", "middle"),
-    [
-        (["11111", "11111", "11111"], (1, 2)),
-        (["0111", "0111", "0111", "1000"], (1, 2)),
-        (["10001", "01010", "00100"], (0, 0)),  # neighbours differ in one value, not in two
-        (["1111111", "0000111", "0000111"], (1, 5)),  # the wide end of a block
-    ],
-)
-def test_on_a_grid_it_is_the_middle_of_the_largest_block(rows: list[str], middle: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("rows", "middle"), CASES["grids"])
+def test_on_a_grid_it_is_the_middle_of_the_largest_block(rows: list[str], middle: list[int]) -> None:
     equal = np.array([[sign == "1" for sign in row] for row in rows])
-    assert np.unravel_index(middle_of_grid(equal), equal.shape) == middle
-
-
-def test_a_value_that_is_not_varied_has_no_border() -> None:
-    assert middle_of_grid(np.ones((1, 5, 1), dtype=bool)) == 2
+    assert np.unravel_index(middle_of_grid(equal), equal.shape) == tuple(middle)
+    assert middle_of_grid(np.ones((1, 5, 1), dtype=bool)) == 2  # a value that is not varied has no border
 
 
 @given(arrays(bool, array_shapes(min_dims=1, max_dims=3, max_side=5)))

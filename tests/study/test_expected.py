@@ -133,9 +133,7 @@ def test_a_term_of_the_curve_replaces_the_limit_and_no_other() -> None:
     assert cos(hard_limits.max_incidence) == -1.0
 
 
-@pytest.mark.parametrize("k", [1, 2, 3])
-def test_enough_cameras_see_as_often_as_all_choices_say(k: int) -> None:
-    random = np.random.default_rng(k)
-    probabilities = random.uniform(size=(20, 3))
-    found = at_least(probabilities, k)
-    assert found == pytest.approx([brute_force(row.tolist(), k) for row in probabilities])
+def test_enough_cameras_see_as_often_as_all_choices_say() -> None:
+    probabilities = np.random.default_rng(0).uniform(size=(20, 3))
+    for k in (1, 2, 3):
+        assert at_least(probabilities, k) == pytest.approx([brute_force(row.tolist(), k) for row in probabilities])

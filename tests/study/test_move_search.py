@@ -83,14 +83,11 @@ def least(function: Callable[[Array], Array], generations: int, seed: int) -> fl
 @pytest.mark.parametrize(("function", "generations"), [(sphere, 120), (ellipsoid, 400), (banana, 900)])
 def test_it_finds_the_minimum(function: Callable[[Array], Array], generations: int) -> None:
     assert max(least(function, generations, seed) for seed in range(3)) < 1e-8
-
-
-def test_it_is_far_better_than_drawing_as_many_points() -> None:
     drawn = np.random.default_rng(0).normal(scale=0.5, size=(20 * 12, 6))
-    assert least(sphere, 20, 0) < 0.1 * sphere(drawn).min()
+    assert least(sphere, 20, 0) < 0.1 * sphere(drawn).min()  # far better than drawing as many points
 
 
-def test_the_seed_decides_all_numbers() -> None:
+def test_the_seed_decides_all_numbers_and_the_first_population_has_the_given_mean_and_deviations() -> None:
     def populations(seed: int) -> Array:
         search = evolution(np.zeros(3), np.ones(3), 8, seed)
         found = [next(search)]
@@ -100,9 +97,6 @@ def test_the_seed_decides_all_numbers() -> None:
 
     np.testing.assert_array_equal(populations(1), populations(1))
     assert not np.array_equal(populations(1), populations(2))
-
-
-def test_the_first_population_has_the_given_mean_and_deviations() -> None:
     mean, deviation = np.array([1.0, -2.0, 0.5]), np.array([0.1, 1.0, 3.0])
     drawn = next(evolution(mean, deviation, 4000, 0))
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.1 * deviation.max())

@@ -13,6 +13,7 @@ from sqrp_cli.figures import FaultMetrics, Qualities
 from sqrp_cli.study.ranking import contenders, criterion_figure, rank, winners
 from sqrp_cli.study.result import CRITERIA, CandidateResult, Criterion
 from sqrp_cli.task.task import Candidate, read_task
+from tests.cells import read_cases
 from tests.conftest import TABLETOP
 
 CANDIDATES: tuple[Candidate, ...] = read_task("pickup green", load_workspace(TABLETOP)).candidates
@@ -32,23 +33,7 @@ def names(assessments: list[CandidateResult], by: str = "q_eoi") -> list[str]:
     return [ranked.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "by", "best"),
-    [
-        # The criterion counts first.
-        *(((1.0, 0.5, 20.0, 3.0), (0.2, 0.9, 10.0, 1.0), by, "g1" if by == "q_eoi" else "g2") for by in CRITERIA),
-        # Ties go by Q_avg, then time, then the worst delay, then parameters.
-        ((1.0, 0.5, 9.0), (1.0, 0.6, 9.0), "q_eoi", "g2"),
-        ((1.0, 0.5, 9.0), (1.0, 0.5, 8.0), "q_eoi", "g2"),
-        ((1.0, 0.5, 9.0, 2.0), (1.0, 0.5, 9.0, 1.0), "q_eoi", "g2"),
-        ((1.0, 0.5, 9.0), (1.0, 0.5, 9.0), "q_eoi", "g1"),
-        # Qualities that round to the same tenth of a point are a tie.
-        ((0.90004, 0.5, 9.0), (0.90001, 0.5, 8.0), "q_eoi", "g2"),
-        ((0.902, 0.5, 9.0), (0.900, 0.5, 8.0), "q_eoi", "g1"),
-        # A criterion that is null is ignored.
-        ((None, 0.5, 9.0), (None, 0.6, 20.0), "q_eoi", "g2"),
-    ],
-)
+@pytest.mark.parametrize(("first", "second", "by", "best"), read_cases("scores.yaml")["order"])
 def test_candidates_are_in_the_defined_order(first: Any, second: Any, by: Criterion, best: str) -> None:
     one, other = assessed(0, *first), assessed(1, *second)
     assert names([one, other], by)[0] == names([other, one], by)[0] == best

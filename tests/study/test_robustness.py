@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import inverse
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
@@ -45,17 +44,13 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
     assert any(left.q_eoi < now.q_eoi for left in told.values()), "some cameras are needed"
 
 
-def test_an_exact_calibration_changes_nothing(cell: Cell, found: Analysis) -> None:
-    draws = under_calibration_errors(cell, found, SAMPLING, Calibration(0.0, 0.0, 0))
-    assert draws == (qualities_over(found.timeline),) * DRAWS
-
-
-def test_draws_are_seeded(cell: Cell, found: Analysis) -> None:
-    def draws(seed: int) -> tuple[Qualities, ...]:
-        return under_calibration_errors(cell, found, SAMPLING, Calibration(0.02, 0.02, seed))
-
-    assert draws(1) == draws(1)
-    assert draws(1) != draws(2)
+def test_draws_are_seeded_and_an_exact_calibration_changes_nothing(cell: Cell, found: Analysis) -> None:
+    one, again, other, exact = (
+        under_calibration_errors(cell, found, SAMPLING, Calibration(spread, spread, seed))
+        for spread, seed in ((0.02, 1), (0.02, 1), (0.02, 2), (0.0, 0))
+    )
+    assert one == again != other
+    assert exact == (qualities_over(found.timeline),) * DRAWS
 
 
 def test_the_errors_have_the_stated_spread(cell: Cell) -> None:

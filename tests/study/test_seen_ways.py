@@ -21,7 +21,7 @@ from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.seen_ways import MOST_TOGETHER, blind_ends, move_searches, paths_together, way_with_seen_paths
 from sqrp_cli.task.feasibility import feasible_motion
-from tests.motion.cells import phase_samples
+from tests.motion.cells import assert_keeps_limits
 from tests.random_cell import Crowd, random_cell
 from tests.study.compared import Compared, blind_time
 
@@ -53,14 +53,9 @@ def g2(tabletop: Workspace) -> Compared:
 def assert_honest(compared: Compared) -> None:
     """The laws of all motions: limits, continuity, rest at the ends, and no contact at steps of a millimetre."""
     model, motion = compared.cell.model, compared.seen.motion
+    assert_keeps_limits(model, motion, 2e-3)
     n = len(model.arm)
-    for primitive in motion.primitives:
-        trajectory = primitive.trajectory
-        t = np.concatenate([np.arange(0, trajectory.duration, 2e-3), phase_samples(trajectory, 7)])
-        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
-            assert (np.abs(trajectory.derivatives(t, order)[:, :n]) <= limit * (1 + 1e-9)).all(), primitive.name
-        q = trajectory.positions(t)[:, :n]
-        assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
+    for trajectory in (primitive.trajectory for primitive in motion.primitives):
         joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
         for instant in [*trajectory.law.breaks[1:-1], *joints]:
             sides = np.array([instant - 1e-7, instant + 1e-7])
