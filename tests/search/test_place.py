@@ -1,27 +1,40 @@
-"""The choice of cameras, checked with brute force over the verdicts of an observer that has all of them at once."""
+"""The choice of cameras, checked with brute force over the verdicts of an observer that has all of them at once.
+
+What mounts see is checked with a renderer, and by hand where lenses have gains of their own.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sqrp_cli import open_cell
 from sqrp_cli.ask.values import silent
-from sqrp_cli.cell.mounts import read_mounts
+from sqrp_cli.camera.camera import ImageEntry
+from sqrp_cli.camera.light import Light
+from sqrp_cli.cell.mounts import LensChoice, Spot, read_mounts
+from sqrp_cli.geometry import inverse, look_at
 from sqrp_cli.search import place
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import PlacementProgram
 from sqrp_cli.search.placing_result import PlaceDocument
+from sqrp_cli.search.sites import Installation, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.study.assessment import observed
 from sqrp_cli.study.sampling import Adaptive, FixedStep, first_samples
 from sqrp_cli.task.task import read_task
+from tests.sight.renderer import MujocoScene
+from tests.sight.test_truth import picture_of
+from tests.sight.visibility.test_lighting import CUBE, GREEN
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
@@ -284,3 +297,107 @@ def test_a_search_that_ends_early_says_that_nothing_is_proven(cell, tmp_path, pa
     assert loose.bound >= pair[1].objective - 1e-9
     assert loose.objective >= loose.bound - 1.0
     assert not loose.proven or loose.gap == 0.0
+
+
+RESOLUTION = 120
+
+SIX = """
+mounts:
+  ceiling: {points: [[-0.5, -1.1, 1.6], [0.3, 0.3, 1.6], [1.1, 0.1, 1.4]]}
+  low: {points: [[0.0, 1.15, 0.5], [0.9, -1.15, 0.3], [-0.9, 0.6, 0.25]]}
+lenses:
+  wide: {image: {width: 640, height: 480, horizontal_fov: 60 deg}, near: 20 cm, far: 4 m, rate: 10 Hz}
+"""
+
+
+@pytest.mark.slow
+def test_six_cameras_see_what_a_renderer_shows(cell, tmp_path: Path) -> None:
+    """MuJoCo's depth images during the motion."""
+    asked = placer(cell, tmp_path, SIX, Requirements(most=2))
+    asked.place()
+    (way,), (sees,) = asked.table.ways, asked.table.sees
+    scene, states = way.scene, way.states
+    objects = cell.workspace.objects
+    carried = scene.candidate.binding["object"]
+    others = ((obj, part) for name, obj in objects.items() if name != carried for part in obj.parts)
+    fixed = [replace(part, parent="world", X_PG=obj.X_WO @ part.X_PG) for obj, part in others]
+    (held,) = objects[carried].parts
+    stage = MujocoScene(cell.workspace.robot, fixed, held, RESOLUTION)
+    q = scene.stage.positions(way.samples)
+    boxes = [box for target in scene.targets for box in target.boxes]
+    assert len(boxes) == len(scene.targets)
+    agree: list[bool] = []
+    shown = 0
+    for option, there in enumerate(asked.table.options):
+        camera = there.camera("here")
+        sample, target = way.items
+        (within,) = cell.cell.observer.seen_from(
+            [camera], there.X_FC[None], scene.targets, states, sample, target, limits_only=True
+        )[0]
+        assert not sees[option][~within].any()
+        for item in np.flatnonzero(within).tolist():
+            state, box = int(sample[item]), boxes[int(target[item])]
+            stage.move(dict(zip(scene.motion.joint_names, q[state], strict=True)))
+            stage.place(held.parent, _at(states.X_WF[carried], state))
+            stage.show([i for i, name in enumerate(stage.names) if name in box.encloses])
+            share = _share(stage, there.X_FC, _at(states.box_poses(box), state), box)
+            agree.append((share >= box.limits.min_visible) == bool(sees[option][item]))
+            shown += share >= box.limits.min_visible
+    stage.close()
+    assert len(agree) > 200
+    assert 0.1 < shown / len(agree) < 0.99, "else a wrong verdict would hardly show"
+    assert np.mean(agree) >= 0.999
+
+
+def _at(poses, state):
+    return poses[state if len(poses) > 1 else 0]
+
+
+def _share(stage, X_WC, X_WB, box) -> float:
+    """The share of the silhouette of a box without its skin along which nothing lies before its far side."""
+    picture, leaves, _ = picture_of(stage, inverse(X_WC) @ X_WB, X_WC, box)
+    inside = leaves > 0
+    return 1.0 - float((inside & (picture.depth < leaves)).sum() / inside.sum())
+
+
+ABOVE = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+"""A camera that sees the top of the cube alone."""
+STATES = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
+
+IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)
+LENSES = [
+    LensChoice(name=f"gain {gain}", image=IMAGE, price=1.0, rate=10.0, latency=0.05, near=0.01, far=10.0, gain=gain)
+    for gain in (1.0, 0.4, 2.0, 60.0, None)
+]
+WAY = SimpleNamespace(
+    scene=SimpleNamespace(targets=[SimpleNamespace(boxes=(CUBE,))]),
+    states=STATES,
+    items=(np.array([0]), np.array([0])),
+    needed=np.array([1]),
+)
+
+
+def seen_by_lenses(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bool]:
+    """Whether each lens sees the top of a green cube from above."""
+    spot = Spot(
+        mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
+    )
+    cell = SimpleNamespace(observer=Observer((), (), lights))
+    places = [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses]
+    return verdicts_of(cell, WAY, places)[:, 0].tolist()
+
+
+def test_light_is_judged_with_the_gain_of_each_lens_in_any_order() -> None:
+    dim = {"sun": Light(intensity=0.7 * GREEN, direction=(0.0, 0.0, -1.0))}
+    assert seen_by_lenses(dim) == [
+        False,
+        False,
+        True,
+        False,
+        False,
+    ]  # too dark, too dark, enough, too bright, as with gain 1
+    assert seen_by_lenses(dim, LENSES[::-1]) == [False, False, True, False, False]
+
+
+def test_without_lights_no_gain_matters() -> None:
+    assert seen_by_lenses({}) == [True] * len(LENSES)

@@ -60,7 +60,7 @@ TRIALS = {
     "slits": Trial("sampling finds what is seen for as long as it promises", "slits", 100),
     "place": Trial("two cameras are the best pair, by brute force", "place", 13),
     "light": Trial("where colours collide, images show what is promised", "light", 50, first=1000),
-    "lamps": Trial("which parts are too dark or too bright to be told", "lamps", 40, first=2000),
+    "lamps": Trial("which parts are too dark or too bright to be told", "light", 40, first=2000),
     "arms": Trial("a cell of a URDF alone is ranked and run", "arms", 80, longest=900.0),
     "curves": Trial("curves of detectors say how likely they see", "detectors", 2),
     "ranges": Trial("how far away markers are read", "detectors", 12),
