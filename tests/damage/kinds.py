@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 from urllib.parse import urlsplit
 
-from tests.damage import mesh_bombs, record_bombs, recording_bombs
+from tests.damage import record_bombs, recording_bombs
 from tests.damage.bombs import TEXT, YAML, Bomb, listed
 from tests.damage.cell import BASELINE, FRAME, FRAMES, LOG, MCAP, RESULTS, ROS1, ROSBAG2, SCORE, TASK, WATCHED
 from tests.damage.mutations import damage
@@ -168,9 +168,9 @@ KINDS = (
     _file("robots/suction_cup.urdf", "rank", (*TEXT, *[one for one in ARM if one.name in ("depth", "attributes")])),
     _file("arm.srdf", "check", (*TEXT, *listed("srdf"))),
     _file("cube.stl", "rank", (*TEXT, *listed("text stl"))),
-    _file("binary.stl", "rank", mesh_bombs.BINARY_STL),
+    _file("binary.stl", "rank", record_bombs.BINARY_STL),
     _file("cube.obj", "rank", (*TEXT, *listed("obj")), 3),
-    _file("cube.dae", "rank", mesh_bombs.COLLADA, 4),
+    _file("cube.dae", "rank", record_bombs.COLLADA, 4),
     _file("program.yaml", "after", record_bombs.PROGRAM, 2, "program to go on from"),
     _file("program.yaml", "listing", record_bombs.PROGRAM, 2, "program to list"),
     _file(f"{WATCHED}/{LOG}", "replay", record_bombs.LOG, 3, "log to replay"),
