@@ -69,38 +69,17 @@ def cell(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 def make_cell(arm: Arm, folder: Path, **things: dict[str, object]) -> Cell:
     """A table, a cube, a camera and other things around an arm with a tool made of one box."""
-    x, y, side = arm.cube
-    position, rpy = arm.tool
-    robot = {
-        "urdf": f"{DATA}{arm.urdf}.urdf",
-        "base": {"position": [0, 0, arm.height]},
-        "tool": {
-            "boxes": [{"size": list(TOOL_BOX), "pose": {"position": [0, 0, TOOL_LENGTH / 2]}}],
-            "frame": {"position": [0, 0, TOOL_LENGTH]},
-            "link": arm.link,
-            "pose": {"position": list(position), "rpy": [f"{angle} deg" for angle in rpy]},
-        },
-        "home": {name: f"{angle} deg" for name, angle in arm.home.items()},
-        "limits": {"velocity": 1, "acceleration": 2, "jerk": 20},
-    }
-    document = {
-        "robot": robot | ({"srdf": f"{DATA}{arm.srdf}"} if arm.srdf else {}),
-        "detectors": {"color": {"kind": "color", "distance": [0.1, 5], "max_incidence": 1.5, "min_pixels": 5}},
-        "cameras": {
-            "cam": {
-                "pose": {"position": [x + 0.5, y + 0.4, 0.5], "look_at": [x, y, 0]},
-                "image": {"width": 640, "height": 480, "horizontal_fov": "60 deg"},
-                "rate": 10,
-            }
-        },
-        "skills": [str(SKILL)],
-        "objects": {
-            "table": {"type": "table", "size": [2, 2, 0.04], "pose": {"position": [0, 0, -0.02]}, "fixed": True},
-            "cube": {"type": "cube", "size": [side] * 3, "pose": {"position": [x, y, side / 2]}, "on": "table"},
-            **things,
-        },
-        "state": ["hand_empty", "obj_on_table(cube)"],
-    }
+    (x, y, side), (position, rpy), document = arm.cube, arm.tool, read_cases("arm_cell.yaml")
+    robot, cube = document["robot"], document["objects"]["cube"]
+    robot |= {"urdf": f"{DATA}{arm.urdf}.urdf", "base": {"position": [0, 0, arm.height]}}
+    robot |= {"srdf": f"{DATA}{arm.srdf}"} if arm.srdf else {}
+    robot["home"] = {name: f"{angle} deg" for name, angle in arm.home.items()}
+    turned = {"position": list(position), "rpy": [f"{angle} deg" for angle in rpy]}
+    robot["tool"] |= {"link": arm.link, "pose": turned}
+    document["cameras"]["cam"]["pose"] = {"position": [x + 0.5, y + 0.4, 0.5], "look_at": [x, y, 0]}
+    document["skills"] = [str(SKILL)]
+    cube |= {"size": [side] * 3, "pose": {"position": [x, y, side / 2]}}
+    document["objects"] |= things
     return Cell.load(load_workspace(write_cell(document, folder)))
 
 
