@@ -8,7 +8,6 @@ of its pixels that have its colour for a detector of colours says whether it can
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -24,7 +23,7 @@ from sqrp_cli.camera.light import hue_of
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.motion.cell import Cell
@@ -49,6 +48,7 @@ from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import verdict
 from sqrp_cli.task.task import read_task
+from tests.cells import read_cell, write_cell
 from tests.random_cell import Crowd, random_cell
 
 PROMISED_AND_SEEN, USUAL_AND_SEEN, STOPS_LEFT, SURPRISES_LEFT = 0.995, 0.98, 0.1, 0.5
@@ -56,9 +56,6 @@ PROMISED_AND_SEEN, USUAL_AND_SEEN, STOPS_LEFT, SURPRISES_LEFT = 0.995, 0.98, 0.1
 images that show what was not promised without colours, by promises alone."""
 PAINTS = ("green", "red", "blue", "yellow", "orange", "purple", "cyan")
 """Colours that detectors find."""
-
-IMAGE = "{width: 640, height: 480, horizontal_fov: 45 deg}"
-"""Smaller images than those of starters, so that hundreds of runs do not take a day."""
 
 PLAIN = {"cube": 0.0, "block": 0.2, "table": 0.6}
 """How often each type of object is grey."""
@@ -71,31 +68,23 @@ def coloured_cell(folder: Path, seed: int) -> str:
     """Make a workspace whose contents, colours and cameras depend on the seed alone; returns a task for it."""
     rng = np.random.default_rng((seed, 27))
     random_cell(folder, Crowd(seed, int(rng.integers(6, 13)), int(rng.integers(2, 5))))
-    paints = rng.permutation(PAINTS)[:2].tolist()
-    file = folder / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-
-    def painted(match: re.Match[str]) -> str:
-        color = "grey" if rng.random() < PLAIN[match[1]] else rng.choice(paints)
-        return f"type: {match[1]}, color: {color}"
-
-    text = re.sub(r"type: (\w+), color: \w+", painted, text)
-    text = re.sub(r"\{width: .*\}", IMAGE, text)
-    panels = "".join(_panel(rng, number, paints) for number in range(int(rng.integers(0, PANELS + 1))))
-    text = re.sub(r"(?m)^(  table: .*\n)", lambda table: table[0] + panels, text)
-    color = str(rng.choice(re.findall(r"type: cube, color: (\w+)", text)))
-    text = text[: text.index("tasks:")] + f"tasks:\n  - {{task: pickup {color}}}\n"
-    file.write_text(text, encoding="utf-8")
+    paints, cell = rng.permutation(PAINTS)[:2].tolist(), read_cell(folder)
+    objects = cell["objects"]
+    for one in objects.values():
+        one["color"] = "grey" if rng.random() < PLAIN[one["type"]] else str(rng.choice(paints))
+    for camera in cell["cameras"].values():
+        camera["image"] = {"width": 640, "height": 480, "horizontal_fov": "45 deg"}
+    for number in range(int(rng.integers(0, PANELS + 1))):  # upright, and facing the robot
+        turn = (number + rng.uniform(0.2, 0.8)) * 2 * np.pi / PANELS
+        color, height = str(rng.choice(paints)), round(rng.uniform(0.3, 0.9), 3)
+        place = np.round([AWAY * np.cos(turn), AWAY * np.sin(turn), height / 2], 3).tolist()
+        there = {"position": place, "rpy": [0, 0, round(float(turn), 3)]}
+        panel = {"type": "panel", "color": color, "size": [0.03, WIDE, height], "pose": there, "fixed": True}
+        objects[f"panel{number}"] = panel
+    color = str(rng.choice([one["color"] for one in objects.values() if one["type"] == "cube"]))
+    cell["tasks"] = [{"task": f"pickup {color}"}]
+    write_cell(cell, folder)
     return f"pickup {color}"
-
-
-def _panel(rng: np.random.Generator, number: int, paints: list[str]) -> str:
-    """An upright panel that faces the robot, as a line of a workspace file."""
-    turn = (number + rng.uniform(0.2, 0.8)) * 2 * np.pi / PANELS
-    color, height = rng.choice(paints), rng.uniform(0.3, 0.9)
-    place = f"[{AWAY * np.cos(turn):.3f}, {AWAY * np.sin(turn):.3f}, {height / 2:.3f}], rpy: [0, 0, {turn:.3f}]"
-    size = f"[0.03, {WIDE}, {height:.3f}]"
-    return f"  panel{number}: {{type: panel, color: {color}, size: {size}, pose: {{position: {place}}}, fixed: true}}\n"
 
 
 PERIOD = 0.1
@@ -226,26 +215,22 @@ few to say."""
 
 def _light_up(folder: Path, seed: int) -> None:
     """Add lights and gains to a workspace, depending on the seed alone."""
-    rng = np.random.default_rng((seed, 28))
-    lines = [f"  room: {{intensity: {rng.uniform(0.0, 0.3):.3f}}}"]
+    rng, cell = np.random.default_rng((seed, 28)), read_cell(folder)
+    lights = cell["lights"] = {"room": {"intensity": round(rng.uniform(0.0, 0.3), 3)}}
     for number in range(int(rng.integers(1, MOST_LAMPS + 1))):
         height, turn = np.radians(rng.uniform(25, 85)), rng.uniform(-np.pi, np.pi)
         way = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
         strength = float(np.exp(rng.uniform(np.log(0.15), np.log(4.0))))
         if rng.random() < 0.6:
-            lines.append(f"  sun{number}: {{intensity: {strength:.3f}, direction: {_list(-way)}}}")
+            lights[f"sun{number}"] = {"intensity": round(strength, 3), "direction": (-way).round(4).tolist()}
             continue
         aim, away = np.array([rng.uniform(-0.3, 0.6), rng.uniform(-0.4, 0.4), 0.0]), rng.uniform(1.0, 2.0)
-        place = f"position: {_list(aim + away * way)}, look_at: {_list(aim)}, beam: {rng.uniform(50, 120):.0f} deg"
-        lines.append(f"  lamp{number}: {{intensity: {strength * away**2:.3f}, {place}}}")
-    file = folder / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    text = re.sub(r"\n +rate: ", lambda rate: f"\n    gain: {np.exp(rng.uniform(-0.5, 0.5)):.3f}{rate[0]}", text)
-    file.write_text(text.rstrip() + "\nlights:\n" + "\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _list(values: Array) -> str:
-    return "[" + ", ".join(f"{value:.4f}" for value in values) + "]"
+        place = {"position": (aim + away * way).round(4).tolist(), "look_at": aim.round(4).tolist()}
+        beam = f"{rng.uniform(50, 120):.0f} deg"
+        lights[f"lamp{number}"] = {"intensity": round(strength * away**2, 3), "beam": beam, **place}
+    for camera in cell["cameras"].values():
+        camera["gain"] = round(float(np.exp(rng.uniform(-0.5, 0.5))), 3)
+    write_cell(cell, folder)
 
 
 def lamps(seed: int, folder: Path) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from sqrp_cli.study.sampling import MAX_STEP, Adaptive
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.task import read_task
+from tests.cells import read_cell, write_cell
 from tests.random_cell import Crowd, random_cell
 
 SHORTEST, LONGEST = 0.013, 0.144
@@ -45,6 +46,10 @@ STEP = 1e-3
 """Time between the states in which the truth is computed [s]."""
 
 TASK = "pickup green"
+CAMERA = {
+    "image": {"width": 1280, "height": 960, "horizontal_fov": "60 deg"},
+    "near": "20 cm", "far": "6 m", "rate": "10 Hz", "latency": "50 ms",
+}  # fmt: skip
 
 
 def _study_of(cell: Cell) -> Analysis | None:
@@ -71,42 +76,29 @@ def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Analysis, str] | None
     """The cell of a seed, the way in which its task is done, if it can be, and what its detector needs of the box."""
     rng = np.random.default_rng([seed, 27])
     random_cell(folder, Crowd(seed, objects=3, cameras=1))
-    file, skill = folder / "workspace.yaml", folder / "skills" / "pickup" / "skill.yaml"
+    skill = folder / "skills" / "pickup" / "skill.yaml"
     said = skill.read_text().replace(" and not obj_on_table)", ")").replace(" and obj_on_table)", ")")
     skill.write_text(said.replace("encloses: [object]", "encloses: [object, suction_cup, suction_tube]"))
-    text = file.read_text()
-    head, _, rest = text.partition("cameras:")
-    after = rest[rest.index("\nskills:") :]
-    whole = rng.random() < 0.75
-    head = head.replace("min_visible: 0.5", "min_visible: 1") if whole else head
-    file.write_text(f"{head}cameras:\n  far: {_camera((2.0, 0.0, 1.0), (0.0, 0.0, 0.2))}\n{after}")
+    document, whole = read_cell(folder), rng.random() < 0.75
+    for detector in document["detectors"].values():
+        detector["min_visible"] = 1 if whole else detector["min_visible"]
+    document["cameras"] = {"far": {**CAMERA, "pose": {"position": [2.0, 0.0, 1.0], "look_at": [0.0, 0.0, 0.2]}}}
+    write_cell(document, folder)
     open_study = _study_of(open_cell(folder).cell)
     if open_study is None:
         return None
     samples, box = every_step(open_study.stage), open_study.targets[0].boxes[0]
     X_WB = open_study.stage.states(samples).box_poses(box)
     eye, aim, plates = slit_before(rng, samples, X_WB, box)
-    cameras = f"cameras:\n  far: {_camera(eye, aim)}\n"
-    entries = "".join(
-        f"  plate{number}: {{type: plate, size: {_triple(size)}, fixed: true, "
-        f"pose: {{position: {_triple(X[:3, 3])}, quaternion: {matrix_to_quaternion(X[:3, :3]).tolist()}}}}}\n"
-        for number, (X, size) in enumerate(plates, 1)
-    )
-    file.write_text(head + cameras + after.replace("\nobjects:", f"\nobjects:\n{entries}  #", 1))
+    document["cameras"]["far"]["pose"] = {"position": eye.round(9).tolist(), "look_at": aim.round(9).tolist()}
+    for number, (X, size) in enumerate(plates, 1):
+        turned = {"position": X[:3, 3].round(9).tolist(), "quaternion": matrix_to_quaternion(X[:3, :3]).tolist()}
+        plate = {"type": "plate", "size": size.round(9).tolist(), "fixed": True, "pose": turned}
+        document["objects"][f"plate{number}"] = plate
+    write_cell(document, folder)
     cell = open_cell(folder).cell
     study = _study_of(cell)
     return None if study is None else (cell.observer, study, "whole" if whole else "half")
-
-
-def _camera(eye: Array | tuple[float, ...], aim: Array | tuple[float, ...]) -> str:
-    return (
-        f"{{pose: {{position: {_triple(eye)}, look_at: {_triple(aim)}}}, "
-        "image: {width: 1280, height: 960, horizontal_fov: 60 deg}, near: 20 cm, far: 6 m, rate: 10 Hz, latency: 50 ms}"
-    )
-
-
-def _triple(values: Array | tuple[float, ...]) -> list[float]:
-    return [round(float(value), 9) for value in values]
 
 
 def slit_before(
