@@ -14,6 +14,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.field.calibrating.labelled import read_labels
 from sqrp_cli.files.json_file import parse_json
 from sqrp_cli.files.xml_file import read_xml
+from sqrp_cli.ros.bag import Bag
 from sqrp_cli.run.record.images import read_frames
 from sqrp_cli.run.record.log import read_log
 from tests.cells import ROOT, read_cases, refused
@@ -27,9 +28,11 @@ READERS: dict[str, Callable[[Path, Workspace], object]] = {
     "json": lambda path, _: parse_json(path, path.read_text(encoding="utf-8")),
     "frames": lambda path, _: list(read_frames(path.parent, ["cam1"], 1)),
     "log": lambda path, _: list(read_log(path)),
+    "metadata": lambda path, _: Bag(path),
     "labels": lambda path, workspace: list(read_labels(path.parent, workspace)),
     "xml": lambda path, _: read_xml(path, "robot"),
 }
+NAMES = {"frames": "frames.csv", "metadata": "metadata.yaml"}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +48,7 @@ def test_what_is_wrong_is_told_where_it_stands(
 ) -> None:
     cameras, path = (
         ROOT / "tests" / "cases" / "cameras",
-        tmp_path / ("frames.csv" if reader == "frames" else "labels.csv"),
+        tmp_path / NAMES.get(reader, "labels.csv"),
     )
     text = (cameras / case["file"]).read_text(encoding="utf-8") if "file" in case else text_of(case["text"])
     for old, new in case.get("replace", {}).items():

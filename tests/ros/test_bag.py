@@ -95,17 +95,6 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before(tmp_path: Path) -> 
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize(("text", "told"), [
-    ("rosbag2_bagfile_information:\n  files: [" + "0, " * 400_000 + "]\n", "more than 1,000,000 characters"),
-    ("rosbag2_bagfile_information: " + "[" * 400_000, "nested more than 100 deep"),
-    ("rosbag2_bagfile_information:\n  files: [\n", r"metadata\.yaml, line 3: did not find"),
-])  # fmt: skip
-def test_metadata_is_refused_at_its_line_or_for_its_size(tmp_path: Path, text: str, told: str) -> None:
-    (tmp_path / "metadata.yaml").write_text(text)
-    with pytest.raises(InputError, match=told):
-        Bag(tmp_path)
-
-
 def test_files_of_ros_2_are_told_by_their_beginning_and_pipes_are_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "run.bag2"
     path.write_bytes(b"SQLite format 3\0")
