@@ -11,8 +11,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
@@ -151,21 +150,22 @@ class ProgramTarget(_Sparse):
     refuted: Mapping[str, Spans] = {}
 
 
-class ProgramOnset(Entry):
-    """From when on images show a fault that happens at a time x, at points in order; linear in between.
+def _onset(numbers: Any) -> Onset:  # noqa: ANN401 - as above
+    rising = all(a <= b for times in (numbers.x, numbers.shown) for a, b in pairwise(times))
+    if len(numbers.x) < 2 or len(numbers.x) != len(numbers.shown) or not rising:
+        raise refused("program-motion", "expected two times or more that rise, and as many of both")
+    return Onset(np.array(numbers.x), np.array(numbers.shown))
 
-    Both in seconds from the start of the step.
-    """
 
-    x: tuple[Seconds, ...]
-    shown: tuple[Seconds, ...]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> ProgramOnset:
-        rising = all(a <= b for times in (self.x, self.shown) for a, b in pairwise(times))
-        if len(self.x) < 2 or len(self.x) != len(self.shown) or not rising:
-            raise PydanticCustomError("program-motion", "expected two times or more that rise, and as many of both")
-        return self
+_TIMES = (tuple[Seconds, ...], "From the start of the step [s].")
+_Onset = Annotated[
+    Onset,
+    SerializedAs(
+        entry(__name__, "_Times", "An `image_time.Onset` as a file has it.", x=_TIMES, shown=_TIMES),
+        _onset,
+        lambda onset: {"x": onset.x.tolist(), "shown": onset.shown.tolist()},
+    ),
+]
 
 
 class ProgramSight(Entry):
@@ -176,15 +176,14 @@ class ProgramSight(Entry):
     """
 
     windows: tuple[Annotated[Window, FileRecord()], ...]
-    onsets: tuple[ProgramOnset, ...]
+    onsets: tuple[_Onset, ...]
 
     def latest(self, x: float) -> float | None:
         """How long after time x [s] of the step a fault is noticed at the latest [s]; None if it may never be."""
         onset = next((one for one in self.onsets if one.x[0] - 1e-9 <= x <= one.x[-1] + 1e-9), None)
         if onset is None:
             return None
-        shown = float(np.interp(x, onset.x, onset.shown))
-        at = Onset(np.array([x, x]), np.array([shown, shown]))
+        at = Onset(np.array([x, x]), np.interp([x, x], onset.x, onset.shown))
         return delays(self.windows, at, lambda t: t, np.empty(0)).worst
 
 

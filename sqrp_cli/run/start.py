@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.files.entries import Entry
-from sqrp_cli.logic.image_time import Window
+from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.cell.ros_cell import RosCell
@@ -119,7 +119,7 @@ def run_on_robot(
 
 _INTERVAL = re.compile(r"(?<=\[)[^\[\]]*(?=\])")
 """The bounds of an interval in the text of a formula."""
-_TIMES = ("time", "start", "end", "x", "shown", "seen", "usual", "refuted")
+_TIMES = ("time", "start", "end", "seen", "usual", "refuted")
 """Fields with times that are as many times as long; how late an image is, how often one is taken, and how long a
 literal may lag stay as they are."""
 
@@ -148,6 +148,8 @@ def _longer(value: Any, name: str, factor: float) -> Any:  # noqa: ANN401 - of a
             return {key: _longer(part, name, factor) for key, part in value.items()}
         case Trajectory():
             return Trajectory(value.path, value.law.stretched(factor))
+        case Onset():
+            return Onset(value.x * factor, value.shown * factor)
         case Window():
             return replace(value, start=value.start * factor, end=value.end * factor)
         case Entry():

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from sqrp_cli.document import Record
 from sqrp_cli.figures import Qualities
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.motion.cell import Cell
@@ -33,16 +32,6 @@ Matrix = tuple[tuple[BoxVerdicts, ...], ...]  # per target and box, the verdicts
 
 
 @dataclass(frozen=True, kw_only=True)
-class AtomShown(Record):
-    """An atom at the instants of a timeline."""
-
-    covered: list[bool | None]
-    """At each instant; null where no formula asks."""
-    cameras: Mapping[str, list[int]]
-    """By the camera's name: which of `verdicts` it has at each instant."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class CoverageShown(Qualities):
     """What cameras see at instants of a motion."""
 
@@ -52,8 +41,8 @@ class CoverageShown(Qualities):
     """Of the whole state; null where nothing is asked."""
     verdicts: list[Verdict]
     """Each different one once."""
-    atoms: Mapping[str, AtomShown]
-    """By atom."""
+    atoms: Mapping[str, Mapping[str, Any]]
+    """By atom: `covered` at each instant, null where no formula asks, and `cameras`, by name which verdict at each."""
     blind: float
     """For how long the state is not covered [s]."""
 
@@ -99,7 +88,7 @@ class Sketch(SampledScene):
         for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
             covered = np.where(self.required[:, column], observation.covered[:, column], _UNASKED).tolist()
             rows = _rows(cell, boxes, [box.name for box in target.boxes], table)
-            atoms[str(target.atom)] = AtomShown(covered=covered, cameras=dict(zip(names, rows, strict=True)))
+            atoms[str(target.atom)] = {"covered": covered, "cameras": dict(zip(names, rows, strict=True))}
         qualities, lost = qualities_over(timeline), observation.blind
         return CoverageShown(
             t=self.samples.t.tolist(),
@@ -119,18 +108,17 @@ def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> Covera
     scenes = [sketch.scene for sketch in sketches]
     starts = accumulate((sketch.scene.motion.time for sketch in sketches[:-1]), initial=0.0)
     verdicts: list[Verdict] = []
-    atoms: dict[str, AtomShown] = {}
+    atoms: dict[str, Mapping[str, Any]] = {}
     before, count = 0, sum(len(part.t) for part in parts)
     for number, part in enumerate(parts, 1):
         after = count - before - len(part.t)
         for atom, shown in part.atoms.items():
-            atoms[f"{number}.{atom}"] = AtomShown(
-                covered=[None] * before + shown.covered + [None] * after,
-                cameras={
-                    name: [0] * before + [len(verdicts) + row for row in rows] + [0] * after
-                    for name, rows in shown.cameras.items()
-                },
-            )
+            cameras = {
+                name: [0] * before + [len(verdicts) + row for row in rows] + [0] * after
+                for name, rows in shown["cameras"].items()
+            }
+            covered = [None] * before + shown["covered"] + [None] * after
+            atoms[f"{number}.{atom}"] = {"covered": covered, "cameras": cameras}
         verdicts += part.verdicts
         before += len(part.t)
     return CoverageShown(

@@ -106,10 +106,7 @@ def make_step(task: str, analysis: Analysis, assessment: CandidateResult, camera
     sights = {
         fault: record.ProgramSight(
             windows=tuple(windows),
-            onsets=tuple(
-                record.ProgramOnset(x=tuple(onset.x.tolist()), shown=tuple(onset.shown.tolist()))
-                for onset in analysis.onsets[fault]
-            ),
+            onsets=tuple(analysis.onsets[fault]),
         )
         for fault, windows in analysis.windows.items()
     }

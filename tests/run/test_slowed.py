@@ -7,9 +7,9 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from sqrp_cli.logic.image_time import Window
+from sqrp_cli.logic.image_time import Onset, Window
 from sqrp_cli.motion.timing import MotionLimits, joint_move
-from sqrp_cli.program.record import Program, ProgramOnset, ProgramSight
+from sqrp_cli.program.record import Program, ProgramSight
 from sqrp_cli.run import start
 from sqrp_cli.run.run import Recording
 from sqrp_cli.run.start import run_on_robot, slowed
@@ -21,7 +21,7 @@ LIMITS = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
 def program() -> Program:
     move = joint_move(np.zeros(1), np.array([1.8]), LIMITS)
     window = Window(start=1.0, end=3.0, period=0.1, lag=0.05)
-    sight = ProgramSight(windows=(window,), onsets=(ProgramOnset(x=(1.0, 3.0), shown=(1.1, 3.1)),))
+    sight = ProgramSight(windows=(window,), onsets=(Onset(np.array([1.0, 3.0]), np.array([1.1, 3.1])),))
     formulas = [formula("eventually[1.5, 2.25] (not held(g1) and on(g1, tray))", "retry", "slip")]
     one = step(formulas, {"held(g1)": {"cam1": [(0.5, 4.0)]}}, move.duration)
     sights = {"usual": {"cam1": ((0.25, 4.0),)}, "refuted": {"cam1": ((0.0, 4.0),)}}
@@ -50,7 +50,7 @@ def test_formulas_and_predictions_keep_to_the_motion() -> None:
     sight = slow.sights["slip"]
     assert (sight.windows[0].start, sight.windows[0].end) == (2.0, 6.0)
     assert (sight.windows[0].period, sight.windows[0].lag) == (0.1, 0.05)  # of cameras, which stay as fast
-    assert sight.onsets[0].shown == (2.2, 6.2)
+    assert sight.onsets[0].shown.tolist() == [2.2, 6.2]
 
 
 def test_a_whole_speed_changes_nothing_and_retries_are_slowed_too(monkeypatch: pytest.MonkeyPatch) -> None:

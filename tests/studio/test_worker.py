@@ -55,8 +55,10 @@ def compared(shown, exact, result):
     for index, sample in enumerate(exact):
         for literal, found in sample["literals"].items():
             atom = shown.atoms[literal.removeprefix("not ")]
-            assert atom.covered[index] == found["covered"]
-            assert {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom.cameras.items()} == found["cameras"]
+            assert atom["covered"][index] == found["covered"]
+            assert {name: tidy(shown.verdicts[rows[index]]) for name, rows in atom["cameras"].items()} == found[
+                "cameras"
+            ]
 
 
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
