@@ -40,13 +40,6 @@ def assert_stays_on_the_path(reference: ArmMotion, stands: float, acceleration: 
     assert np.abs(np.diff(found, axis=0)).max() / 0.001 <= jerk
 
 
-def test_it_stands_before_and_after_the_motion_and_moves_between() -> None:
-    reference = playback()
-    assert np.allclose(reference.state(0.5)[0], Q0)
-    assert np.allclose(reference.state(99.0)[0], Q1)
-    assert not np.allclose(reference.state(2.0)[1], 0.0)
-
-
 @pytest.mark.parametrize("at", np.linspace(1.05, 3.3, 10))
 def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
     reference = playback()
@@ -54,12 +47,14 @@ def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
     assert_stays_on_the_path(reference, stands, ACCELERATION, 2.2 * JERK)
 
 
-def test_after_a_stop_it_stands_where_the_stop_ended() -> None:
+def test_it_stands_before_and_after_the_motion_and_where_a_stop_ended() -> None:
     reference = playback()
+    assert np.allclose(reference.state(0.5)[0], Q0)
+    assert np.allclose(reference.state(99.0)[0], Q1)
+    assert not np.allclose(reference.state(2.0)[1], 0.0)
     expected = reference.state(1.0 + reference.standing_time(1.0))[0]
     stands = reference.stop(2.0)
-    assert np.allclose(reference.state(stands)[0], expected)
-    assert np.allclose(reference.state(stands + 5)[0], expected)
+    assert np.allclose([reference.state(t)[0] for t in (stands, stands + 5)], [expected, expected])
 
 
 def test_a_protective_stop_is_faster_and_keeps_its_own_limits() -> None:
@@ -129,7 +124,8 @@ def test_a_guarded_move_stands_where_it_met_something_and_the_next_joint_move_ta
     contact: float | None,
 ) -> None:
     motion = guarded()
-    (one, wait, _) = motion._primitives
+    (one, wait, _), ends = motion._primitives, motion._ends
+    assert [motion.force_limit(t) for t in (-0.1, ends[0] + 0.1, ends[1] + 0.1, ends[2] + 1)] == [None] * 4
     where = Q0 + np.array([0.2, 0.0])
     if contact is not None:
         assert motion.force_limit(contact) == 5.0
@@ -146,9 +142,3 @@ def test_a_guarded_move_stands_where_it_met_something_and_the_next_joint_move_ta
     smooth = t > one.end + 0.01
     assert np.allclose(np.gradient(velocity[smooth], t[smooth], axis=0)[2:-2], acceleration[smooth][2:-2], atol=0.05)
     np.testing.assert_allclose(q[-1], Q1, atol=1e-12)
-
-
-def test_only_a_guarded_move_looks_for_contact() -> None:
-    motion = guarded()
-    ends = motion._ends
-    assert [motion.force_limit(t) for t in (-0.1, ends[0] + 0.1, ends[1] + 0.1, ends[2] + 1)] == [None] * 4

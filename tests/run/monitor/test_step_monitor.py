@@ -88,6 +88,7 @@ def test_at_rest_the_cameras_must_see_what_should_be_so(value: Truth, seen, kind
 START, TIME = 5.0, 2.0
 
 
+@pytest.fixture
 def attempt() -> Attempt:
     """One that begins at 5 s and takes 2 s; `held` is asked about throughout, `placed` in its first second."""
     asked = [formula("always[0, 2] (held)"), formula("always[0, 1] (placed)")]
@@ -96,34 +97,27 @@ def attempt() -> Attempt:
     return Attempt(nominal, 0.1, start=START)  # type: ignore[arg-type]
 
 
-def evidence(t: float, values: dict[str, Truth], *, complete: bool = True) -> Evidence:
-    atoms = {atom: FusedTruth(v, {}, False) for atom, v in values.items()}
+def evidence(t: float, value: Truth, *, complete: bool = True) -> Evidence:
+    atoms = {atom: FusedTruth(shown, {}, False) for atom, shown in (("held", value), ("placed", U))}
     return Evidence(t, t - START, {}, {}, atoms, complete)
 
 
 @pytest.mark.parametrize(
     ("shown", "unseen"),
-    [
-        ({}, {"held": None}),
-        ({5.5: T, 6.0: U}, {"held": 5.5}),
-        ({5.5: T, 6.9: F}, {"held": 6.9}),
-        ({5.5: T, 7.0: T}, {}),
-        ({5.5: T, 7.0: U, 7.1: F}, {}),
-    ],
-)
+    [({}, {"held": None}), ({5.5: T, 6.0: U}, {"held": 5.5}), ({5.5: T, 6.9: F}, {"held": 6.9}),
+     ({5.5: T, 7.0: T}, {}), ({5.5: T, 7.0: U, 7.1: F}, {})],
+)  # fmt: skip
 def test_what_is_asked_at_the_end_is_unseen_if_no_image_from_then_on_shows_it(
-    shown: dict[float, Truth], unseen: dict[str, float | None]
+    attempt: Attempt, shown: dict[float, Truth], unseen: dict[str, float | None]
 ) -> None:
-    found = attempt()
     for t, value in shown.items():
-        found.note(evidence(t, {"held": value, "placed": U}))
-    assert found.unseen == unseen
+        attempt.note(evidence(t, value))
+    assert attempt.unseen == unseen
 
 
-def test_evidence_during_the_motion_are_remembered_once_they_are_complete() -> None:
-    found = attempt()
-    assert list(found.alarms([evidence(5.5, {"held": T}), evidence(6.5, {"held": T}, complete=False)])) == []
-    assert found.unseen == {"held": 5.5}
+def test_evidence_during_the_motion_is_remembered_once_it_is_complete(attempt: Attempt) -> None:
+    assert list(attempt.alarms([evidence(5.5, T), evidence(6.5, T, complete=False)])) == []
+    assert attempt.unseen == {"held": 5.5}
 
 
 PLAN = {"held": [(0.0, False), (5.0, True)], "placed": [(0.0, True), (5.8, False)], "pressed": [(0.0, True)]}
