@@ -25,17 +25,13 @@ def test_ctrl_c_waits_for_code_that_would_swallow_it() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
-def test_without_ctrl_c_nothing_happens() -> None:
+@pytest.mark.parametrize("handler", [signal.default_int_handler, signal.SIG_IGN])
+def test_what_is_done_at_ctrl_c_stays_so(handler: signal.Handlers) -> None:
+    signal.signal(signal.SIGINT, handler)
     with interrupts_later():
-        pass
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_where_ctrl_c_is_ignored_it_stays_so() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with interrupts_later():
-        signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        if handler is signal.SIG_IGN:
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_what_a_library_makes_of_ctrl_c_ends_a_command_as_ctrl_c_does(

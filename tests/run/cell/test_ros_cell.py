@@ -280,18 +280,23 @@ def test_what_differs_is_named_with_its_figure(wire: Wire, robot: RosCell, diffe
     assert problem is None or problem in found[0]
 
 
-def test_a_camera_that_stops_while_it_is_watched_is_named(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros_checks, "PATIENCE", 0.3)
-    monkeypatch.setattr(ros_cell, "MOST_JOINT_STATES", np.inf)  # time is that of the test, and passes quickly
-    assert checked(wire, cell(wire), images=3) == ["`cam` hardly sends images"]
-
-
-@pytest.mark.parametrize("since", [0.0, 4.0])
-def test_a_camera_that_was_moved_by_2_cm_is_named_with_the_distance(wire: Wire, since: float) -> None:
-    wire.moved, wire.kinds = 0.02, {"/tf_static": {"tf2_msgs/msg/TFMessage"}}
-    assert checked(wire, cell(wire), since=since) == [
-        "TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it"
-    ]
+@pytest.mark.parametrize(
+    ("known", "more", "problem"),
+    [
+        ({"moved": 0.02}, {"since": since}, "TF has `cam` 20.0 mm and 0.00 deg from where the workspace has it")
+        for since in (0.0, 4.0)
+    ] + [({"runs": 2}, {}, "another `sqrp run` is connected to this robot, or was killed within the last 10 s"),
+         ({}, {"images": 3}, "`cam` hardly sends images")],
+)  # fmt: skip
+def test_a_camera_elsewhere_another_run_and_a_camera_that_stops_are_named(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch, known: dict, more: dict, problem: str
+) -> None:
+    if "images" in more:
+        monkeypatch.setattr(ros_checks, "PATIENCE", 0.3)
+        monkeypatch.setattr(ros_cell, "MOST_JOINT_STATES", np.inf)  # time is that of the test, and passes quickly
+    wire.kinds = {"/tf_static": {"tf2_msgs/msg/TFMessage"}} if "moved" in known else wire.kinds
+    vars(wire).update(known)
+    assert checked(wire, cell(wire), **more) == [problem]
 
 
 @pytest.mark.parametrize(
@@ -315,11 +320,6 @@ def test_why_nothing_comes_on_a_topic_is_said(
     found = [one.problem for one in check_cell(robot, {"a": 0.0, "b": 0.5}) if one.problem]
     assert said in found
     assert senders or len(found) == 1
-
-
-def test_a_second_run_at_one_robot_is_refused(wire: Wire, robot: RosCell) -> None:
-    wire.runs = 2
-    assert checked(wire, robot) == ["another `sqrp run` is connected to this robot, or was killed within the last 10 s"]
 
 
 def test_a_robot_that_was_moved_since_it_was_checked_is_not_moved(wire: Wire, robot: RosCell) -> None:
