@@ -252,43 +252,17 @@ def test_real_arms_stand_where_they_are_told_to(name: str) -> None:
     assert physics.measured_joints() == pytest.approx(start, abs=1e-3)
 
 
-LED_ARM = """<robot name="led">
-  <link name="base"/>
-  <link name="crank"><inertial><mass value="0.2"/></inertial></link>
-  <link name="arm"><inertial><origin xyz="0.4 0 0"/><mass value="8"/></inertial></link>
-  <joint name="motor" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2"/></joint>
-  <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2"/><mimic joint="motor" multiplier="-0.5" offset="0.1"/></joint>
-</robot>"""
-BARE_ARM = """<robot name="bare">
-  <link name="base"/>
-  <link name="upper"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
-  <link name="lower"/>
-  <link name="tip"><inertial><mass value="0.5"/></inertial></link>
-  <joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <origin xyz="0 0 0.5"/><limit lower="-2" upper="2"/></joint>
-  <joint name="two" type="prismatic"><parent link="upper"/><child link="lower"/><axis xyz="1 0 0"/>
-    <origin xyz="0.2 0 0"/><limit lower="0" upper="0.5"/></joint>
-  <joint name="end" type="fixed"><parent link="lower"/><child link="tip"/></joint>
-</robot>"""
+LED = ("led", "arm", {"motor": 0.2}, {"motor": 1.0}, {"motor": 1.0, "elbow": -0.4})
+BARE = ("bare", "tip", {"one": 0.0, "two": 0.1}, {"one": 1.0, "two": 0.4}, {"one": 1.0, "two": 0.4})
 
 
-@pytest.mark.parametrize(
-    ("urdf", "tip", "start", "wanted", "ends", "effort"),
-    [
-        (LED_ARM, "arm", {"motor": 0.2}, {"motor": 1.0}, {"motor": 1.0, "elbow": -0.4}, None),
-        (LED_ARM.replace('upper="2"/>', 'upper="2" effort="5"/>'), "arm",
-         {"motor": 0.2}, {"motor": 1.0}, {"motor": 1.0, "elbow": -0.4}, 5.0),
-        (BARE_ARM, "tip", {"one": 0.0, "two": 0.1}, {"one": 1.0, "two": 0.4}, {"one": 1.0, "two": 0.4}, None),
-    ],
-    ids=["a motor bears the joints that mimic it", "also where it could not", "without inertia or effort"],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "tip", "start", "wanted", "ends", "effort"), [(*LED, None), (*LED, 5), (*BARE, None)])
 def test_an_arm_moves_whatever_its_file_says_of_inertia_and_effort(
-    tmp_path: Path, urdf: str, tip: str, start: dict, wanted: dict, ends: dict, effort: float | None
+    tmp_path: Path, name: str, tip: str, start: dict, wanted: dict, ends: dict, effort: int | None
 ) -> None:
     """Holding the led arm takes 31 Nm: where its motors could not, it is balanced, and 5 Nm are left beyond that."""
-    (tmp_path / "arm.urdf").write_text(urdf)
+    text, limit = (Path(__file__).parent / f"{name}.urdf").read_text(), "" if effort is None else f' effort="{effort}"'
+    (tmp_path / "arm.urdf").write_text(text.replace('upper="2"/>', f'upper="2"{limit}/>'))
     base = replace(cell(workspace("workspaces/tabletop"), []), robot=robot(tmp_path / "arm.urdf", tip))
     physics = SimulatedCell(base, World(frozenset(), {}, None, None, start))
     physics.advance(2.5, Quintic(start, wanted, 0.0, 2.0))
