@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -83,13 +83,8 @@ def sought(name: str, size: tuple[float, float, float], X_WO: Array, detector: s
     return DetectionTargets({f"placed({name})": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {name: X_WO}, {})
 
 
-@contextmanager
-def staged(things: Sequence[SceneObject], cameras: Sequence[Camera]) -> Iterator[Stage]:
-    stage = Stage(cell(empty(), things, cameras))
-    try:
-        yield stage
-    finally:
-        stage.close()
+def staged(things: Sequence[SceneObject], cameras: Sequence[Camera]) -> closing[Stage]:
+    return closing(Stage(cell(empty(), things, cameras)))
 
 
 def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> float:
@@ -121,22 +116,14 @@ def color_rates(
         detectors = stage.knowledge.detectors
         asking = {**detectors, "color": replace(detectors["color"], min_visible=min_visible)}
         stage.knowledge = replace(stage.knowledge, detectors=asking)
-        sights = [_cube_sights(stage, eye, visible, random, slit=slit) for eye in eyes]
-    there, gone = zip(*sights, strict=True)
-    return there.count(Truth.TRUE) / trials, gone.count(Truth.FALSE) / trials
-
-
-def _cube_sights(
-    stage: Stage, eye: Camera, visible: float, random: np.random.Generator, *, slit: bool
-) -> tuple[Truth, Truth]:
-    """What perception says with the cube in its place, and without, both behind a screen or between two."""
-    X_WO = pose(position=PLACE)
-    aside = {"screen": pose(position=(4.0, 3.0, 0.5)), **({"other": pose(position=(4.0, 4.0, 0.5))} if slit else {})}
-    screens = dict(zip(aside, _screens(eye, X_WO, visible, random, slit=slit), strict=True))
-    gone = pose(position=(4.0, -6.0, 0.02))
-    frames = [{"cube": X, **where} for X, where in ((X_WO, aside), (X_WO, screens), (gone, screens))]
-    _, there, without = stage.look(eye, "cube", X_WO, *frames)
-    return there.evidence, without.evidence
+        here, away, rates = pose(position=PLACE), pose(position=(4.0, -6.0, 0.02)), np.zeros(2)
+        aside = {one.name: pose(position=(4.0, 3.0 + number, 0.5)) for number, one in enumerate(screens)}
+        for eye in eyes:  # the cube without a screen, then behind one or between two, and gone
+            hiding = dict(zip(aside, _screens(eye, here, visible, random, slit=slit), strict=True))
+            frames = [{"cube": X, **where} for X, where in ((here, aside), (here, hiding), (away, hiding))]
+            _, there, gone = stage.look(eye, "cube", here, *frames)
+            rates += (there.evidence is Truth.TRUE, gone.evidence is Truth.FALSE)
+    return tuple((rates / trials).tolist())
 
 
 def beside(share: float, trials: int, seed: int = 0) -> list[Truth]:

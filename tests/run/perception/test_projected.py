@@ -15,12 +15,10 @@ from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.geometry import Array, Mask, inverse, pose, read_only, rpy_to_matrix, transform
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.run.perception.detections import BoxDetection
 from sqrp_cli.run.perception.projected import (
     LEAST_DEPTH,
     TOUCH,
     PosedCamera,
-    ProjectedBox,
     ProjectedObject,
     pieces_mask,
 )
@@ -36,20 +34,6 @@ AROUND = Crop.whole(EYE.height, EYE.width).wider(100)
 VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
-def box_at(X_WB: Array) -> ProjectedBox:
-    box = VIEW.outline(X_WB, SIZE.tolist())
-    assert box is not None
-    return box
-
-
-def hidden_by(box: ProjectedBox, triangle_W: Array) -> bool:
-    """Whether perception takes a piece, (3, 3) [m], to be before the box."""
-    parts = VIEW.silhouette([Surface("finger", triangle_W, np.array([[0, 1, 2]]))], {"finger": np.eye(4)}, beyond=True)
-    masks = [pieces_mask(AROUND, parts, box, behind=behind) for behind in (False, True)]
-    assert [mask.any() for mask in masks].count(True) == 1
-    return bool(masks[0].any())
-
-
 def hides_some(points_B: Array, eye_B: Array) -> bool:
     """Whether a ray from the lens through one of some points, (n, 3) [m], goes on into the box, less what may touch."""
     along, half = points_B - eye_B, SIZE / 2 - TOUCH
@@ -62,14 +46,18 @@ def hides_some(points_B: Array, eye_B: Array) -> bool:
 def test_what_is_taken_to_be_behind_a_box_hides_none_of_it(seed: int) -> None:
     random = np.random.default_rng(seed)
     X_WB = pose(rpy_to_matrix(random.uniform(-np.pi, np.pi, 3)), np.array([4.0, 0.0, 0.05]))
-    box, eye_B = box_at(X_WB), transform(inverse(X_WB), VIEW.X_WC[:3, 3])
+    box, eye_B = VIEW.outline(X_WB, SIZE.tolist()), transform(inverse(X_WB), VIEW.X_WC[:3, 3])
     shares = random.dirichlet(np.ones(3), size=200)
     mended = 0
     for _ in range(100):
         middle = random.uniform(-0.06, 0.06, 3)
         corners_B = middle + random.uniform(-0.03, 0.03, (3, 3))
         corners_W = transform(X_WB, corners_B)
-        if hidden_by(box, corners_W):
+        piece = Surface("finger", corners_W, np.array([[0, 1, 2]]))
+        parts = VIEW.silhouette([piece], {"finger": np.eye(4)}, beyond=True)
+        before, behind = (pieces_mask(AROUND, parts, box, behind=behind).any() for behind in (False, True))
+        assert before != behind
+        if before:
             continue
         nearer = transform(inverse(VIEW.X_WC), corners_W)[:, 2].mean() < box.depth
         mended += nearer
@@ -169,13 +157,6 @@ def projected(stage: Stage, eye: Camera, X_WO: np.ndarray) -> ProjectedObject:
     return ProjectedObject.of(box, view.silhouette(stage.knowledge.surfaces["part"], {"part": X_WO}, beyond=True))
 
 
-def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: np.ndarray) -> list[BoxDetection]:
-    """What is seen of the box in which the part is believed to be, in images with things at these poses."""
-    found = stage.look(eye, "part", believed, *frames)
-    stage.put("screen", AWAY)
-    return found
-
-
 @pytest.mark.parametrize("eye", EYES, ids=lambda eye: eye.name)
 def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> None:
     random = np.random.default_rng(1)
@@ -204,7 +185,7 @@ def test_a_box_is_its_own_silhouette() -> None:
 def test_what_is_there_is_seen_and_what_is_gone_is_not(stage: Stage, eye: Camera) -> None:
     height = stage.knowledge.objects["part"].size[2] / 2
     here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, height))
-    there, gone = looked(stage, eye, {"part": here}, {"part": AWAY}, believed=here)
+    there, gone = stage.look(eye, "part", here, {"part": here}, {"part": AWAY})
     assert (there.evidence, gone.evidence) == (Truth.TRUE, Truth.FALSE)
     assert min(there.share, gone.share) > 0.7
 
@@ -214,40 +195,39 @@ def test_a_background_of_its_colour_does_not_prove_that_it_is_gone(eye: Camera) 
     with staged([replace(GROUND, color="green"), CUBE, SCREEN], EYES) as stage:
         stage.put("screen", AWAY)
         here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, 0.02))
-        _, gone = looked(stage, eye, {"part": here}, {"part": AWAY}, believed=here)
+        _, gone = stage.look(eye, "part", here, {"part": here}, {"part": AWAY})
     assert (gone.evidence, gone.because) == (Truth.UNKNOWN, "same colour behind")
 
 
 def test_what_has_tipped_over_is_still_there(stage: Stage) -> None:
     here, tipped = pose(position=PLACE), pose(rpy_to_matrix((np.pi / 2, 0.0, 0.2)), PLACE)
-    sights = [looked(stage, eye, {"part": here}, {"part": tipped}, believed=here)[1] for eye in EYES]
+    sights = [stage.look(eye, "part", here, {"part": here}, {"part": tipped})[1] for eye in EYES]
     assert all(sight.evidence is Truth.TRUE for sight in sights)
+
+
+FRONT, ON_EDGE = camera("front", (4.0, 0.8, 0.03), (4.0, 0.0, 0.03)), pose(position=(4.0, 0.0, 0.03))
 
 
 def test_a_hidden_part_is_not_judged_by_the_hole_that_is_seen(ring: SceneObject) -> None:
     """A screen hides the ring but for its hole: the background in that is evidence of nothing."""
-    eye = camera("front", (4.0, 0.8, 0.03), (4.0, 0.0, 0.03))
-    here = pose(position=(4.0, 0.0, 0.03))
     plates = [((0.1, 0.002, 0.03), (0, 0, sign * 0.029)) for sign in (-1, 1)]
     plates += [((0.03, 0.002, 0.028), (sign * 0.029, 0, 0)) for sign in (-1, 1)]
     parts = [Part(f"m/{i}", "mask", Box(size), read_only(pose(position=at))) for i, (size, at) in enumerate(plates)]
     mask = replace(thing("mask", (4.0, 2.0, 0.5), (0.1, 0.002, 0.088), color="black"), parts=tuple(parts))
-    with staged([GROUND, ring, mask, SCREEN], [eye]) as stage:
-        before = {"part": here, "mask": AWAY, "screen": AWAY}
+    with staged([GROUND, ring, mask, SCREEN], [FRONT]) as stage:
+        before = {"part": ON_EDGE, "mask": AWAY, "screen": AWAY}
         masked = {**before, "mask": pose(position=(4.0, 0.05, 0.03))}
-        free, there, gone = looked(stage, eye, before, masked, {**masked, "part": AWAY}, believed=here)
+        free, there, gone = stage.look(FRONT, "part", ON_EDGE, before, masked, {**masked, "part": AWAY})
     assert free.evidence is Truth.TRUE
     assert (there.evidence, gone.evidence) == (Truth.UNKNOWN, Truth.UNKNOWN)
 
 
 def test_a_thing_is_seen_through_a_ring_before_it(ring: SceneObject) -> None:
-    eye = camera("front", (4.0, 0.8, 0.03), (4.0, 0.0, 0.03))
-    here, before_it = pose(position=(4.0, 0.0, 0.03)), pose(position=(4.0, 0.1, 0.03))
     hoop = replace(ring, name="hoop", color="black", parts=tuple(replace(part, parent="hoop") for part in ring.parts))
     ball = made_of((0.03, 0.03, 0.03), ((0.03, 0.03, 0.03), (0, 0, 0)))
-    with staged([GROUND, ball, hoop, SCREEN], [eye]) as stage:
-        poses = {"part": here, "hoop": before_it, "screen": AWAY}
-        there, gone = looked(stage, eye, poses, {**poses, "part": AWAY}, believed=here)
+    with staged([GROUND, ball, hoop, SCREEN], [FRONT]) as stage:
+        poses = {"part": ON_EDGE, "hoop": pose(position=(4.0, 0.1, 0.03)), "screen": AWAY}
+        there, gone = stage.look(FRONT, "part", ON_EDGE, poses, {**poses, "part": AWAY})
     assert (there.evidence, gone.evidence) == (Truth.TRUE, Truth.FALSE)
 
 
