@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.camera.calibration import Intrinsics, read_calibration
 from sqrp_cli.cell.load import load_workspace
-from tests.cells import read_cases, refused
+from tests.cells import edit, read_cases, refused
 
 CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
 FISHEYE = """\
@@ -70,20 +70,14 @@ def test_a_field_of_view_reaches_from_edge_to_edge(cell):
     assert left[0] == pytest.approx(-right[0])
 
 
-def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell):
+@pytest.mark.parametrize("orientation", ["look_at: [0.5, 0, 0], up: [1, 0, 0]", "rpy: [180 deg, 0, -90 deg]",
+                                         "quaternion: [0.70710678, -0.70710678, 0, 0]"])  # fmt: skip
+def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell, orientation):
     """All three describe a camera above the scene that looks straight down, its image's top towards +x."""
-    down = {
-        "look_at: [0.5, 0, 0], up: [1, 0, 0]",
-        "rpy: [180 deg, 0, -90 deg]",
-        "quaternion: [0.70710678, -0.70710678, 0, 0]",
-    }
-    expected = [[0, -1, 0], [-1, 0, 0], [0, 0, -1]]
-    original = (cell / "workspace.yaml").read_text(encoding="utf-8")
-    for orientation in down:
-        (cell / "workspace.yaml").write_text(original.replace("look_at: [0.5, 0, 0]", orientation), encoding="utf-8")
-        X_WC = load_workspace(cell).cameras["top"].X_FC
-        assert np.allclose(X_WC[:3, :3], expected, atol=1e-7), orientation
-        assert X_WC[:3, 3].tolist() == [0.5, 0.0, 1.5]
+    edit(cell, "look_at: [0.5, 0, 0]", orientation)
+    X_WC = load_workspace(cell).cameras["top"].X_FC
+    assert np.allclose(X_WC[:3, :3], [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=1e-7)
+    assert X_WC[:3, 3].tolist() == [0.5, 0.0, 1.5]
 
 
 def test_body_axes_are_forward_left_up(cell):

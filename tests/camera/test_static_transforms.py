@@ -94,11 +94,9 @@ def bag(folder: Path, kind: str, all_frames: Sequence[Frames]) -> Path:
         for number, (parent, child, position, quaternion) in enumerate(all_frames):
             seq = {"seq": 0} if kind == "ros1" else {}
             stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=0)
-            transform = types["geometry_msgs/msg/Transform"](
-                translation=types["geometry_msgs/msg/Vector3"](*position),
-                rotation=types["geometry_msgs/msg/Quaternion"](*quaternion),
-            )
             header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent, **seq)
+            vector, rotation = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
+            transform = types["geometry_msgs/msg/Transform"](vector(*position), rotation(*quaternion))
             one = types["geometry_msgs/msg/TransformStamped"](header, child, transform)
             message = types[name](transforms=[one])
             raw = store.serialize_ros1(message, name) if kind == "ros1" else store.serialize_cdr(message, name)

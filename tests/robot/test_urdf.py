@@ -10,7 +10,7 @@ import pytest
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files.packages import package_roots
-from sqrp_cli.robot.moveit import read_srdf
+from sqrp_cli.robot.moveit import SrdfModel, read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from tests.cells import FILES, refused
@@ -57,10 +57,8 @@ def test_a_link_without_the_chosen_geometry_uses_the_other_one(tmp_path):
     ]
     np.testing.assert_allclose(collision[1].X_PG @ [1, 0, 0, 1], [0, 1, 1, 1], atol=1e-12)
     visual = model.parts("visual", find)
-    assert [part.shape for part in visual] == [
-        Box((1.0, 2.0, 3.0)),
-        Mesh(tmp_path / "it" / "hand.stl", (1.0, 1.0, 2.0)),
-    ]
+    hand = Mesh(tmp_path / "it" / "hand.stl", (1.0, 1.0, 2.0))
+    assert [part.shape for part in visual] == [Box((1.0, 2.0, 3.0)), hand]
 
 
 def test_names_of_parts_are_unique_where_the_urdf_repeats_them(tmp_path):
@@ -93,10 +91,13 @@ def test_a_continuous_joint_has_no_limits_and_mimic_has_defaults(tmp_path):
     assert (mimic.joint, mimic.multiplier, mimic.offset, joints["follow"].velocity) == ("turn", -0.5, 0.0, None)
 
 
+def srdf_of(folder: Path, text: str) -> SrdfModel:
+    (folder / "arm.srdf").write_text(text)
+    return read_srdf(folder / "arm.srdf", read_urdf(written(folder, ARM)))
+
+
 def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
-    urdf = read_urdf(written(tmp_path, ARM))
-    (tmp_path / "arm.srdf").write_text(SRDF)
-    srdf = read_srdf(tmp_path / "arm.srdf", urdf)
+    srdf = srdf_of(tmp_path, SRDF)
     assert srdf.groups == {"arm": ("turn",), "all": ("turn",)}
     assert srdf.states == {"up": {"turn": 1.5}}
     assert srdf.disabled_pairs == {("base", "hand")}
@@ -107,10 +108,8 @@ def test_an_srdf_gives_groups_states_and_disabled_pairs(tmp_path):
         ('<joint name="turn"', '<joint name="trun"', "unknown joint `trun`; did you mean `turn`?"),
 ])  # fmt: skip
 def test_what_an_srdf_says_of_other_robots_is_left_out_with_one_warning(tmp_path, old, new, said):
-    urdf = read_urdf(written(tmp_path, ARM))
     more = '<disable_collisions link1="camera" link2="base"/></robot>'
-    (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new, 1).replace("</robot>", more))
-    srdf = read_srdf(tmp_path / "arm.srdf", urdf)
+    srdf = srdf_of(tmp_path, SRDF.replace(old, new, 1).replace("</robot>", more))
     (warning,) = srdf.warnings
     assert (warning.severity, warning.place.file) == ("warning", tmp_path / "arm.srdf")
     assert warning.message.startswith(said)

@@ -43,18 +43,13 @@ def dae(nodes: str = PLACED, library: str = "", declaration: str = "") -> bytes:
 def sound_meshes() -> dict[str, bytes]:
     """The cube in every format and way of writing, by ending."""
     polygon = "f 1 2 4 3\nf -8 -7 -5\nl 1 2\np 1\no a\ng b\nusemtl c\ns off\n"
+    twice = '<node><instance_node url="#n"/><instance_node url="#n"/></node>'
+    library = '<library_nodes><node id="n"><instance_geometry url="#g"/></node></library_nodes>'
     return {
-        "binary.stl": binary_stl(),
-        "text.stl": text_stl(),
-        "plain.obj": obj(),
-        "polygon.obj": obj(polygon),
-        "continued.obj": obj("vn 0 0 1\nf 1//1 2//1 \\\n  4//1\n"),
-        "plain.dae": dae(),
-        "doubled.dae": dae(
-            '<node><instance_node url="#n"/><instance_node url="#n"/></node>',
-            '<library_nodes><node id="n"><instance_geometry url="#g"/></node></library_nodes>',
-        ),
-    }
+        "binary.stl": binary_stl(), "text.stl": text_stl(), "plain.obj": obj(), "polygon.obj": obj(polygon),
+        "continued.obj": obj("vn 0 0 1\nf 1//1 2//1 \\\n  4//1\n"), "plain.dae": dae(),
+        "doubled.dae": dae(twice, library),
+    }  # fmt: skip
 
 
 def _changed(content: bytes, old: bytes, new: bytes) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -12,9 +11,8 @@ import pytest
 
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.mesh import read_mesh
-from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.checks.cell_warnings import doubtful_meshes
-from sqrp_cli.errors import InputError, Place
+from sqrp_cli.errors import Place
 from sqrp_cli.files.input_file import SourceFile
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.motion.cell import Cell
@@ -26,9 +24,7 @@ from sqrp_cli.shapes import Mesh, Part
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.candidate_page import STEP, scene_model
 from sqrp_cli.sight.solids import load_solid
-from tests.cells import FILES
-
-CASES = Path(__file__).parents[2] / "cases"
+from tests.cells import FILES, edit, refused
 
 CORNERS = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.06, 0], [0, 0, 0.12]])
 """Of a tetrahedron, all extents of which differ [m]."""
@@ -48,11 +44,6 @@ def dae(path: Path, asset: str = "", unit: float = 1.0) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def tabletop() -> Workspace:
-    return load_workspace(Path(__file__).parents[3] / "workspaces" / "tabletop")
-
-
 def spans(vertices: Array) -> Array:
     """Least and greatest coordinates, shape (2, 3)."""
     return np.array([vertices.min(axis=0), vertices.max(axis=0)])
@@ -63,14 +54,9 @@ def spans(vertices: Array) -> Array:
 def test_all_readers_of_a_mesh_take_it_in_its_unit_and_along_its_axes(asset, up, tmp_path):
     mesh = Mesh(dae(tmp_path / "tetrahedron.DAE", asset + up, UNITS[asset]), (1.0, 1.0, -2.0))
     part = Part("g1/0", "g1", mesh, read_only(pose()))
-    solid = load_solid(part)
-    found = {
-        "sight, collision, pictures and pages": solid.vertices,
-        "perception": Surface.of(part).vertices,
-        "simulation": read_mesh(mesh.path, mesh.scale).vertices,
-    }
-    for name, vertices in found.items():
-        np.testing.assert_allclose(spans(vertices), [[0, 0, -0.24], [0.03, 0.06, 0]], atol=1e-6, err_msg=name)
+    # Of sight, collision, pictures and pages; of perception; of simulation.
+    for vertices in (load_solid(part).vertices, Surface.of(part).vertices, read_mesh(mesh.path, mesh.scale).vertices):
+        np.testing.assert_allclose(spans(vertices), [[0, 0, -0.24], [0.03, 0.06, 0]], atol=1e-6)
 
 
 def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop, tmp_path):
@@ -101,13 +87,10 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop, tmp
         np.testing.assert_allclose(spans(placed), spans(CORNERS), atol=1e-6)
 
 
-def test_the_unit_of_a_mesh_that_a_workspace_names_counts(tmp_path):
-    folder = Path(shutil.copytree(CASES / "cell", tmp_path / "cell"))
-    dae(folder / "it.dae", '<unit meter="0.01"/>', 0.01)
-    file = folder / "workspace.yaml"
-    part = "marker: 7, parts: [{mesh: it.dae, scale: [1, 2, 1]}]}"
-    file.write_text(file.read_text(encoding="utf-8").replace("marker: 7}", part), encoding="utf-8")
-    (part,) = load_workspace(folder).objects["red"].parts
+def test_the_unit_of_a_mesh_that_a_workspace_names_counts(cell):
+    dae(cell / "it.dae", '<unit meter="0.01"/>', 0.01)
+    edit(cell, "marker: 7}", "marker: 7, parts: [{mesh: it.dae, scale: [1, 2, 1]}]}")
+    (part,) = load_workspace(cell).objects["red"].parts
     np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.12, 0.12]], atol=1e-6)
 
 
@@ -123,9 +106,7 @@ def test_the_unit_counts_for_links_as_for_objects(tmp_path):
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "one", "1e9", ""])
 def test_a_unit_that_is_no_length_is_refused_with_its_line(unit, tmp_path):
     path = dae(tmp_path / "it.dae", f'<unit meter="{unit}"/>')
-    with pytest.raises(InputError) as raised:
-        read_mesh(path)
-    (problem,) = raised.value.problems
+    problem = refused(read_mesh, path)
     assert problem.place == Place(path, 2)
     assert f'`<unit meter="{unit}">`' in problem.message
 
