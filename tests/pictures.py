@@ -12,8 +12,7 @@ from PIL import Image
 from sqrp_cli.cli.main import run
 from tests.cells import copied
 from tests.cli.browser import Opened, chromium
-from tests.studio.hand import Hand
-from tests.studio.started import Started
+from tests.studio.hand import Hand, Started
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "pictures"

@@ -16,8 +16,7 @@ from pathlib import Path
 
 from tests.cells import copied, read_cell, write_cell
 from tests.cli.browser import chromium
-from tests.studio.hand import WHERE, Hand
-from tests.studio.started import Started
+from tests.studio.hand import WHERE, Hand, Started
 
 STEPS = 100
 

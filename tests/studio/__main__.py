@@ -22,8 +22,7 @@ import psutil
 
 from tests.cells import copied
 from tests.cli.browser import chromium
-from tests.studio.hand import Hand
-from tests.studio.started import Started
+from tests.studio.hand import Hand, Started
 
 MINUTES = 30.0
 LONG = "place"  # a task of 162 candidates, whose ranking is not waited for
@@ -46,17 +45,6 @@ MOST_GROWTH, MOST_PEAK = 1.1, 1.3  # most that memory may grow after the first f
 HEAP = ("usedSize", "embedderHeapUsedSize", "backingStorageSize")
 """What a page holds: values of its scripts, its elements, and the numbers of shapes."""
 QUIET, WRITTEN = 60.0, 20.0  # how long it may take until everything rests, and is waited for a program [s]
-
-
-def memory(pid: int) -> float:
-    """Of a studio at rest, shared pages once [MB]."""
-    main, end = psutil.Process(pid), time.monotonic() + QUIET
-    while len(main.children(recursive=True)) > 1:
-        assert time.monotonic() < end, "the studio does not come to rest"
-        time.sleep(0.2)
-    rollups = (Path(f"/proc/{one.pid}/smaps_rollup").read_text(encoding="utf-8") for one in (main, *main.children()))
-    kinds = ("Pss_Anon:", "Pss_Shmem:")
-    return sum(int(part.partition(kind)[2].split()[0]) for part in rollups for kind in kinds) * 1024 / 1e6
 
 
 def flat(who: str, sizes: list[float]) -> bool:
@@ -122,7 +110,7 @@ def act(hand: Hand, draw: random.Random, folder: Path, good: bytes) -> str:
 
 
 def measured(hand: Hand, pid: int) -> tuple[float, float]:
-    """Memory of a studio and of its page at rest [MB]."""
+    """Memory of a studio and of its page at rest, shared pages once [MB]."""
     hand.js("sqrp.tell({ do: 'stop' })")
     if hand.js("sqrp.state.task") == LONG:
         hand.js("(text) => sqrp.tell({ do: 'task', text, by: 'q_eoi' })", TASKS[0])
@@ -139,7 +127,13 @@ def measured(hand: Hand, pid: int) -> tuple[float, float]:
         devtools.send("HeapProfiler.collectGarbage")
     heap = devtools.send("Runtime.getHeapUsage")
     devtools.detach()
-    return memory(pid), sum(heap[part] for part in HEAP) / 1e6
+    main, end, kinds = psutil.Process(pid), time.monotonic() + QUIET, ("Pss_Anon:", "Pss_Shmem:")
+    while len(main.children(recursive=True)) > 1:
+        assert time.monotonic() < end, "the studio does not come to rest"
+        time.sleep(0.2)
+    rollups = [Path(f"/proc/{one.pid}/smaps_rollup").read_text(encoding="utf-8") for one in (main, *main.children())]
+    server = sum(int(part.partition(kind)[2].split()[0]) for part in rollups for kind in kinds) * 1024
+    return server / 1e6, sum(heap[part] for part in HEAP) / 1e6
 
 
 def main(minutes: float) -> int:

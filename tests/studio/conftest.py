@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.cells import copied
-from tests.studio.started import Started
+from tests.studio.hand import Started
 
 TASK = "pickup object=g2,g6"
 """One candidate that can be done, and one that cannot."""

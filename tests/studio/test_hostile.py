@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.cli.hostile import hostile_cell
-from tests.studio.hand import Hand
-from tests.studio.started import ROOT, Started
+from tests.studio.hand import ROOT, Hand, Started
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from sqrp_cli.show.terminal import console
 from sqrp_cli.studio.messages import _FIELDS
 from sqrp_cli.studio.session import Studio
 from tests.studio.conftest import TASK
-from tests.studio.started import ROOT
+from tests.studio.hand import ROOT
 
 
 def answer(studio, path: str, **headers: str) -> tuple[int, bytes]:

@@ -17,7 +17,7 @@ from sqrp_cli.studio.session import program_file
 from sqrp_cli.studio.sketch import SHORTEST, Sketch, joined
 from sqrp_cli.studio.worker import _explain, _nicely, sketches_of
 from sqrp_cli.study.sampling import FixedStep
-from tests.studio.started import ROOT
+from tests.studio.hand import ROOT
 
 
 @pytest.fixture(scope="module")
