@@ -56,11 +56,8 @@ class Node:
     """The word in lower case (PDDL ignores case); empty of a list."""
     items: tuple[Node, ...] = ()
     """Of the list."""
-
-    @property
-    def head(self) -> str:
-        """The first item of a list if it is a word, else an empty text."""
-        return self.items[0].text if self.items else ""
+    head: str = ""
+    """The first item of a list if it is a word."""
 
 
 def parse_domain(text: str, path: Path) -> pddl.Domain:
@@ -414,7 +411,7 @@ def _read(text: str) -> tuple[Node, int]:
             return suspect or Node(offset, f"expected `(define (domain ...`, found `{part}`"), 0
         elif part == ")":
             items, start = open_lists.pop()
-            ended = Node(start, items=tuple(items))
+            ended = Node(start, items=tuple(items), head=items[0].text if items else "")
             if open_lists:
                 open_lists[-1][0].append(ended)
             else:

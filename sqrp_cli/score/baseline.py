@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from itertools import product
 from pathlib import Path
@@ -209,17 +209,13 @@ class Baseline(FileRecord):
         file edited at once, the one with most equal values, if at least `LEAST_ALIKE` of all are equal.
         """
         found: dict[str, str] = {}
-
-        def take(pairs: Iterable[tuple[ScoredCell, str]]) -> None:
-            for cell, name in pairs:
-                if cell.name not in found and name not in found.values():
-                    found[cell.name] = name
-
         known = self.workspaces
         meant = {one: (one.workspace.digest, one.workspace.file_digest) for one in cells if one.workspace is not None}
         same = [(cell, name) for cell in meant for name, record in known.items() if record.digest in meant[cell]]
-        take(sorted(same, key=lambda pair: pair[0].name != pair[1]))
-        take((cell, cell.name) for cell in cells if cell.name in known)
+        named = [(cell, cell.name) for cell in cells if cell.name in known]
+        for cell, name in [*sorted(same, key=lambda pair: pair[0].name != pair[1]), *named]:
+            if cell.name not in found and name not in found.values():
+                found[cell.name] = name
         left, free = [one for one in cells if one.name not in found], known.keys() - found.values()
         alike: dict[tuple[ScoredCell, str], float] = {}  # the share of the values of either file that are equal in both
         for cell, name in product(left, [name for name in known if name in free]):
@@ -227,7 +223,9 @@ class Baseline(FileRecord):
             now = {} if cell.workspace is None else cell.workspace.values
             equal = sum(path in now and now[path] == value for path, value in before.items())
             alike[cell, name] = equal / max(1, len(before.keys() | now.keys()))
-        take(sorted((pair for pair in alike if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair]))
+        for cell, name in sorted((pair for pair in alike if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair]):
+            if cell.name not in found and name not in found.values():
+                found[cell.name] = name
         return found
 
 

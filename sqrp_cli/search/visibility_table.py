@@ -99,7 +99,7 @@ class VisibilityTable:
                 )
                 advance(1)
                 if goal is not None and goal.time is not None and not isinstance(scenes, Infeasible):
-                    scenes = TimeLimit(goal.time).within(scenes)
+                    _, scenes = TimeLimit(goal.time).within(scenes)
                     self.too_slow |= isinstance(scenes, Infeasible)
                 if isinstance(scenes, Infeasible):
                     self.infeasible.append((task.text, CandidateResult.infeasible(candidate, scenes.reasons)))

@@ -60,20 +60,18 @@ class TimeLimit:
         expected = f"{seconds}, or a multiple of the time of the fastest of all ways, at least 1, such as `1.25x`"
         raise bad_option(f"{option} is `{text}`, expected {expected}")
 
-    def longest(self, motions: Sequence[PlannedMotion]) -> float:
-        """The longest time of a way among all ways of a candidate [s]."""
-        return self.times * min(planned.motion.time for planned in motions) if self.seconds is None else self.seconds
-
     def within(
         self, motions: Sequence[PlannedMotion], whose: str = "its fastest way"
-    ) -> Sequence[PlannedMotion] | Infeasible:
-        """The ways that keep the limit, or by how much the fastest one exceeds it. whose: what its reason calls it."""
-        longest = self.longest(motions)
-        kept = [planned for planned in motions if planned.motion.time <= longest + ROUNDING]
-        if kept:
-            return kept
+    ) -> tuple[float, Sequence[PlannedMotion] | Infeasible]:
+        """The longest time of a way [s], and the ways that keep it, or by how much the fastest one exceeds it.
+
+        motions: all ways of a candidate. whose: what the reason calls the fastest.
+        """
         fastest = min(planned.motion.time for planned in motions)
-        return Infeasible((f"{whose} takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed",))
+        longest = self.times * fastest if self.seconds is None else self.seconds
+        kept = [planned for planned in motions if planned.motion.time <= longest + ROUNDING]
+        late = f"{whose} takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed"
+        return longest, kept or Infeasible((late,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ def find_way(
     longest = inf
     if wanted.limit is not None and not isinstance(motions, Infeasible):
         whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
-        longest, motions = wanted.limit.longest(motions), wanted.limit.within(motions, whose)
+        longest, motions = wanted.limit.within(motions, whose)
     if isinstance(motions, Infeasible):
         return replace(motions, tried=tried)
     compared = wanted.by in ("q_eoi", "q_avg", "time")  # then only some may be the best or Pareto-optimal
@@ -164,7 +162,9 @@ def studied_ways(
     """
     plans = Plans() if plans is None else plans
     motions = impossible_start(cell, candidate, world) or plans.of(cell, candidate, world, fastest=False)[1]
-    allowed = motions if isinstance(motions, Infeasible) else limit.within(motions)
+    if isinstance(motions, Infeasible):
+        return
+    longest, allowed = limit.within(motions)
     if isinstance(allowed, Infeasible):
         return
     watched = plans.observed(cell, allowed, sampling)
@@ -173,7 +173,7 @@ def studied_ways(
 
         watched = [replace(one, candidate=one.candidate.with_paths({})) for one in watched]
         for first in (True, False):
-            watched += seen_ways(cell, allowed, sampling, longest=limit.longest(allowed), interest_first=first)
+            watched += seen_ways(cell, allowed, sampling, longest=longest, interest_first=first)
     for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
         if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
