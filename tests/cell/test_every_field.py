@@ -27,11 +27,8 @@ from sqrp_cli.skill.skill import Names, SkillFile
 
 CASES = Path(__file__).parents[1] / "cases" / "every_field"
 FILES: dict[str, type[BaseModel]] = {
-    "workspace.yaml": WorkspaceFile,
-    "skill.yaml": SkillFile,
-    "place.yaml": PlaceFile,
-    "robot.yaml": RobotFile,
-}
+    "workspace.yaml": WorkspaceFile, "skill.yaml": SkillFile, "place.yaml": PlaceFile, "robot.yaml": RobotFile,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,13 +56,10 @@ def stated_fields(model: type) -> list[tuple[str, str, bool]]:
         return [(name, info.alias or name, info.is_required()) for name, info in model.model_fields.items()]
     if is_dataclass(model):
         hints = get_type_hints(model, include_extras=True)
-        return [(part.name, alias_of(hints[part.name]) or part.name, part.default is MISSING) for part in fields(model)]
+        marks = {part: [mark for mark in get_args(hints[part.name]) if isinstance(mark, FieldInfo) and mark.alias]
+                 for part in fields(model)}  # fmt: skip
+        return [(one.name, mine[0].alias if mine else one.name, one.default is MISSING) for one, mine in marks.items()]
     return []
-
-
-def alias_of(hint: Any) -> str | None:
-    """The key of a field in files, where it is not its name."""
-    return next((mark.alias for mark in get_args(hint) if isinstance(mark, FieldInfo) and mark.alias), None)
 
 
 def as_written(owner: object, name: str, data: object) -> object:
@@ -107,14 +101,10 @@ def uses(file: str) -> Iterator[FieldUse]:
 
 
 WAITING = {
-    ("CameraPose", "quaternion"),  # the same field as any other pose's
-    ("CameraPose", "rpy"),
-    ("ToolEntry", "boxes"),  # a workspace has one tool, of a URDF or of boxes
-    ("ToolEntry", "frame"),
-    ("ToolBoxEntry", "size"),
-    ("ToolBoxEntry", "pose"),
-}
-"""Fields that the files do not state."""
+    ("CameraPose", "quaternion"), ("CameraPose", "rpy"),  # the same fields as any other pose's
+    ("ToolEntry", "boxes"), ("ToolEntry", "frame"), ("ToolBoxEntry", "size"), ("ToolBoxEntry", "pose"),
+}  # fmt: skip
+"""Fields that the files do not state: a workspace has one tool, of a URDF or of boxes."""
 
 USES = [use for file in FILES for use in uses(file)]
 
@@ -125,17 +115,12 @@ def test_the_files_use_the_fields_of_every_model():
     assert len(models) >= 35
     known = {(model.__name__, name) for model in models for name, _, _ in stated_fields(model)}
     used = {(use.model, use.name) for use in USES}
-    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec", "SpanEntry", "LensEntry"} <= {
-        model for model, _ in used
-    }
+    named = {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec", "SpanEntry", "LensEntry"}
+    assert named <= {model for model, _ in used}
     assert known - used == WAITING
 
 
-@pytest.mark.parametrize(
-    ("union", "key"),
-    [(skill.Waypoint, "waypoints"), (skill.PrimitiveAction, "primitives")],
-    ids=["waypoints", "primitives"],
-)
+@pytest.mark.parametrize(("union", "key"), [(skill.Waypoint, "waypoints"), (skill.PrimitiveAction, "primitives")])
 def test_the_skill_has_waypoints_and_primitives_of_every_kind(union, key):
     stated = document("skill.yaml").data[key]
     entries = stated.values() if isinstance(stated, dict) else stated
@@ -194,13 +179,6 @@ def assert_named(problems: list[Problem], use: FieldUse, key: str) -> None:
     assert any(f"{key}" in text and (line is None or line in within) for text, line in said), (within, said)
 
 
-def document_value(use: FieldUse) -> Any:
-    value: Any = document(use.file).data
-    for step in use.path:
-        value = value[step]
-    return value
-
-
 def is_quantity(value: object) -> bool:
     return (isinstance(value, int | float) and not isinstance(value, bool)) or (
         isinstance(value, str) and value[:1].isdigit()
@@ -218,7 +196,7 @@ def test_a_misspelt_key_is_named_with_the_right_one(use):
 
 @pytest.mark.parametrize("use", USES, ids=str)
 def test_a_key_that_is_missing_or_has_a_value_of_the_wrong_kind_or_out_of_all_bounds_is_named(use):
-    value = document_value(use)
+    value = document(use.file).at(use.path)
     wrong: list[object] = [one for one in ({"zzz": [1]}, [[{}]]) if type(value) is not type(one)]
     wrong += [1e300, -1e300, 1e9] if is_quantity(value) else []
     wrong += [[*value[:-1], 1e300]] if isinstance(value, list) and value and is_quantity(value[-1]) else []
