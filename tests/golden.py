@@ -15,6 +15,7 @@ import io
 import json
 import math
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -32,7 +33,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.show.terminal import progress_lines
 from sqrp_cli.study.robustness import Calibration
 from sqrp_cli.study.sampling import Adaptive, FixedCount
-from tests.cells import ROOT, copied, edit
+from tests.cells import ROOT, copied, edit, made_cell
 
 FOLDER = ROOT / "tests" / "cli" / "golden"
 PLACES = {sysconfig.get_path("purelib"): "SITE", str(ROOT): "ROOT"}
@@ -93,13 +94,15 @@ WORDS: dict[str, Callable[..., Any]] = {
     "mkdir": lambda folder: Path(folder).mkdir(),
     "link": lambda target, name: Path(name).symlink_to(target),
     "own": lambda cell, camera=None: copied(Path("own"), cell, camera) and None,
+    "made": lambda cell: Path(cell).mkdir() or (made_cell(cell, Path(cell)) and None),
     "py": lambda expression: evaluated(expression),
     "sh": lambda script: run_by_shell(script),
 }
 """What can be done with files; texts have `\\n` for the end of a line.
 
 `join`: a file with texts after it, each so many times. `own`: a shipped cell to be changed, own/workspaces/CELL; with
-the cameras before one. `py`: an expression of the Python interface.
+the cameras before one. `made`: a cell of
+tests/cases/made_cells.yaml. `py`: an expression of the Python interface.
 `sh`: commands in processes of their own, by a shell.
 """
 
@@ -132,10 +135,10 @@ def evaluated(expression: str) -> str:
 
 
 def placeless(text: str) -> str:
-    """A text that is the same on every machine."""
+    """A text that is the same on every machine, at every speed."""
     for path, name in PLACES.items():
         text = text.replace(path, name)
-    return text
+    return re.sub(r"^[\d.]+ s of wall time .*", "TIME", text, flags=re.MULTILINE)
 
 
 def played(section: Section, folder: Path, sqrp: Callable[..., Any]) -> Iterator[str]:

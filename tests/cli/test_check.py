@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -24,28 +23,6 @@ def _codes(outcome: Outcome) -> set[str]:
 @pytest.mark.parametrize("cell", [*SHIPPED, *CASES], ids=lambda path: path.name)
 def test_the_cells_that_come_with_the_program_work_as_they_are_meant(sqrp, cell):
     assert _codes(sqrp("check", cell, "--json")) <= {"assumed-limit"}
-
-
-def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
-    assert sqrp("init", folder / "new", "--no-run").code == 0
-    path = folder / "new" / "workspace.yaml"
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")  # several objects and cameras have the same entry
-    return folder / "new"
-
-
-def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hides_everything(sqrp, tmp_path):
-    place = "frame: base\n    pose: {position: [0, 0, 0.05], look_at: [1, 0, 0.05]}"
-    place += "\n    image: {width: 640, height: 480, fx: 100}"
-    cell = _new_cell(sqrp, tmp_path, "  cam1:", f"  inner:\n    {place}\n    rate: 10\n    latency: 0\n  cam1:")
-    (problem,) = sqrp("check", cell, "--json").document["problems"]
-    assert (problem["code"], problem["severity"]) == ("camera-inside-robot", "warning")
-    assert "`inner` is inside link `base`" in problem["message"]
-    samples = sqrp("explain", cell, "pickup red", "--samples", "3", "--json").document["samples"]
-    seen = [literal["cameras"]["inner"] for sample in samples for literal in sample["literals"].values()]
-    assert not any(view["covered"] for view in seen)
-    assert {view["by"] for view in seen if view["cause"] == "hidden"} == {"base"}
 
 
 def test_show_says_what_is_doubted_of_the_files_as_check_does(sqrp, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,36 +15,6 @@ from tests.cells import made_cell, shipped_cell, write_cell
 from tests.cli.browser import overview_of
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def under_the_table(once):
-    """The cell `tabletop` with two cameras that look at the table from below."""
-
-    folder: Path = once("under-the-table", partial(made_cell, "under_the_table"))
-    return folder
-
-
-def test_no_delay_is_ranked_and_no_threshold_and_no_goal_is_met(sqrp, under_the_table, tmp_path):
-    # No delay is ranked.
-    found = sqrp("rank", under_the_table, "pickup g2", "--json").document["candidates"][0]
-    slip = found["faults"]["slip"]
-    assert slip.pop("blind_longest") == pytest.approx(found["t_eoi"])
-    assert slip == {"delay_mean": None, "delay_worst": None, "unseen": 1.0, "expected_time": None}
-    page = tmp_path / "page.html"
-    shown = sqrp("rank", under_the_table, "pickup g2", "--report", page, "--program", tmp_path / "p.yaml")
-    assert "never" in shown.out
-    assert "Never noticed, as no image is sure to show it: slip in 100 % of cases." in shown.out
-    assert "never in 100 % of cases" in sqrp("explain", under_the_table, "pickup g2", columns=200).out
-    assert "never" in sqrp("program", tmp_path / "p.yaml").out
-    # No threshold and no goal is met.
-    scored = sqrp("score", under_the_table, columns=200)
-    assert scored.code == 1
-    assert "slip of g2 may never be noticed, expected at most 5 s" in scored.out
-    advised = sqrp("advise", under_the_table, "pickup g2", "--want", "delay 5 s", "--kinds", "way", "--json")
-    assert advised.code == 1
-    assert advised.document["before"]["delay_worst"] is None
-    assert advised.document["before"]["unseen"] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -97,24 +97,6 @@ def test_images_are_never_taken_from_one_camera_for_another(sqrp, slip_run, rewr
     assert "would be the images of cam3 and of cam5" in " ".join(found.err.split())
 
 
-def test_what_a_recording_shows_and_topics_with_other_names_are_asked_for(sqrp, slip_run):
-    program, recording = slip_run.cell.program, slip_run.cell.folder / "run.mcap"
-    twice = ["--topic", "cam3=/a", "--topic", "cam3=/b"]
-    for words, said in (
-        (["calibrate", recording], "of a file it is not known what its images show"),
-        (["calibrate", recording], "--program FILE"),
-        (["audit", program, recording, "--topic", "cam3=/left"], "there are no images on `/left`"),
-        (["audit", program, recording, "--topic", "cam3"], "--topic"),
-        (["audit", program, recording, "--topic", "cam9=/left"], "no camera cam9"),
-        (["audit", program, recording, *twice], "--topic names both /a and /b for cam3"),
-        (["audit", recording, program], "this is a recording; expected a program here"),
-        (["audit", recording, program], f"sqrp audit {program} {recording}"),
-    ):
-        found = sqrp(*words, columns=300)
-        assert found.code == 2
-        assert said in found.err
-
-
 def test_what_is_planned_is_exported_with_the_same_topics(sqrp, slip_run, tmp_path):
     found = sqrp("program", slip_run.cell.program, "--export", tmp_path / "pick.mcap")
     assert found.code == 0, found.err

@@ -79,32 +79,6 @@ def test_recorded_frames_confirm_the_predictions(sqrp, asked, slip, cell):
     assert sqrp("audit", cell.program, cell.folder / "frames", "--threshold", "1.5").code == 2
 
 
-def test_frames_of_another_program_are_refused(sqrp, tmp_path, slip, cell):
-    assert slip.code == 0
-    frames, other = cell.folder / "frames", tmp_path / "other.yaml"
-    ran = sqrp("program", cell.program, "--json").document["steps"][0]
-    assert sqrp("rank", cell.folder, "pickup g3", "--ways", "fastest", "--program", other).code == 0
-    step = sqrp("program", other, "--json").document["steps"][0]
-    was, now = (
-        f"that was pickup object=g2 of {ran['time']:.2f} s",
-        f"now it is pickup object=g3 of {step['time']:.2f} s",
-    )
-    for command in (["audit", other, frames], ["calibrate", frames, "--program", other]):
-        found = sqrp(*command, columns=500)
-        assert (found.code, found.out) == (2, "")
-        assert f"{frames}: these frames are not of a run of {other} as it is now: {was}; {now}" in found.err
-        assert f"to mend it: name the program that was run: {frames / 'program.yaml'}\n" in found.err
-
-
-def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp, cell):
-    faults = ("--fault", "camera-loss:cam3@300 ms", "--fault", "frozen:cam5@99")
-    found = sqrp("run", cell.program, "--sim", *faults, "--json")
-    assert [fault["name"] for fault in found.document["faults"]] == ["camera-loss"]
-    end = found.document["time"]
-    assert f"--fault frozen:cam5@99 never happened: the run ended before, at {end:.2f} s\n" in found.err
-    assert "camera-loss" not in found.err
-
-
 @pytest.mark.parametrize(
     ("fault", "says"), [("camera-loss:cam3@0.3", "cam3 is lost"), ("perception-crash:cam3@1.0", "has ended")]
 )

@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-import yaml
 from rich.console import Console
 
 from sqrp_cli.run.record.log import read_log
@@ -115,18 +114,3 @@ def test_a_run_that_was_interrupted_is_shown_until_then(sqrp, tmp_path, kept):
         refused = sqrp("run", "--replay", log, *more)
         assert (refused.code, refused.out) == (2, "")
         assert "this log ends without a report, as the run was interrupted; expected one of a run" in refused.err
-
-
-@pytest.mark.parametrize(("time", "code"), [(None, 3), (9.5, 2)])
-def test_a_log_of_another_program_is_refused(sqrp, tmp_path, holding, time, code):
-    step = yaml.load(holding.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)["steps"][0]
-    log = log_of(tmp_path / "log")
-    header, *events = log.read_text(encoding="utf-8").splitlines(keepends=True)
-    ran = {"skill": step["skill"], "parameters": step["parameters"], "time": time or step["time"]}
-    log.write_text("".join([json.dumps({**json.loads(header), "steps": [ran]}) + "\n", *events]), encoding="utf-8")
-    shown = sqrp("run", holding, "--replay", log)
-    assert shown.code == code
-    if time is not None:
-        was, now = f"that was pickup of {time:.2f} s", f"now it is pickup of {step['time']:.2f} s"
-        assert f"{log}:1: this log is not of a run of {holding} as it is now: {was}; {now}" in shown.err
-        assert f"to mend it: sqrp run --replay {log}\n" in shown.err

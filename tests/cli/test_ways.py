@@ -43,17 +43,6 @@ def walled(tmp_path):
     return made_cell("walled", tmp_path)
 
 
-def test_every_command_names_what_goes_around_what(sqrp, walled):
-    ranking = open_cell(walled).rank("pickup", ways="fastest")
-    for shown in (sqrp("check", walled, "pickup").out, f"{ranking}\n"):
-        assert "g1: a1 goes around wall, a5 goes around wall\n" in shown
-    assert "On the way a1 goes around wall, a5 goes around wall." in " ".join(
-        sqrp("explain", walled, "pickup", "--ways", "fastest").out.split()
-    )
-    (candidate,) = ranking.candidates
-    assert candidate.verdict.endswith("On the way a1 goes around wall, a5 goes around wall.")
-
-
 def test_the_planner_says_nothing_and_the_seed_decides(sqrp, sqrp_process, walled):
     first, second, other = (
         start("rank", walled, "pickup", "--json", "--samples", 5, "--ways", "fastest", "--seed", seed)
