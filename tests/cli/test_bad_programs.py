@@ -7,7 +7,6 @@ import random
 import re
 import shlex
 import shutil
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ import yaml
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import check_program, load_program
-from tests.cells import follow, read_cases, read_cell, write_cell
+from tests.cells import follow, read_cases
 
 CASES = read_cases("bad_programs.yaml")
 
@@ -112,20 +111,6 @@ def test_a_program_that_is_laid_out_anew_or_moved_or_of_before_there_were_marks_
         path.unlink()
 
 
-def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, sound, tmp_path):
-    path, away = laying / "edited.yaml", tmp_path / "away.yaml"
-    path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", sound.read_text(encoding="utf-8")), encoding="utf-8")
-    for arguments in (["program", path], ["program", path, "--drop-last"], ["run", path, "--sim"]):
-        outcome = sqrp(*arguments)
-        assert (outcome.code, outcome.out) == (2, "")
-        assert "this program is not as sqrp wrote it" in outcome.err
-        assert f"to mend it: rm {path} && sqrp rank {laying} 'pickup g2' --program {path}" in outcome.err
-    path.rename(away)  # where its workspace is not there
-    outcome = sqrp("program", away)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "this program is not as sqrp wrote it" in outcome.err
-
-
 def test_what_makes_an_edited_program_anew_makes_the_same(sqrp, laying):
     path, task = laying / "fast.yaml", "pickup object=g1,g2 speed=0.5,60% lift=5cm,80mm elbow=any"
     sqrp("rank", laying, task, "--program", path, "--choose", "g2 lift=80mm speed=0.6")
@@ -144,33 +129,3 @@ def _without_tasks(program: str) -> list[dict[str, Any]]:
     """The steps of a program, save for the words in which their tasks were given."""
     steps = yaml.load(program, Loader=yaml.CSafeLoader)["steps"]
     return [{key: value for key, value in step.items() if key != "task"} for step in steps]
-
-
-def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
-    """A copy of the cell, with a lay skill of its own in which something is replaced."""
-    shutil.copytree(Path(__file__).parents[1] / "cases" / "lay", folder / "lay")
-    for path in (folder / "lay").iterdir():
-        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    cell = read_cell(laying)
-    cell["skills"][-1] = "lay"
-    write_cell(cell, folder)
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "word"),
-    [
-        ("(hand_empty))\n", "(hand_empty ?object - movable))\n", "hand_empty"),
-        ("always[l1.start, l2.end] hold", "always[l1.start, l2.end] (hold and not hold)", "hold"),
-    ],
-    ids=["predicates that differ", "a formula that contradicts itself"],
-)
-def test_contradictory_skills_are_refused_and_nothing_is_written(sqrp, laying, tmp_path, old, new, word):
-    cell = copied(laying, tmp_path / "cell", old, new)
-    program = tmp_path / "program.yaml"
-    for command in ("check", "rank"):
-        outcome = sqrp(command, cell, "pickup g2", "--program", program)
-        assert (outcome.code, outcome.out) == (2, "")
-        assert word in outcome.err
-        assert "Traceback" not in outcome.err
-    assert not program.exists()

@@ -24,12 +24,6 @@ def test_version_and_help_without_a_command(sqrp):
     assert outcome.err == sqrp("--help").out
 
 
-def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
-    outcome = sqrp("explain", watch, "watch cube", "--choose", "stray", "--json")
-    assert outcome.code == 1
-    assert (outcome.document["feasible"], outcome.document["samples"]) == (False, [])
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.RankJob.assess

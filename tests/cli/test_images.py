@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import sys
 
 import cv2
 import numpy as np
@@ -89,25 +89,8 @@ def test_several_candidates_get_a_folder_each(sqrp, watch, tmp_path):
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
     sqrp, watch, tmp_path, monkeypatch, package, mend
 ):
-    import importlib
-
-    real, real_import = importlib.import_module, builtins.__import__
-
-    def refused(name: str) -> bool:
-        return name.split(".")[0] == package
-
-    def refuse(name, *arguments, **keywords):
-        if refused(name):
-            raise ModuleNotFoundError("no such module", name=name)
-        return real_import(name, *arguments, **keywords)
-
-    def refuse_module(name, package=None):
-        if refused(name):
-            raise ModuleNotFoundError("no such module", name=name)
-        return real(name, package)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    monkeypatch.setattr(importlib, "import_module", refuse_module)
+    for name in [package, *(name for name in sys.modules if name.startswith(f"{package}."))]:
+        monkeypatch.setitem(sys.modules, name, None)  # importing it raises ImportError
     outcome = sqrp("explain", watch, "watch turned", "--images", tmp_path / "new")
     assert outcome.code == 2
     assert mend in outcome.err

@@ -29,17 +29,11 @@ def printed(sqrp, *arguments: object) -> str:
     return sqrp(*arguments).out.rstrip("\n")
 
 
-def test_a_ranking_is_the_table_and_the_document_of_rank(asked, cell):
-    fastest = cell.rank("pickup green", ways="fastest")
-    assert str(fastest) == printed(asked, "rank", TABLETOP, "pickup green", "--ways", "fastest")
-    ranking = cell.rank("pickup green")
-    assert ranking.to_json() == printed(asked, "rank", TABLETOP, "pickup green", "--json")
-    assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g4", "g5", "g1", "g3", "g6"]
-
-
 @pytest.mark.parametrize(
     ("ask", "given", "named", "words"),
     [
+        ("rank", ["pickup green"], {}, ["pickup green"]),
+        ("rank", ["pickup green"], {"ways": "fastest"}, ["pickup green", "--ways", "fastest"]),
         ("explain", ["pickup green", None], {"ways": "fastest"}, ["pickup green", "--all", "--ways", "fastest"]),
         ("check", [], {}, []),
         ("check", ["pickup green"], {}, ["pickup green"]),
