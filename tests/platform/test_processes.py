@@ -17,29 +17,12 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.platform.processes import MOST_PER_CORE, Pool, Worker, WorkerDied, forked, in_processes
 from sqrp_cli.run.image import NEEDED
-from tests.cells import ROOT
+from tests.cells import ROOT, read_cases
 
 PATIENCE = 60.0
 """How long anything may take before it counts as hanging [s]."""
 
-PROBE = """
-from sqrp_cli.platform.processes import fresh
-
-if __name__ == "__main__":
-    context = fresh(["json"])
-    ours, theirs = context.Pipe()
-    process = context.Process(target=theirs.send, args=("started",))
-    process.start()
-    print(context.get_start_method(), ours.recv())
-    process.join()
-"""
-
-
-def ran(script: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """What comes of a script in a folder."""
-    (folder / "script.py").write_text(script, encoding="utf-8")
-    command, whole = [sys.executable, str(folder / "script.py")], {**os.environ, "PYTHONPATH": str(ROOT), **environment}
-    return subprocess.run(command, env=whole, check=True, capture_output=True, text=True)
+SCRIPTS, UNGUARDED = read_cases("process_scripts.yaml"), "a script without a guard is not run again"
 
 
 def test_what_the_processes_of_a_run_import_is_there() -> None:
@@ -49,18 +32,6 @@ def test_what_the_processes_of_a_run_import_is_there() -> None:
 def _call(what: tuple[Any, ...]) -> Any:
     function, *arguments = what
     return function(*arguments)
-
-
-TORN = """
-import os, struct
-from functools import partial
-from sqrp_cli.platform.processes import Worker, fresh
-
-if __name__ == "__main__":
-    worker = Worker(fresh([]), partial, len)
-    os.write(worker.pipe.fileno(), struct.pack("!i", 100) + b"half of it")
-    worker.close()
-"""
 
 
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
@@ -177,62 +148,16 @@ def _runs(process: int) -> bool:
         return False
 
 
-SCRIPT = """
-from sqrp_cli.platform.processes import Pool, fresh
-from tests.platform.workers import doubling
-
-print("begins", flush=True)
-
-pool = Pool(2, fresh(["json"]), doubling)
-print(list(pool.map([1, 2, 3])), flush=True)
-pool.close()
-"""
-
-
-KILLED_SERVER = """
-import os, signal
-from multiprocessing import forkserver
-from sqrp_cli.errors import InputError
-from sqrp_cli.platform.processes import Pool, fresh
-from tests.platform.workers import doubling
-
-context = fresh(["json"])
-server = forkserver._forkserver._forkserver_pid
-os.kill(server, signal.SIGSTOP)
-import threading
-threading.Timer(0.5, lambda: os.kill(server, signal.SIGKILL)).start()
-try:
-    Pool(1, context, doubling)
-except InputError as error:
-    print(error.problems[0].code)
-"""
-
-
-@pytest.mark.parametrize(
-    ("script", "folder", "printed"),
-    [
-        (PROBE, "", "forkserver started\n"),
-        (PROBE, "long" * 30, "spawn started\n"),
-        (TORN, "", ""),
-        (SCRIPT, "", "begins\n[2, 4, 6]\n"),
-        (KILLED_SERVER, "", "worker-died\n"),
-    ],
-    ids=["processes come from one that has imported what they need", "unless no socket can have so long a name",
-         "a message that Ctrl-C tore off ends its process silently", "a script without a guard is not run again",
-         "the end of the server that forks workers is an error with a reason"],
-)  # fmt: skip
-def test_processes_are_started_and_end_without_a_word(tmp_path: Path, script: str, folder: str, printed: str) -> None:
-    """folder: for temporary files, below the test's own."""
-    temporary = tmp_path / folder
-    temporary.mkdir(exist_ok=True)
-    found = ran(script, tmp_path, **({"TMPDIR": str(temporary)} if folder else {}))
-    assert (found.stdout, found.stderr) == (printed, "")
-
-
-def test_a_script_that_is_typed_is_not_run_again_either() -> None:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    typed = subprocess.run([sys.executable, "-"], input=SCRIPT, env=environment, capture_output=True, text=True)
-    assert (typed.stdout, typed.stderr) == ("begins\n[2, 4, 6]\n", "")
+@pytest.mark.parametrize(("what", "typed"), [*((what, False) for what in SCRIPTS), (UNGUARDED, True)])
+def test_processes_are_started_and_end_without_a_word(tmp_path: Path, what: str, typed: bool) -> None:
+    script, environment = SCRIPTS[what]["script"], {**os.environ, "PYTHONPATH": str(ROOT)}
+    if (name := SCRIPTS[what].get("temporary")) is not None:
+        (tmp_path / name).mkdir()
+        environment["TMPDIR"] = str(tmp_path / name)
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    command = [sys.executable, "-" if typed else str(tmp_path / "script.py")]
+    found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, input=script)
+    assert (found.stdout, found.stderr) == (SCRIPTS[what]["printed"], "")
 
 
 def test_a_number_of_processes_that_no_machine_has_takes_no_memory() -> None:
