@@ -49,29 +49,30 @@ def test_the_way_to_draw_is_chosen_by_what_there_is_or_named_with_its_debian_pac
     assert chosen or found.mend == "apt install libegl1 libgl1 libgl1-mesa-dri && export MUJOCO_GL=egl"
 
 
-def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
-    """The library is there, but the device that is asked for is not."""
-    script = """from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+NO_DEVICE = """
 from pathlib import Path
+from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.errors import InputError
-if __name__ == '__main__':
-    workspace = load_workspace(Path('workspaces/tabletop'))
-    with SimulatedCell(workspace, workspace.stated_world, 0) as cell:
-        try:
-            cell.frames(['cam1'])
-        except InputError as error:
-            print(error)
-"""
-    path = ROOT / ".no_device_test.py"
-    path.write_text(script)
+from sqrp_cli.run.cell.simulated_cell import SimulatedCell
+workspace = load_workspace(Path('workspaces/tabletop'))
+with SimulatedCell(workspace, workspace.stated_world, 0) as cell:
     try:
-        environment = {**os.environ, "MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "99", "PYTHONPATH": str(ROOT)}
-        done = subprocess.run([sys.executable, path], cwd=ROOT, env=environment, capture_output=True, text=True)
-    finally:
-        path.unlink()
-    assert done.stderr == ""
-    assert "need an OpenGL that draws without a screen: it does not start" in done.stdout
+        cell.frames(['cam1'])
+    except InputError as error:
+        print(error)
+"""
+SHARED = "import sys, sqrp_cli.run.cell.render_pool; print([name for name in ('mujoco', 'cv2') if name in sys.modules])"
+
+
+@pytest.mark.parametrize(
+    ("script", "printed"),
+    [(NO_DEVICE, "need an OpenGL that draws without a screen: it does not start"), (SHARED, "[]")],
+    ids=["the library is there, but not the device that is asked for", "drawing processes share no simulator"],
+)
+def test_a_process_says_what_is_there(script: str, printed: str) -> None:
+    environment = {**os.environ, "MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "99"}
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert (done.stderr, printed in done.stdout) == ("", True)
 
 
 WITHOUT_EXTRA = """
@@ -84,6 +85,10 @@ class Missing:
         if name.partition(".")[0] in MISSING:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing)
+from sqrp_cli.cli.commands import runs
+runs.read_program = lambda *_: None  # the program itself is not what this is about
+from sqrp_cli.cli.main import main
+main()
 """
 
 
@@ -102,21 +107,7 @@ def test_without_the_extra_only_what_needs_it_says_so(
     log = tmp_path / "log"
     writer = LogWriter(log, event("run", 0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
     writer.close(RunReport())
-    # The program itself is not what this is about.
-    script = (
-        f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli.commands import runs\n"
-        "runs.read_program = lambda *_: None\n"
-        "from sqrp_cli.cli.main import main\nmain()"
-    )
-    command = [sys.executable, "-c", script, *(word.format(log=log) for word in words)]
+    command = [sys.executable, "-c", WITHOUT_EXTRA, *(word.format(log=log) for word in words)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == exit_code, done.stderr
     assert said in done.stderr
-
-
-def test_what_processes_that_draw_share_loads_no_simulator() -> None:
-    script = (
-        "import sys, sqrp_cli.run.cell.render_pool\nprint([name for name in ('mujoco', 'cv2') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
