@@ -74,16 +74,24 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         return KindOutcome(kind=kind, found=len(advice), advice=advice)
     if not tried.near:
         return KindOutcome(kind=kind, why=tried.why)
+    # What comes nearest, and which limit stands in its way, in a sentence.
     before = question.before if kind in MOTION else figures_of(question.way, start.analysis)
     near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.assessment))
-    reached = near.analysis.assessment
-    nearest = from_fields(
-        NearestChange,
-        _change_found(near.change, reached),
-        missing=goal.missed(reached),
-        limit=_limit(question, near),
-        nearer=goal.is_nearer(reached, before),
-    )
+    steps, reached = near.analysis.steps, near.analysis.assessment
+    if replace(goal, time=None).met(reached):
+        primitives = [primitive for step in steps for primitive in step.motion.primitives]
+        longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
+        limit = f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
+    elif replace(goal, delay=None).met(reached):
+        limit = reached.why_late
+    else:
+        worst = worst_seen([step.assessment("") for step in steps])
+        sentence = verdict(near.change.in_cell(question.cell), steps[worst])
+        said = reasons_of_step(near.analysis.candidate, worst + 1, [sentence])[0]
+        limit = reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)
+    missing, nearer = goal.missed(reached), goal.is_nearer(reached, before)
+    found = _change_found(near.change, reached)
+    nearest = from_fields(NearestChange, found, missing=missing, limit=limit, nearer=nearer)
     return KindOutcome(kind=kind, why=tried.why, nearest=nearest)
 
 
@@ -187,18 +195,3 @@ def _advice(start: Start, met: Tried) -> AdviceFound:
 def _change_found(change: ProposedChange, found: CandidateResult) -> ChangeFound:
     values = change.values if change.parameters is None else dict(change.parameters)
     return from_fields(ChangeFound, AdvisedFigures.of(found), change, change=values, proposed=change, found=found)
-
-
-def _limit(question: Question, one: Tried) -> str:
-    """Which limit stands in the way of a change that does not meet the goal, in a sentence."""
-    steps, reached, goal = one.analysis.steps, one.analysis.assessment, question.goal
-    if replace(goal, time=None).met(reached):
-        primitives = [primitive for step in steps for primitive in step.motion.primitives]
-        longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
-        return f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
-    if replace(goal, delay=None).met(reached):
-        return reached.why_late
-    worst = worst_seen([step.assessment("") for step in steps])
-    sentence = verdict(one.change.in_cell(question.cell), steps[worst])
-    said = reasons_of_step(one.analysis.candidate, worst + 1, [sentence])[0]
-    return reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)
