@@ -30,13 +30,13 @@ class AnswerView(NamedTuple):
     said: str = ""
 
 
-_shown: ContextVar[list[AnswerView] | None] = ContextVar("shown", default=None)
+last_shown: ContextVar[list[AnswerView] | None] = ContextVar("shown", default=None)
 """While a command runs again and again: the last answer, once there is one."""
 
 
 def is_shown_again(answer: Document) -> bool:
     """Whether a command runs again and again, and has shown this answer: the first as it does, then what differs."""
-    shown = _shown.get()
+    shown = last_shown.get()
     if shown is None:
         return False
     now = view_of(answer)
@@ -62,7 +62,7 @@ def watched(refused: Mapping[str, object]) -> ExitCode:
     again = [word for word in line.get() if word != "--watch"]
     stamps: dict[Path, tuple[int, ...]] = {}
     told = False
-    shown = _shown.set([])
+    shown = last_shown.set([])
     try:
         while True:
             # As files were before the command reads them: what is saved meanwhile is not missed.
@@ -85,7 +85,7 @@ def watched(refused: Mapping[str, object]) -> ExitCode:
                 time.sleep(INTERVAL)
             say(f"\n{', '.join(sorted(path.name for path in saved))} saved", "dim")
     finally:
-        _shown.reset(shown)
+        last_shown.reset(shown)
 
 
 def _stamp(path: Path) -> tuple[int, ...]:

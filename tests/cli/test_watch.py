@@ -84,10 +84,10 @@ def test_each_command_shows_old_beside_new_once_a_file_is_saved(
 
 
 def test_the_figures_beside_the_arrow_are_those_of_the_command_itself(sqrp, own_watch, saving, replaced):
-    before = sqrp("rank", own_watch, "watch seen", "--json").document["candidates"][0]
+    before = sqrp("rank", own_watch, "watch green", "--json").document["candidates"][0]
     saving(replaced(*AIM))
-    out = sqrp("rank", own_watch, "watch seen", "--watch", columns=120).out
-    after = sqrp("rank", own_watch, "watch seen", "--json").document["candidates"][0]
+    out = sqrp("rank", own_watch, "watch green", "--watch", columns=120).out
+    after = sqrp("rank", own_watch, "watch green", "--json").document["candidates"][0]
     assert before["q_avg"] != after["q_avg"]
     assert f"{100 * before['q_avg']:.1f} → {100 * after['q_avg']:.1f}" in out
     assert f"was: {before['verdict']}" in " ".join(out.split())

@@ -24,7 +24,7 @@ from sqrp_cli.cli.options import (
     open_with_warnings,
     page_is_written,
 )
-from sqrp_cli.cli.watch import watched
+from sqrp_cli.cli.watch import last_shown, watched
 from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, first_names, nearest
 
 if TYPE_CHECKING:
@@ -119,7 +119,8 @@ def _rank(
     before = world_before(after, program)
     opened = open_to_write(workspace, seed, [program, after], {"--report": report})
     session = Session.begin(opened.cell, ask.but(after=before))
-    if not json and report is None:  # the table has a sentence about the last one alone
+    # The table has a sentence about the last one alone; documents, pages, programs and `--watch` about others, too.
+    if not json and report is None and program is None and last_shown.get() is None:
         session = replace(session, assignment=replace(session.assignment, last=[]))
     cell, world = session.cell, session.assignment.world
     print_problems(cell_warnings(cell))
