@@ -115,18 +115,12 @@ FIRST = """window.said = []; new MutationObserver(() => {
 }).observe(document, { childList: true, subtree: true });"""
 
 
-ABOVE = """['#undo', '#save', '#fields', '.overview'].map((id) => document.querySelector(id).getBoundingClientRect())
-  .every(({ bottom }, k, all) => k === 3 || bottom < all[3].top)"""
-"""Whether what moves and saves stands above the candidates, as on a narrow screen."""
-
-
 def test_before_the_first_ranking_the_table_says_that_it_is_under_way(browser, studio):
-    page = browser.new_page(viewport={"width": 800, "height": 600})
+    page = browser.new_page()
     page.add_init_script(FIRST)
     page.goto(studio.address)
     page.wait_for_selector("html[data-ready=true]")
     said = page.evaluate("said")
-    assert page.evaluate(ABOVE)
     page.close()
     assert said[0].split() == ["candidate", "Q_eoi", "Q_avg", "time", "[s]", "being", "ranked", "…"]
     assert not [text for text in said if "undefined" in text]
@@ -200,6 +194,17 @@ def test_esc_puts_everything_back_and_the_figures_are_exact_again(hand):
     hand.wait("return sqrp.settled && !document.querySelector('#figures .coarse')")
     assert hand.js(EXACT) == before
     assert not hand.js("sqrp.state.dirty")
+
+
+ABOVE = """['#undo', '#save', '#fields', '.overview'].map((id) => document.querySelector(id).getBoundingClientRect())
+  .every(({ bottom }, k, all) => k === 3 || bottom < all[3].top)"""
+"""Whether what moves and saves stands above the candidates, as on a narrow screen."""
+
+
+def test_at_800_by_600_what_moves_and_saves_stands_above_the_candidates(hand):
+    hand.page.set_viewport_size({"width": 800, "height": 600})
+    assert hand.js(ABOVE)
+    hand.page.set_viewport_size({"width": 1400, "height": 900})
 
 
 @pytest.mark.trial
