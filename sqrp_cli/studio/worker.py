@@ -100,7 +100,7 @@ def _assess(assignment: RankJob, candidates: Sequence[Candidate], memory: SightM
     return assignment.assess(candidates[index]), memory.learnt
 
 
-def _explain(assignment: RankJob, ranked: CandidateResult, name: str) -> str:
+def _detail(assignment: RankJob, ranked: CandidateResult, name: str) -> str:
     """The message that shows a candidate over time."""
     explained = assignment.explain(ranked)
     detail = played(assignment, explained, brief=True) if ranked.feasible else None
@@ -286,7 +286,7 @@ class _Worker:
             return
         if self.explaining is not None:
             self.explaining.kill()
-        self.explaining = Worker(forked(), _nicely, _explain, self._session.assignment, chosen)
+        self.explaining = Worker(forked(), _nicely, _detail, self._session.assignment, chosen)
         self.explaining.send(self._chosen)
 
     def _base(self) -> tuple[list[Sketch], CoverageShown] | None:

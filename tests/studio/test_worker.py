@@ -15,7 +15,7 @@ from sqrp_cli.show.pages.candidate_page import played
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.session import program_file
 from sqrp_cli.studio.sketch import SHORTEST, Sketch, joined
-from sqrp_cli.studio.worker import _explain, _nicely, sketches_of
+from sqrp_cli.studio.worker import _detail, _nicely, sketches_of
 from sqrp_cli.study.sampling import FixedStep
 from tests.studio.hand import ROOT
 
@@ -42,7 +42,7 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
 def test_a_candidate_of_one_step_is_shown_over_time(explained, monkeypatch):
     monkeypatch.setattr(os, "nice", lambda _: None)  # of this process
     assignment, whole = explained
-    told = json.loads(_nicely(_explain, assignment, whole.result)("g1"))
+    told = json.loads(_nicely(_detail, assignment, whole.result)("g1"))
     assert told["do"] == "detail"
     assert told["detail"]["samples"]
 
