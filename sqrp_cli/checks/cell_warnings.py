@@ -49,7 +49,7 @@ FINEST = 1e-4
 def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
     """Warnings about a cell that need the shapes of its robot and objects; `lint` gives those that need none."""
     workspace, model, contacts = cell.workspace, cell.model, list[Problem]()
-    if cell.self_contacts is not None and cell.unchecked_pairs:
+    if cell.never_touching is not None and cell.unchecked_pairs:
         names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.unchecked_pairs))
         message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
         mend, place = "state the pairs that may touch in an SRDF, `robot.srdf`", Place(workspace.robot.urdf.path)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.motion.collision import CollisionScene, NamePairs, SelfContacts, find_self_contacts
+from sqrp_cli.motion.collision import CollisionScene, NamePairs, find_self_contacts
 from sqrp_cli.motion.fingers import closed_on
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel, positions_of
@@ -24,9 +24,9 @@ class Cell:
     model: RobotModel
     collision: CollisionScene
     observer: Observer
-    self_contacts: SelfContacts | None
-    """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
     unchecked_pairs: NamePairs  # of links whose contact is not checked, beside neighbours
+    never_touching: NamePairs | None
+    """Pairs of links that touch in no position tried, where the unchecked ones are found so; None: an SRDF has them."""
     seed: int  # seed of all random numbers in planning
 
     @classmethod
@@ -37,8 +37,8 @@ class Cell:
         _check_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
-        contacts = find_self_contacts(model, seed) if robot.srdf is None else None
-        unchecked = robot.disabled_pairs if contacts is None else contacts.at_home | contacts.always
+        found = find_self_contacts(model, seed) if robot.srdf is None else None
+        unchecked, never_touching = (robot.disabled_pairs, None) if found is None else found
         colors = {obj.name: obj.color or "" for obj in objects}
         own = set(model.links) - model.tool_links  # a part of the robot has the name of its link in output
         named = [(part, part.parent if part.parent in own else part.name) for part in parts]
@@ -48,8 +48,8 @@ class Cell:
             model=model,
             collision=CollisionScene(model, objects, unchecked, workspace.padding),
             observer=Observer(tuple(workspace.cameras.values()), solids, workspace.lights),
-            self_contacts=contacts,
             unchecked_pairs=unchecked,
+            never_touching=never_touching,
             seed=seed,
         )
 

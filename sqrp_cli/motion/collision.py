@@ -322,17 +322,13 @@ class CollisionScene:
         )
 
 
-@dataclass(frozen=True)
-class SelfContacts:
-    """Pairs of links, neither neighbours nor rigidly connected, by how they touch: closer than the clearance."""
+def find_self_contacts(model: RobotModel, seed: int) -> tuple[NamePairs, NamePairs]:
+    """Pairs of links, neither neighbours nor rigidly connected, that touch by design, and those that do in no position.
 
-    at_home: NamePairs  # at the home position
-    always: NamePairs  # in `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked.
-    never: NamePairs  # in none of them; that proves little, so they are still checked
-
-
-def find_self_contacts(model: RobotModel, seed: int) -> SelfContacts:
-    """Try `SAMPLES` positions that depend on `seed` alone; joints without limits turn once, slide 1 m either way."""
+    By design touch those that come closer than the clearance at home, or in `ALWAYS` of the positions tried: they
+    belong to the robot and are not checked. That others never did proves little, so they are still checked. `SAMPLES`
+    positions are tried, which depend on `seed` alone; joints without limits turn once, slide 1 m either way.
+    """
     scene = CollisionScene(model, ())
     fingers = dict(zip(model.fingers.joints, model.fingers.open.tolist(), strict=True))
     placed = scene.placed(World(facts=frozenset(), X_WO={}, held=None, X_TO=None, joints=fingers))
@@ -346,8 +342,5 @@ def find_self_contacts(model: RobotModel, seed: int) -> SelfContacts:
     home, *touching = (frozenset(compress(each, row.tolist())) for row in placed._kernel.touching(q, every=True))
     pairs = frozenset(pair(scene.solids[i].part.parent, scene.solids[j].part.parent) for i, j in scene.self_pairs)
     counts = {names: sum(names in found for found in touching) for names in pairs}
-    return SelfContacts(
-        at_home=home,
-        always=frozenset(names for names, count in counts.items() if count >= ALWAYS * SAMPLES),
-        never=frozenset(names for names, count in counts.items() if count == 0 and names not in home),
-    )
+    always = frozenset(names for names, count in counts.items() if count >= ALWAYS * SAMPLES)
+    return home | always, frozenset(names for names, count in counts.items() if count == 0 and names not in home)

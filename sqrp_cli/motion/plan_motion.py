@@ -121,7 +121,7 @@ def plan_motion(
     limit, or which contact occurs where. With a branch of `plan_branches`, exactly the motion that it has there.
     around: whether ways around are searched at all.
     """
-    return _planned(choice, world, scene, seed, lambda planner: planner.plan(choice.branch, around=around))
+    return _planned(choice, world, scene, seed, lambda problem: _plan(problem, choice.branch, around=around))
 
 
 def plan_branches(choice: SkillChoice, world: World, scene: CollisionScene, seed: int = 0) -> Branches | Infeasible:
@@ -130,7 +130,7 @@ def plan_branches(choice: SkillChoice, world: World, scene: CollisionScene, seed
     Ways around are searched only if no branch has direct moves throughout, and then only the first one is given. At
     most `MOST_BRANCHES` are tried.
     """
-    return _planned(choice, world, scene, seed, _Planner.plan_each)
+    return _planned(choice, world, scene, seed, _plan_each)
 
 
 def _planned(
@@ -138,7 +138,7 @@ def _planned(
     world: World,
     scene: CollisionScene,
     seed: int,
-    plan: Callable[[_Planner], _Planned | Infeasible],
+    plan: Callable[[MotionProblem], _Planned | Infeasible],
 ) -> _Planned | Infeasible:
     """What is planned of a skill that can begin; joints that are measured to be just past a limit are at that limit."""
     model, joints = scene.model, world.joints
@@ -169,144 +169,143 @@ def _planned(
         primitives=primitives,
         scenes=[placed(primitive.world, primitive.allowed) for primitive in primitives],
         sections=sections,
+        final=final,
         q_start=positions_of(model.arm, world.joints),
         seed=seed,
         redundancy_samples=inverse_kinematics.REDUNDANCY_SAMPLES,
     )
-    found = plan(_Planner(problem, final))
+    found = plan(problem)
     failed = isinstance(found, Infeasible) or (isinstance(found, Branches) and not found.feasible)
     if failed and len(model.arm) > AXES_OF_A_POSE and not problem.out_of_reach:
-        more = replace(problem, redundancy_samples=inverse_kinematics.MORE_REDUNDANCY_SAMPLES, failures=[])
-        return plan(_Planner(more, final))
+        more = inverse_kinematics.MORE_REDUNDANCY_SAMPLES
+        return plan(replace(problem, redundancy_samples=more, failures=[]))
     return found
 
 
-@dataclass(eq=False)
-class _Planner:
-    """Plans the motions of one skill: the ways through its sections, and the moves between them."""
+def _plan(problem: MotionProblem, branch: Names, *, around: bool) -> Motion | Infeasible:
+    """The fastest motion of a branch as `plan_branches` names it; of all, if it is empty."""
+    ways = _ways(problem)
+    if ways is None:
+        return _infeasible(problem)
+    durations = _durations(ways, branch)
+    if not all(np.isfinite(duration).any() for duration in durations):
+        return no_such_branch(branch)
+    return _fastest(problem, ways, JointMoves(problem, ways), durations, around=around)
 
-    problem: MotionProblem
-    final: World  # the world after the skill, with the joints from before
 
-    def plan(self, branch: Names, *, around: bool) -> Motion | Infeasible:
-        """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
-        ways = self._ways()
-        if ways is None:
-            return self._infeasible()
-        durations = _durations(ways, branch)
-        if not all(np.isfinite(duration).any() for duration in durations):
-            return no_such_branch(branch)
-        return self._fastest(ways, JointMoves(self.problem, ways), durations, around=around)
+def _plan_each(problem: MotionProblem) -> Branches:
+    """The fastest motion of each branch."""
+    ways = _ways(problem)
+    tried = prod(max(1, len({tuple(name.items()) for name in problem.names(one)})) for one in problem.sections)
+    if ways is None:
+        return Branches(tried, (), _infeasible(problem).reasons)
+    moves = JointMoves(problem, ways)
+    branches: list[dict[str, MotionValue]] = [{}]
+    for through in ways:
+        possible = {tuple(name.items()): name for name in through.names}.values()
+        branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
+    planned = [(one, _fastest(problem, ways, moves, _durations(ways, one), around=False)) for one in branches]
+    feasible = [(one, motion) for one, motion in planned if isinstance(motion, Motion)]
+    if not feasible:
+        motion = _fastest(problem, ways, moves, _durations(ways, {}), around=True)
+        if isinstance(motion, Infeasible):
+            return Branches(tried, (), motion.reasons)
+        feasible = [({}, motion)]
+    return Branches(tried, tuple(feasible), problem.reasons(MAX_REASONS))
 
-    def plan_each(self) -> Branches:
-        """The fastest motion of each branch."""
-        ways = self._ways()
-        tried = prod(max(1, len(_different(self.problem.names(section)))) for section in self.problem.sections)
-        if ways is None:
-            return Branches(tried, (), self._infeasible().reasons)
-        moves = JointMoves(self.problem, ways)
-        branches: list[dict[str, MotionValue]] = [{}]
-        for through in ways:
-            possible = _different(through.names)
-            branches = [{**one, **more} for one in branches for more in possible if _agree(one, more)][:MOST_BRANCHES]
-        planned = [(one, self._fastest(ways, moves, _durations(ways, one), around=False)) for one in branches]
-        feasible = [(one, motion) for one, motion in planned if isinstance(motion, Motion)]
-        if not feasible:
-            motion = self._fastest(ways, moves, _durations(ways, {}), around=True)
-            if isinstance(motion, Infeasible):
-                return Branches(tried, (), motion.reasons)
-            feasible = [({}, motion)]
-        return Branches(tried, tuple(feasible), self.problem.reasons(MAX_REASONS))
 
-    def _ways(self) -> list[Ways] | None:
-        """The ways through each section; None if one has none."""
-        found = (self.problem.ways(section) for section in self.problem.sections)
-        ways = [*takewhile(lambda through: through is not None, found)]
-        return [*filter(None, ways)] if len(ways) == len(self.problem.sections) else None
+def _ways(problem: MotionProblem) -> list[Ways] | None:
+    """The ways through each section; None if one has none."""
+    found = (problem.ways(section) for section in problem.sections)
+    ways = [*takewhile(lambda through: through is not None, found)]
+    return [*filter(None, ways)] if len(ways) == len(problem.sections) else None
 
-    def _fastest(
-        self, ways: Sequence[Ways], moves: JointMoves, durations: Sequence[Array], *, around: bool
-    ) -> Motion | Infeasible:
-        """The fastest motion of the ways of finite durations; around: look for ways around, if need be."""
-        starts = [through.q_start for through in ways]
-        chosen = fastest_sequence(starts, durations, moves.durations, moves.works)
-        if chosen is None and around:
-            chosen = fastest_sequence(starts, durations, moves.durations, moves.works, around=True)
-        if chosen is None:
-            return self._infeasible(moves.tries)
-        along = moves.along(chosen)
-        if isinstance(along, Infeasible):
-            return along
-        done: list[FoundMove] = []
-        for through, k, move in zip(ways, chosen, [None, *along], strict=True):
-            done += [move] if move is not None else []
-            tied = through.trajectories[through.of[k]]
-            done += [(Trajectory(one.path.shifted(through.turns[k]), one.law), None) for one in tied]
-        motion = self._motion(done, ways[-1].q_end[chosen[-1]])
-        for primitive in motion.primitives if isinstance(motion, Motion) else ():
-            if (past := worst_past_limit(self.problem.model, primitive.trajectory.path)) is not None:
-                return Infeasible((f"{primitive.name}: {past}",))
-        return motion
 
-    def _infeasible(self, tries: int = 0) -> Infeasible:
-        """The collected reasons, with the number of tries to find a way around."""
-        reasons, samples = self.problem.reasons(MAX_REASONS), self.problem.redundancy_samples
-        if samples > inverse_kinematics.REDUNDANCY_SAMPLES:
-            joint = self.problem.model.arm[inverse_kinematics.held_joints(self.problem.model)[0]]
-            reasons = (f"{reasons[0]}, with {samples} positions of `{joint}` tried", *reasons[1:])
-        if tries > 0:
-            reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
-        return Infeasible(reasons)
+def _fastest(
+    problem: MotionProblem, ways: Sequence[Ways], moves: JointMoves, durations: Sequence[Array], *, around: bool
+) -> Motion | Infeasible:
+    """The fastest motion of the ways of finite durations; around: look for ways around, if need be."""
+    starts = [through.q_start for through in ways]
+    chosen = fastest_sequence(starts, durations, moves.durations, moves.works)
+    if chosen is None and around:
+        chosen = fastest_sequence(starts, durations, moves.durations, moves.works, around=True)
+    if chosen is None:
+        return _infeasible(problem, moves.tries)
+    along = moves.along(chosen)
+    if isinstance(along, Infeasible):
+        return along
+    done: list[FoundMove] = []
+    for through, k, move in zip(ways, chosen, [None, *along], strict=True):
+        done += [move] if move is not None else []
+        tied = through.trajectories[through.of[k]]
+        done += [(Trajectory(one.path.shifted(through.turns[k]), one.law), None) for one in tied]
+    motion = _motion(problem, done, ways[-1].q_end[chosen[-1]])
+    for primitive in motion.primitives if isinstance(motion, Motion) else ():
+        if (past := worst_past_limit(problem.model, primitive.trajectory.path)) is not None:
+            return Infeasible((f"{primitive.name}: {past}",))
+    return motion
 
-    def _motion(self, moves: Sequence[FoundMove], q_end: Array) -> Motion | Infeasible:
-        """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
-        primitives, start, model = [], 0.0, self.problem.model
-        resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
-        for index, (primitive, (trajectory, around)) in enumerate(zip(self.problem.primitives, moves, strict=True)):
-            world, end = primitive.world, start + trajectory.duration
-            fingers, unmet = positions_of(model.fingers.joints, world.joints), None
-            if primitive.force is not None:
-                # The whole motion where it meets nothing; that of the move is up to contact.
-                whole, still = trajectory, np.zeros_like(model.turns)
-                for curve in primitive.legs[len(primitive.curves) :]:
-                    (path,) = self.problem.follow(index, primitive, curve, whole.path.end[None], still)
-                    if path is None:
-                        return self._infeasible()
-                    (beyond,) = self.problem.timed([(path, primitive, curve)])
-                    whole = trajectory.shortened(trajectory.duration - beyond.duration).followed_by(beyond)
-                if (contact := self.problem.scenes[index].check_path(whole.path)) is not None:
-                    return Infeasible((f"{contact} if {primitive.name} meets nothing",))
-                unmet = with_fingers(model, whole, None, fingers)
-            too_slow = None
-            if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
-                q, velocity = trajectory.motion(trajectory.law.breaks, 1)  # it is fastest where phases meet
-                J = model.tool_poses_and_jacobians(q)[1][:, :3]
-                reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
-                if reached < REACHED * primitive.speed:
-                    too_slow = f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s"
-            if id(world) not in resting:
-                resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
-            primitives.append(
-                TimedPrimitive(
-                    name=primitive.name,
-                    start=start,
-                    end=end,
-                    trajectory=with_fingers(model, trajectory, primitive.fingers, fingers),
-                    held=world.held,
-                    X_TO=world.X_TO,
-                    X_WO=resting[id(world)],
-                    around=around,
-                    force=primitive.force,
-                    unmet=unmet,
-                    too_slow=too_slow,
-                )
+
+def _infeasible(problem: MotionProblem, tries: int = 0) -> Infeasible:
+    """The collected reasons, with the number of tries to find a way around."""
+    reasons, samples = problem.reasons(MAX_REASONS), problem.redundancy_samples
+    if samples > inverse_kinematics.REDUNDANCY_SAMPLES:
+        joint = problem.model.arm[inverse_kinematics.held_joints(problem.model)[0]]
+        reasons = (f"{reasons[0]}, with {samples} positions of `{joint}` tried", *reasons[1:])
+    if tries > 0:
+        reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
+    return Infeasible(reasons)
+
+
+def _motion(problem: MotionProblem, moves: Sequence[FoundMove], q_end: Array) -> Motion | Infeasible:
+    """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
+    primitives, start, model = [], 0.0, problem.model
+    resting: dict[int, Mapping[str, Array]] = {}  # by world, which several primitives share
+    for index, (primitive, (trajectory, around)) in enumerate(zip(problem.primitives, moves, strict=True)):
+        world, end = primitive.world, start + trajectory.duration
+        fingers, unmet = positions_of(model.fingers.joints, world.joints), None
+        if primitive.force is not None:
+            # The whole motion where it meets nothing; that of the move is up to contact.
+            whole, still = trajectory, np.zeros_like(model.turns)
+            for curve in primitive.legs[len(primitive.curves) :]:
+                (path,) = problem.follow(index, primitive, curve, whole.path.end[None], still)
+                if path is None:
+                    return _infeasible(problem)
+                (beyond,) = problem.timed([(path, primitive, curve)])
+                whole = trajectory.shortened(trajectory.duration - beyond.duration).followed_by(beyond)
+            if (contact := problem.scenes[index].check_path(whole.path)) is not None:
+                return Infeasible((f"{contact} if {primitive.name} meets nothing",))
+            unmet = with_fingers(model, whole, None, fingers)
+        too_slow = None
+        if any(curve.length > SHORTEST_LINE for curve in primitive.curves):
+            q, velocity = trajectory.motion(trajectory.law.breaks, 1)  # it is fastest where phases meet
+            J = model.tool_poses_and_jacobians(q)[1][:, :3]
+            reached = float(np.linalg.norm((J @ velocity[:, :, None])[..., 0], axis=1).max())
+            if reached < REACHED * primitive.speed:
+                too_slow = f"reaches {100 * reached:.2g} of {100 * primitive.speed:.3g} cm/s"
+        if id(world) not in resting:
+            resting[id(world)] = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
+        primitives.append(
+            TimedPrimitive(
+                name=primitive.name,
+                start=start,
+                end=end,
+                trajectory=with_fingers(model, trajectory, primitive.fingers, fingers),
+                held=world.held,
+                X_TO=world.X_TO,
+                X_WO=resting[id(world)],
+                around=around,
+                force=primitive.force,
+                unmet=unmet,
+                too_slow=too_slow,
             )
-            start = end
-        final = self.final
-        X_WO, arm = dict(final.X_WO), dict(zip(model.arm, q_end.tolist(), strict=True))
-        if final.held is not None and final.X_TO is not None:
-            X_WO[final.held] = model.tool_pose(q_end) @ final.X_TO
-        return Motion(model.joints, tuple(primitives), replace(final, X_WO=X_WO, joints={**final.joints, **arm}))
+        )
+        start = end
+    final = problem.final
+    X_WO, arm = dict(final.X_WO), dict(zip(model.arm, q_end.tolist(), strict=True))
+    if final.held is not None and final.X_TO is not None:
+        X_WO[final.held] = model.tool_pose(q_end) @ final.X_TO
+    return Motion(model.joints, tuple(primitives), replace(final, X_WO=X_WO, joints={**final.joints, **arm}))
 
 
 def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
@@ -321,11 +320,6 @@ def _durations(ways: Sequence[Ways], branch: Names) -> list[Array]:
         np.where(np.array([_agree(branch, name) for name in through.names])[through.of], through.duration, np.inf)
         for through in ways
     ]
-
-
-def _different(names: Sequence[Names]) -> list[Names]:
-    """The names without repetitions, in their order."""
-    return [found for number, found in enumerate(names) if found not in names[:number]]
 
 
 def _agree(branch: Names, names: Names) -> bool:

@@ -10,6 +10,7 @@ from math import prod
 
 import numpy as np
 
+from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.motion.collision import PlacedScene
@@ -76,6 +77,7 @@ class MotionProblem:
     scenes: Sequence[PlacedScene]
     """The surroundings of each."""
     sections: Sequence[Section]
+    final: World  # after the skill, with the joints from before
     q_start: Array  # where the arm begins, shape (n,)
     seed: int
     redundancy_samples: int

@@ -7,24 +7,17 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.timing import MotionLimits, joint_move_duration
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 
 INSTANTS = 65
 """Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""
 
 
-@dataclass(frozen=True, eq=False)
-class Recovery:
-    """Time to stop and move back to the start, by the instant at which the robot is to stop."""
+Recovery = tuple[Array, Array]
+"""Instants at which the robot is to stop, and the time to stop and move back to the start then [s], shape (n,) each.
 
-    t: Array
-    duration: Array
-    """[s], shape (n,) each; linear in between."""
-
-    def at(self, t: Array) -> Array:
-        """The time for each of the given instants; beyond the end it is that of the end."""
-        return np.interp(t, self.t, self.duration)
+The time is linear in between; beyond the end it is that of the end.
+"""
 
 
 def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
@@ -57,7 +50,7 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
         back[within] = from_start + t[within] - primitive.start
         target, further = end_of_way[None], from_start + primitive.trajectory.duration
         back[after] = further + joint_move_duration(q[after], target, limits)
-    return Recovery(t, stopping.max(axis=1) + back)
+    return t, stopping.max(axis=1) + back
 
 
 def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Array, Array]:

@@ -163,7 +163,7 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
     every = np.array([along.velocity, along.acceleration, along.jerk], dtype=float).reshape(3, -1)
     timed: dict[int, Trajectory] = {}
     for rows, joined in side_by_side(paths):
-        curves, stated = _Curves(joined, len(rows), limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
+        curves, stated = _joined(joined, len(rows), limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
         best = _fastest_laws(curves, stated, np.arange(len(rows)), ROUNDS)
         slow = np.flatnonzero(best[0] < REACHED * stated[0])
         for share in SPEEDS if len(slow) else ():
@@ -175,7 +175,7 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
                 faster = rest_to_rest_duration(1.0, MotionLimits(*tried)) < shortest[going]
                 best[:, going[faster]] = tried[:, faster]
         many = [LEAST_SAMPLES + joined.coefficients[:, :, 0].size * more for more in MORE_SAMPLES]
-        excess = curves.ratios(_sampled(best, many)[0], np.arange(len(rows))).max(axis=2)
+        excess = _ratios(curves, _sampled(best, many)[0], np.arange(len(rows))).max(axis=2)
         spare = (1.0 + STRETCH_MARGIN) ** _ORDERS
         stretches = (np.maximum(excess * spare, best / stated) ** (1 / _ORDERS)).max(axis=0)
         for row, law, stretch in zip(rows.tolist(), best.T, stretches.tolist(), strict=True):
@@ -220,11 +220,11 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
     ramps_alone: adapt the jerk alone.
     """
     limits, best, shortest = stated, stated.copy(), np.full(len(rows), np.inf)
-    few = [count * curves.pieces for count in FEW_SAMPLES]
+    few = [count * len(curves[1]) for count in FEW_SAMPLES]
     cruise = slice(sum(few[:3]), sum(few[:4]))
     for _ in range(rounds):
         law, fastest, steepest = _sampled(limits, few)
-        ratios = curves.ratios(law, rows)
+        ratios = _ratios(curves, law, rows)
         highest = ratios.max(axis=2)
         fitting = limits / (np.maximum(highest, limits / stated) ** (1 / _ORDERS)).max(axis=0) ** _ORDERS
         duration = rest_to_rest_duration(1.0, MotionLimits(*fitting))
@@ -242,50 +242,48 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
     return best
 
 
-class _Curves:
-    """Paths of n joints each, joined, whose slopes are sought at places of their own."""
+_Curves = tuple[Array, Array, MotionLimits]
+"""Paths of n joints each, joined: their breaks, slopes, (p, count, 3 n, degree), and the limits of the joints, (n,)."""
 
-    def __init__(self, joined: JointPath, count: int, limits: MotionLimits) -> None:
-        """joined: the paths as one of `count` times n joints. limits: of the joints, shape (n,)."""
-        self._breaks, self._limits = joined.breaks, (limits.velocity, limits.acceleration, limits.jerk)
-        p, degree = joined.coefficients.shape[:2]
-        self.pieces = p
-        every = np.zeros((3, degree, p, joined.coefficients.shape[2]))
-        width = np.diff(joined.breaks)[:, None]
-        for order in (1, 2, 3):
-            derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
-            every[order - 1, : len(derived)] = derived * (2.0 / width) ** order
-        # By piece and path, then by order and joint, then by polynomial.
-        self._slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 0, 4, 1).reshape(p, count, -1, degree)
 
-    def ratios(self, law: Array, rows: Indices) -> Array:
-        """The largest ratio of a joint's velocity, acceleration and jerk to its limit, shape (3, r, m').
+def _joined(joined: JointPath, count: int, limits: MotionLimits) -> _Curves:
+    """Of paths as one of `count` times n joints; slopes by piece and path, then by order and joint, then polynomial."""
+    p, degree = joined.coefficients.shape[:2]
+    every = np.zeros((3, degree, p, joined.coefficients.shape[2]))
+    width = np.diff(joined.breaks)[:, None]
+    for order in (1, 2, 3):
+        derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
+        every[order - 1, : len(derived)] = derived * (2.0 / width) ** order
+    slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 0, 4, 1).reshape(p, count, -1, degree)
+    return joined.breaks, slopes, limits
 
-        law: of each row, as of `_sampled`, shape (4, r, m). rows: the path of each, shape (r,). At breaks of the
-        path, both sides are taken in addition.
-        """
-        inner = self._breaks[1:-1]
-        piece = np.searchsorted(inner, law[0], side="right")
-        if len(inner):
-            every = (zip(law[0], order, strict=True) for order in law)
-            at_breaks = [[np.interp(inner, s, values) for s, values in pairs] for pairs in every]
-            law = np.concatenate([law, at_breaks, at_breaks], axis=2)
-            sides = np.concatenate([np.arange(len(inner)), np.arange(1, len(inner) + 1)])
-            piece = np.concatenate([piece, np.tile(sides, (len(rows), 1))], axis=1)
-        x = np.clip(2.0 * (law[0] - self._breaks[piece]) / np.diff(self._breaks)[piece] - 1.0, -1.0, 1.0)
-        T = [np.ones_like(x), x]
-        while len(T) < self._slopes.shape[3]:
-            T.append(2.0 * x * T[-1] - T[-2])
-        values = np.stack(T[: self._slopes.shape[3]], axis=1)
-        slopes = self._slopes[0][rows] @ values
-        for k in range(1, len(self._slopes)):
-            slopes = np.where((piece == k)[:, None], self._slopes[k][rows] @ values, slopes)
-        # Joints along an axis before that of the instants: NumPy is several times as fast along long rows.
-        by_order = slopes.reshape(len(rows), 3, -1, x.shape[1]).swapaxes(0, 1)
-        motions = (np.abs(chain_rule(law[1:, :, None], by_order[: order + 1])) for order in range(3))
-        return np.stack(
-            [
-                (motion / limit[:, None]).max(axis=1, initial=LEAST_RATIO)
-                for motion, limit in zip(motions, self._limits, strict=True)
-            ]
-        )
+
+def _ratios(curves: _Curves, law: Array, rows: Indices) -> Array:
+    """The largest ratio of a joint's velocity, acceleration and jerk to its limit, shape (3, r, m').
+
+    law: of each row, as of `_sampled`, shape (4, r, m). rows: the path of each, shape (r,). At breaks of the path, both
+    sides are taken in addition.
+    """
+    breaks, every_slope, limits = curves
+    inner = breaks[1:-1]
+    piece = np.searchsorted(inner, law[0], side="right")
+    if len(inner):
+        every = (zip(law[0], order, strict=True) for order in law)
+        at_breaks = [[np.interp(inner, s, values) for s, values in pairs] for pairs in every]
+        law = np.concatenate([law, at_breaks, at_breaks], axis=2)
+        sides = np.concatenate([np.arange(len(inner)), np.arange(1, len(inner) + 1)])
+        piece = np.concatenate([piece, np.tile(sides, (len(rows), 1))], axis=1)
+    x = np.clip(2.0 * (law[0] - breaks[piece]) / np.diff(breaks)[piece] - 1.0, -1.0, 1.0)
+    T = [np.ones_like(x), x]
+    while len(T) < every_slope.shape[3]:
+        T.append(2.0 * x * T[-1] - T[-2])
+    values = np.stack(T[: every_slope.shape[3]], axis=1)
+    slopes = every_slope[0][rows] @ values
+    for k in range(1, len(every_slope)):
+        slopes = np.where((piece == k)[:, None], every_slope[k][rows] @ values, slopes)
+    # Joints along an axis before that of the instants: NumPy is several times as fast along long rows.
+    by_order = slopes.reshape(len(rows), 3, -1, x.shape[1]).swapaxes(0, 1)
+    motions = (np.abs(chain_rule(law[1:, :, None], by_order[: order + 1])) for order in range(3))
+    of_joints = (limits.velocity, limits.acceleration, limits.jerk)
+    ratios = (motion / limit[:, None] for motion, limit in zip(motions, of_joints, strict=True))
+    return np.stack([ratio.max(axis=1, initial=LEAST_RATIO) for ratio in ratios])

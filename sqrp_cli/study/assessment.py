@@ -42,7 +42,7 @@ def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: 
     expected_time = mean of the time at which it is noticed + stop + move back to the start + `total`. Means and shares
     are over all the time of the intervals together, the rest is the largest of any of them.
     """
-    parts = [delays(windows, onset, lambda t: t + recovery.at(t) + total, recovery.t) for onset in onsets]
+    parts = [delays(windows, onset, lambda t: t + np.interp(t, *recovery) + total, recovery[0]) for onset in onsets]
     lengths = np.array([onset.x[-1] - onset.x[0] for onset in onsets])
     weights = lengths / lengths.sum() if lengths.any() else np.full(len(parts), 1.0 / len(parts))
     longest = 0.0  # stretch of an interval that no window contains

@@ -118,13 +118,13 @@ def test_an_object_in_a_closed_cage_is_blocked_by_a_wall_of_it(tabletop, ur5):
 
 def test_moving_back_after_a_fault_goes_around_as_well(motion, ur5):
     """At the very end, the arm is at home again; within a4, it goes to where a1 ended and back along a1."""
-    recovery = recovery_over(motion, ur5, 0.0)
+    instants, durations = recovery_over(motion, ur5, 0.0)
     limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
     a1, a4 = motion.primitives[0], motion.primitives[3]
-    row = int(np.flatnonzero((recovery.t > a4.start) & (recovery.t < a4.end))[-1])
-    q = motion.positions(3, recovery.t[row : row + 1])[0]
+    row = int(np.flatnonzero((instants > a4.start) & (instants < a4.end))[-1])
+    q = motion.positions(3, instants[row : row + 1])[0]
     least = a1.trajectory.duration + float(joint_move_duration(q, a1.trajectory.path.positions([1.0])[0], limits))
-    assert least - 0.5 <= recovery.duration[row] <= least + 2.0
+    assert least - 0.5 <= durations[row] <= least + 2.0
 
 
 def ends(motion: Motion, index: int) -> Array:

@@ -48,7 +48,7 @@ PHASES, INSTANTS = 40, 400
 
 def recovery(seed: int, total: float) -> Recovery:
     rng = np.random.default_rng(seed)
-    return Recovery(np.linspace(0.0, total, 8), rng.uniform(0.5, 3.0, 8))
+    return np.linspace(0.0, total, 8), rng.uniform(0.5, 3.0, 8)
 
 
 def windows_of(story: Story) -> tuple[Window, ...]:
@@ -94,7 +94,7 @@ def enumerated(story: Story, back: Recovery) -> FaultMetrics:
     blind = (~shows_fault(story, x)).tolist()
     runs = [len(list(run)) for hidden, run in groupby(blind) if hidden]
     noticed, never = np.array(late), not np.all(seen)
-    done = noticed + back.at(noticed.ravel()).reshape(noticed.shape) + story.total
+    done = noticed + np.interp(noticed, *back) + story.total
     return FaultMetrics(
         delay_mean=float((noticed - x)[np.array(seen)].mean()) if np.any(seen) else None,
         delay_worst=None if never else float((noticed - x).max()),

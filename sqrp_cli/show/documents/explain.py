@@ -78,7 +78,7 @@ def study_shown(
         ],
         cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
         without_camera=without_each_camera(cell, study),
-        recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
+        recovery=RecoveryTimes(t=study.recovery[0].tolist(), duration=study.recovery[1].tolist()),
         sights=sights,
         targets={str(literal): boxes[literal.atom] for literal in literals},
         samples=_samples(cell, study, views),

@@ -263,21 +263,21 @@ class ShowDocument(WorkspaceDocument):
 def _robot(cell: Cell) -> RobotScene:
     from sqrp_cli.motion.collision import SAMPLES
 
-    own, model, contacts = cell.workspace.robot, cell.model, cell.self_contacts
+    own, model = cell.workspace.robot, cell.model
     tool = None
     if own.tool is not None:
         urdf = None if own.tool.file is None else str(own.tool.file)
         tool = ToolScene(urdf=urdf, link=own.tool.link, pose=own.tool.X_LT.tolist())
     contact = f"{len(cell.collision.self_pairs)} pairs of parts are checked for contact"
-    if contacts is None:
+    if cell.never_touching is None:
         named = "the SRDF" if own.srdf is None else own.srdf.name
         contact += f"; {named} leaves out {len(own.disabled_pairs)} pairs of links."
     else:
         names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.unchecked_pairs)) or "none"
         contact += (
             f". There is no SRDF: left out are neighbours, and links that touch at home or always: {names}. "
-            f"{len(contacts.never)} pairs of links touched at none of {SAMPLES} positions tried, and are checked all "
-            "the same."
+            f"{len(cell.never_touching)} pairs of links touched at none of {SAMPLES} positions tried, and are checked "
+            "all the same."
         )
     turns = dict(zip((joint.name for joint in model.tree.joints), model.tree.turns.tolist(), strict=True))
     return from_fields(
