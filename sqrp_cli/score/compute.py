@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import asdict, field
 from functools import partial
@@ -155,8 +155,19 @@ class Computer:
         ]
         keys, alone = list(missing), means.cluster is None and means.jobs < 2
         advance(len(wanted) - len(missing))
+        if jobs and not alone and means.cluster is None and self.pool is None:
+            # A job carries its workspace: a second one would wait in the pipe.
+            self.pool = Pool(means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
         with nullcontext(lambda: False) if alone else interrupts_later(second_raises=True) as interrupted:
-            for index, answer in self._answers(jobs, interrupted):
+            # By number, as they come; none of jobs that are not begun once it is interrupted.
+            answers: Iterable[tuple[int, Answer | Exception]] = enumerate(map(run_job, jobs))
+            if means.cluster is not None:
+                answers = means.cluster(jobs, interrupted)
+            elif self.pool is not None and not alone:
+                answers = self.pool.answers(jobs, lambda job: job.digest, interrupted)
+            for index, answer in answers:
+                if isinstance(answer, Exception):
+                    answer = (died(jobs[index].candidate.name),)
                 if isinstance(answer, str) and means.cluster is not None:
                     name = (candidate := jobs[index].candidate).name
                     try:
@@ -171,18 +182,6 @@ class Computer:
                     self.problems[keys[index]] = answer
                     self.failed += 1
                 advance(1)
-
-    def _answers(self, jobs: Sequence[Job], interrupted: Callable[[], bool]) -> Iterator[tuple[int, Answer]]:
-        """The answers of jobs, by number, as they come; none of those that are not begun once it is interrupted."""
-        if self.means.cluster is not None:
-            yield from self.means.cluster(jobs, interrupted)
-        elif self.means.jobs < 2:
-            yield from enumerate(map(run_job, jobs))
-        elif jobs:
-            if self.pool is None:  # a job carries its workspace: a second one would wait in the pipe
-                self.pool = Pool(self.means.jobs, forked(), partial, run_job, deadline=COMPUTED_WITHIN, ahead=0)
-            for index, answer in self.pool.answers(jobs, lambda job: job.digest, interrupted):
-                yield index, (died(jobs[index].candidate.name),) if isinstance(answer, Exception) else answer
 
     def outcome(self, wanted: Wanted) -> Outcome | list[Problem] | None:
         """The outcome of a candidate, or why it cannot be computed, if either is known.

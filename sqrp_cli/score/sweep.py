@@ -149,7 +149,14 @@ def sweep(
     for values, _, cell in variants:
         own = tuple(next(results) for _ in range(max(1, len(cell.tasks))))
         scored.append(_scored(values, replace(findings, results=own)))
-    orders = [_order(one) for one in scored]
+    # Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking.
+    orders = []
+    for one in scored:
+        qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (one.q_eoi, one.q_avg)]
+        time, delay = (math.inf if figure is None else figure for figure in (one.time, one.delay))
+        late = delay if delay == math.inf else round(delay / _DELAY_STEP)
+        done = one.findings.count("error"), -one.findings.count("passed"), -one.feasible
+        orders.append((*done, *qualities, time, late))
     equal = [order == min(orders) for order in orders]
     first = 0
     if not equal[0]:
@@ -176,14 +183,6 @@ def sweep(
         passed=best.findings.passed,
         best_patch=patch(document, variants[first][1], file),
     )
-
-
-def _order(one: ScoredVariant) -> tuple[float, ...]:
-    """Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking."""
-    qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (one.q_eoi, one.q_avg)]
-    time = math.inf if one.time is None else one.time
-    delay = math.inf if one.delay is None else round(one.delay / _DELAY_STEP)
-    return (one.findings.count("error"), -one.findings.count("passed"), -one.feasible, *qualities, time, delay)
 
 
 def _scored(values: Values, findings: Scorecard) -> ScoredVariant:

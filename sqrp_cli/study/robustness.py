@@ -5,7 +5,6 @@ Whether one camera sees something is taken to be independent of whether another 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -90,11 +89,13 @@ def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
     if all(detector.curve is None for detector in cell.workspace.detectors.values()):
         return None
     samples, stage = analysis.timeline.samples, analysis.stage
-    exposures = {camera.exposure for camera in cell.observer.cameras} - {0.0}
-    shutters: Mapping[float, Shutter] = {
-        exposure: Shutter(*(stage.states(stage.shifted(samples, part * exposure)) for part in (-0.5, 0.5)))
-        for exposure in exposures
-    }
+    # Where everything is as shutters open and close, but within the primitive of each sample.
+    spans = [(one.start, one.end) for one in stage.motion.primitives]
+    start, end = np.array([spans[piece.primitive] for piece in stage.pieces])[samples.piece].T
+    shutters = dict[float, Shutter]()
+    for exposure in {camera.exposure for camera in cell.observer.cameras} - {0.0}:
+        times = (np.clip(samples.t + part * exposure, start, end) for part in (-0.5, 0.5))
+        shutters[exposure] = Shutter(*(stage.states(replace(samples, t=t)) for t in times))
     boxes = likelihoods(cell.observer, analysis.targets, stage.states(samples), shutters)
     # All boxes of a target must be seen by the same camera.
     seen = [np.prod([box.probability for box in of_target], axis=0) for of_target in boxes]

@@ -110,13 +110,6 @@ class Stage:
         holding = [primitive.held for primitive in self.motion.primitives]
         return [holding[index] for index in self._primitive[samples.piece].tolist()]
 
-    def shifted(self, samples: Samples, by: float) -> Samples:
-        """The same samples so much later [s], but within the primitive of each."""
-        primitives = self.motion.primitives
-        start, end = (np.array([getattr(one, edge) for one in primitives]) for edge in ("start", "end"))
-        of_sample = self._primitive[samples.piece]
-        return Samples(samples.piece, np.clip(samples.t + by, start[of_sample], end[of_sample]))
-
     def requires(self, targets: Sequence[Target], samples: Samples) -> Mask:
         """Whether the state at each sample holds the atom of each target, shape (m, targets)."""
         atoms = [{literal.atom for literal in piece.literals} for piece in self.pieces]

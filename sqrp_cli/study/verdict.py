@@ -247,7 +247,21 @@ def explain_stretch(cell: Cell, analysis: Analysis, rows: Indices) -> BlindStret
         tuple(name for name, seen in zip(names, some.any(axis=0), strict=True) if seen)
         for some in (sees[:start], sees[end + 1 :])
     )
-    causes = _causes(cell, loss)
+    # Why each camera does not see the lost target, if it does not: its commonest first failing limit.
+    looked = np.flatnonzero(loss.few)[loss.lost]
+    first, _ = first_failing(loss.boxes, looked)
+    causes = []
+    for index, name in enumerate(names):
+        missed: dict[tuple[int, int], list[float]] = defaultdict(list)
+        columns = (values[:, index].tolist() for values in (first.cause, first.by, first.figure))
+        for code, by, figure in zip(*columns, strict=True):
+            if code != Cause.NONE:
+                missed[code, by].append(figure)
+        if missed:
+            (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
+            cause, partly = Cause(code), sum(map(len, missed.values())) < len(looked)
+            label, who, missing = cause.label, by_name(cell, cause, by), float(np.mean(figures))
+            causes.append(CameraCause(camera=name, cause=label, by=who, figure=missing, partly=partly))
     changed = _least_change(cell, analysis, loss, rows, causes)
     # A change that closes the gap comes first; else one who sees it before or after is nearest to seeing it.
     causes = sorted(
@@ -299,25 +313,6 @@ def _worst_loss(cell: Cell, analysis: Analysis, rows: Indices) -> _Loss:
         inside = np.isin(look, few)
         losses.append(_Loss(column, target, look, inside, boxes, lost[inside]))
     return max(losses, key=lambda loss: loss.lost.sum())
-
-
-def _causes(cell: Cell, loss: _Loss) -> list[CameraCause]:
-    """Why each camera does not see the lost target, if it does not: its commonest first failing limit."""
-    rows = np.flatnonzero(loss.few)[loss.lost]
-    first, _ = first_failing(loss.boxes, rows)
-    causes = []
-    for index, camera in enumerate(cell.observer.cameras):
-        missed: dict[tuple[int, int], list[float]] = defaultdict(list)
-        columns = (values[:, index].tolist() for values in (first.cause, first.by, first.figure))
-        for code, by, figure in zip(*columns, strict=True):
-            if code != Cause.NONE:
-                missed[code, by].append(figure)
-        if missed:
-            (code, by), figures = max(missed.items(), key=lambda kind: len(kind[1]))
-            cause, partly = Cause(code), sum(map(len, missed.values())) < len(rows)
-            label, who, missing = cause.label, by_name(cell, cause, by), float(np.mean(figures))
-            causes.append(CameraCause(camera=camera.name, cause=label, by=who, figure=missing, partly=partly))
-    return causes
 
 
 def _least_change(
