@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from sqrp_cli.camera.camera import Camera
@@ -38,7 +39,7 @@ class Verdict(NamedTuple):
     sure: bool = True
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Scene:
     """A camera, a box, solids and lights in one state; X: the poses of frames in the world, (4, 4) each."""
 
@@ -48,67 +49,50 @@ class Scene:
     X: Mapping[str, Array]
     lights: Mapping[str, Light] = field(default_factory=dict)
 
-    @property
-    def X_WC(self) -> Array:
-        return self.X[self.camera.frame] @ self.camera.X_FC
-
-    @property
-    def X_WB(self) -> Array:
-        return self.X[self.box.frame] @ self.box.X_FB
-
-    @property
-    def shrunk(self) -> tuple[Array, Array]:
-        """Half the sides of the box without its skin, and its middle in its own frame."""
-        size, middle = np.array(self.box.size), np.zeros(3)
+    def __post_init__(self) -> None:
+        self.X_WC, self.X_WB = self.X[self.camera.frame] @ self.camera.X_FC, self.X[self.box.frame] @ self.box.X_FB
+        size = np.array(self.box.size)
         thin = size <= 2 * SKIN + 1e-9
-        if thin.any() and self.box.normal is not None:
-            middle = SKIN * np.array(self.box.normal)
-        return np.where(thin, size, size - 2 * SKIN) / 2, middle
+        # Half the sides of the box without its skin, and its middle in its own frame.
+        self.half = np.where(thin, size, size - 2 * SKIN) / 2
+        self.middle = SKIN * np.array(self.box.normal) if thin.any() and self.box.normal is not None else np.zeros(3)
+        self.opaque = [s for s in self.solids if not {s.part.parent, s.part.name} & set(self.box.encloses)]
+        self.names = sorted({one.name for one in self.opaque})
 
-    @property
-    def opaque(self) -> list[Solid]:
-        return [one for one in self.solids if not {one.part.parent, one.part.name} & set(self.box.encloses)]
-
-    def triangles(self, solid: Solid) -> Array:
+    def triangles(self, *solids: Solid) -> Array:
         """In the world, (f, 3, 3)."""
-        return transform(self.X[solid.part.parent], solid.vertices)[solid.triangles]
+        placed = [transform(self.X[one.part.parent], one.vertices)[one.triangles] for one in solids]
+        return np.concatenate([np.zeros((0, 3, 3)), *placed])
+
+    def visible(self, view: View) -> float:
+        """The share of rays that nothing blocks."""
+        return float(np.isinf(view.depths(self.triangles(*self.opaque))).sum() / view.count)
 
 
 def verdict(scene: Scene) -> Verdict:
-    found = limit(scene)
+    found, least, view = limit(scene), scene.box.limits.min_visible, View(scene.X_WC, scene)
     if found.cause is not Cause.NONE:
         return found
-    box, sure, visible = scene.box, found.sure, 1.0
-    view = View(scene.X_WC, scene.X_WB, *scene.shrunk)
-    if box.limits.min_visible < 1:
-        visible = view.visible([scene.triangles(one) for one in scene.opaque])
-        sure &= abs(visible - box.limits.min_visible) > 4 / view.count
-        if visible < box.limits.min_visible:
+    sure, visible = found.sure, 1.0
+    if least < 1:
+        visible = scene.visible(view)
+        sure &= abs(visible - least) > 4 / view.count
+        if visible < least:
             by, clear = largest(scene, view)
             return Verdict(Cause.HIDDEN, by, 0.0, visible, sure and clear)
     else:
-        met = [(one, reach(scene, view, one)) for one in scene.opaque]
-        sure &= all(clear for _, (_, clear) in met)
-        if hit := [one for one, (reaches, _) in met if reaches]:
+        met = [(one, *reach(scene, view, one)) for one in scene.opaque]
+        sure &= all(clear for *_, clear in met)
+        if hit := [one for one, reaches, _ in met if reaches]:
             by, clear = first(scene, view, hit)
-            visible = view.visible([scene.triangles(one) for one in scene.opaque])
-            return Verdict(Cause.HIDDEN, by, 0.0, visible, sure and clear)
-    behind, by = background(scene)
-
-    def needed(lost: float) -> float:
-        least = box.limits.min_visible
-        return max(least, (min(least, 0.5) + behind) / max(1 - lost, 1e-9)) if behind > 0 or lost > 0 else least
-
-    sure &= abs(visible - needed(0.0)) > 4 / view.count or needed(0.0) <= box.limits.min_visible
-    if visible < needed(0.0):
-        return Verdict(Cause.SAME_COLOUR, by, 0.0, visible, sure)
-    if scene.lights:
-        dark, bright, shading, clear = lighting(scene)
-        bad = dark + bright
-        lost = 0.0 if bad <= 0.02 else 1.0 if box.color is None else bad
-        sure &= clear and abs(visible - needed(lost)) > 4 / view.count
-        if visible < needed(lost):
-            return Verdict(Cause.TOO_BRIGHT if bright > dark else Cause.TOO_DARK, shading, 0.0, visible, sure)
+            return Verdict(Cause.HIDDEN, by, 0.0, scene.visible(view), sure and clear)
+    behind, alike = background(scene)
+    reasons = [(Cause.SAME_COLOUR, alike, 0.0, True), *([lighting(scene)] if scene.lights else ())]
+    for cause, by, lost, clear in reasons:
+        told = max(least, (min(least, 0.5) + behind) / max(1 - lost, 1e-9)) if behind > 0 or lost > 0 else least
+        sure &= clear and (abs(visible - told) > 4 / view.count or told <= least)
+        if visible < told:
+            return Verdict(cause, by, 0.0, visible, sure)
     return Verdict(Cause.NONE, None, 0.0, visible, sure)
 
 
@@ -125,10 +109,8 @@ def limit(scene: Scene) -> Verdict:
     def found(cause: Cause, by: float, side: str | None = None) -> Verdict:
         return Verdict(cause, side, by, sure=min(margins) > 1e-7)
 
-    if fails(-low) or low == 0:
-        return found(Cause.BEHIND, -low)
-    for cause, by in ((Cause.TOO_NEAR, camera.near - low), (Cause.TOO_FAR, high - camera.far)):
-        if fails(by):
+    for cause, by in ((Cause.BEHIND, -low), (Cause.TOO_NEAR, camera.near - low), (Cause.TOO_FAR, high - camera.far)):
+        if fails(by) or low == 0:
             return found(cause, by)
     pixels, w, h = np.array([pixel(camera, p) for p in corners]), camera.width - 0.5, camera.height - 0.5
     shown, (left, top), (right, bottom) = all(in_lens(camera, p) for p in corners), pixels.min(0), pixels.max(0)
@@ -155,26 +137,26 @@ def limit(scene: Scene) -> Verdict:
     return found(Cause.NONE, 0.0)
 
 
+def projected(camera: Camera, points: Array, matrix: Array, bent: Array) -> Array:
+    """By OpenCV, (n, 2)."""
+    is_fisheye, still = camera.distortion_model == "equidistant" and bent.any(), np.zeros(3)
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
+    return project(points.reshape(-1, 1, 3), still, still, matrix, bent)[0].reshape(-1, 2)
+
+
 def in_lens(camera: Camera, p: Array) -> bool:
     """Whether the image moves outwards all the way from the axis to the point, in 2,000 steps; by the radial terms."""
-    if camera.distortion_model == "none":
-        return True
-    r = hypot(p[0] / p[2], p[1] / p[2]) * np.arange(1, 2001) / 2000
-    if camera.distortion_model == "equidistant":
-        angle = np.arctan(r)
-        bent = angle * (1 + sum(k * angle ** (2 * n + 2) for n, k in enumerate(camera.distortion)))
-    else:
-        k1, k2, _, _, k3, k4, k5, k6 = [*camera.distortion, 0, 0, 0][:8]
-        bent = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
-    return bool((np.diff(bent, prepend=0.0) > 0).all())
+    along = np.outer(np.arange(1, 2001) / 2000, [hypot(p[0] / p[2], p[1] / p[2]), 0, 0]) + np.array([0, 0, 1])
+    tangential = [] if camera.distortion_model == "equidistant" else [2, 3]
+    radial = np.where(np.isin(np.arange(len(camera.distortion)), tangential), 0.0, camera.distortion)
+    found = projected(camera, along, np.eye(3), radial if len(radial) else np.zeros(4))
+    return bool((np.diff(found[:, 0], prepend=0.0) > 0).all())
 
 
 def pixel(camera: Camera, p: Array) -> Array:
-    """By OpenCV; what the lens does not show, as if it did not bend."""
-    bent, still = camera.distortion if in_lens(camera, p) and len(camera.distortion) else np.zeros(4), np.zeros(3)
-    is_fisheye = camera.distortion_model == "equidistant" and bent.any()
-    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
-    return project(p.reshape(1, 1, 3), still, still, camera.matrix, bent)[0].reshape(2)
+    """What the lens does not show is as if it did not bend."""
+    bends = len(camera.distortion) and in_lens(camera, p)
+    return projected(camera, p, camera.matrix, camera.distortion if bends else np.zeros(4))[0]
 
 
 # Half spaces: (n, o) of the points n . p <= o
@@ -225,22 +207,14 @@ def first(scene: Scene, view: View, hit: Sequence[Solid]) -> tuple[str, bool]:
     along = [hits(view.eye, ray, scene.triangles(one))[0] for one in hit]
     if min(along) > 1:
         pieces = [[cut(list(t), view.spaces) for t in near(scene.triangles(one), view.spaces)] for one in hit]
-        along = [min((polygon_distance(view.eye, p) for p in own if p), default=inf) for own in pieces]
+        # The nearest mean of a polygon's corners with weights of sum 1 (C. L. Lawson and R. J. Hanson 1974).
+        weigh = [
+            [np.vstack([np.array(p).T - view.eye[:, None], np.full(len(p), 1e4)]) for p in own if p] for own in pieces
+        ]
+        along = [min((nnls(rows, [0, 0, 0, 1e4])[1] for rows in own), default=inf) for own in weigh]
     order = np.argsort(along, kind="stable")
     rivals = [along[k] for k in order[1:] if hit[k].name != hit[order[0]].name]
     return hit[order[0]].name, min(rivals, default=inf) > along[order[0]] + 1e-7 and abs(along[order[0]] - 1) > 1e-9
-
-
-def polygon_distance(p: Array, polygon: Sequence[Array]) -> float:
-    """To the foot of the perpendicular where that is inside, else to the nearest side."""
-    sides = [(a, b - a) for a, b in zip(polygon, [*polygon[1:], polygon[0]], strict=True)]
-    n = sum(np.cross(a - polygon[0], side) for a, side in sides)
-    if n @ n > 0:
-        foot = p - (p - polygon[0]) @ n / (n @ n) * n
-        if all(np.cross(side, foot - a) @ n >= 0 for a, side in sides):
-            return float(np.linalg.norm(foot - p))
-    shares = [min(1.0, max(0.0, (p - a) @ side / max(side @ side, 1e-300))) for a, side in sides]
-    return min(float(np.linalg.norm(a + share * side - p)) for (a, side), share in zip(sides, shares, strict=True))
 
 
 def hits(start: Array, rays: Array, triangles: Array) -> Array:
@@ -262,8 +236,10 @@ def hits(start: Array, rays: Array, triangles: Array) -> Array:
 class View:
     """The rays from an eye to a box: 64 rows, turned and shifted as docs/how/visibility.md says; and the view hull."""
 
-    def __init__(self, X_WC: Array, X_WB: Array, half: Array, middle: Array) -> None:
-        self.eye, corners = X_WC[:3, 3], transform(X_WB, middle + BOX_SIGNS * half)
+    def __init__(self, X_WC: Array, scene: Scene, half: Array | None = None, middle: Array | None = None) -> None:
+        """half, middle: of what is looked at in the frame of the box, by default the box itself."""
+        place = scene.X_WB, scene.half if half is None else half, scene.middle if middle is None else middle
+        self.eye, corners = X_WC[:3, 3], transform(scene.X_WB, place[2] + BOX_SIGNS * place[1])
         self.spaces = half_spaces(np.vstack([corners, self.eye]))
         corners = transform(inverse(X_WC), corners)
         u, v = (corners[:, :2] / corners[:, 2:]).T
@@ -279,7 +255,7 @@ class View:
         r = q.min() + (np.arange(ROWS)[:, None] + 0.5) / ROWS * np.ptp(q)
         plane = c[..., None] * right + r[..., None] * down
         rays = np.concatenate([plane, np.ones((ROWS, COLUMNS, 1))], axis=2).reshape(-1, 3) @ X_WC[:3, :3].T
-        enter, leave = through_box(self.eye, rays, X_WB, half, middle)
+        enter, leave = through_box(self.eye, rays, *place)
         self.rays, self.leave = rays[enter < leave], leave[enter < leave]
         self.count = max(1, len(self.rays))
 
@@ -287,10 +263,6 @@ class View:
         """At which factor each ray first meets a triangle before it leaves the box, infinite where it does not."""
         found = hits(self.eye, self.rays, near(triangles, self.spaces))
         return np.where(found < self.leave, found, inf)
-
-    def visible(self, solids: Sequence[Array]) -> float:
-        free = [np.isinf(self.depths(one)) for one in solids] or [self.leave > 0]
-        return float(np.all(free, axis=0).sum() / self.count)
 
 
 def through_box(eye: Array, rays: Array, X_WB: Array, half: Array, middle: Array) -> tuple[Array, Array]:
@@ -301,24 +273,28 @@ def through_box(eye: Array, rays: Array, X_WB: Array, half: Array, middle: Array
     return np.nanmax(np.fmin(*sides), axis=1), np.nanmin(np.fmax(*sides), axis=1)
 
 
+def depths(scene: Scene, view: View) -> Array:
+    """At which factor each ray first meets each part, (parts, r)."""
+    return np.array([view.depths(scene.triangles(*(s for s in scene.opaque if s.name == n))) for n in scene.names])
+
+
 def largest(scene: Scene, view: View) -> tuple[str | None, bool]:
     """The part that alone hides most; and whether that is sure."""
-    names = sorted({one.name for one in scene.opaque})
-    seen = [view.visible([scene.triangles(one) for one in scene.opaque if one.name == name]) for name in names]
-    if not seen or min(seen) == 1.0:
-        return None, not seen
-    order = np.argsort(seen, kind="stable")
-    return names[order[0]], len(order) == 1 or seen[order[1]] - seen[order[0]] > 4 / view.count
+    hidden = [int(np.isfinite(own).sum()) for own in depths(scene, view)]
+    if not any(hidden):
+        return None, not hidden
+    order = np.argsort(hidden, kind="stable")[::-1]
+    best = hidden.index(max(hidden))
+    return scene.names[best], len(order) == 1 or hidden[best] - hidden[order[1]] > 4
 
 
 def parts(scene: Scene) -> dict[str, tuple[float, float]]:
     """Of each part, the share of the box's rays on which it is the first, and on which it is the only one."""
-    view, names = View(scene.X_WC, scene.X_WB, *scene.shrunk), sorted({one.name for one in scene.opaque})
-    pieces = [np.concatenate([scene.triangles(s) for s in scene.opaque if s.name == n]) for n in names]
-    depths = np.array([view.depths(one) for one in pieces])
-    blocked = np.isfinite(depths)
-    nearest, alone = np.where(blocked.any(axis=0), depths.argmin(axis=0), -1), blocked & (blocked.sum(axis=0) == 1)
-    return {n: ((nearest == k).sum() / view.count, alone[k].sum() / view.count) for k, n in enumerate(names)}
+    view = View(scene.X_WC, scene)
+    along = depths(scene, view)
+    blocked = np.isfinite(along)
+    nearest, alone = np.where(blocked.any(axis=0), along.argmin(axis=0), -1), blocked & (blocked.sum(axis=0) == 1)
+    return {n: ((nearest == k).sum() / view.count, alone[k].sum() / view.count) for k, n in enumerate(scene.names)}
 
 
 def background(scene: Scene) -> tuple[float, str | None]:
@@ -327,14 +303,14 @@ def background(scene: Scene) -> tuple[float, str | None]:
     alike = np.array([look_alike(scene.box.color, one.color) for one in scenery])
     if not alike.any():
         return 0.0, None
-    (half, middle), X_WC, eye = scene.shrunk, scene.X_WC, scene.X_WC[:3, 3]
-    corners = transform(inverse(X_WC) @ scene.X_WB, middle + BOX_SIGNS * half)
+    X_WC, eye = scene.X_WC, scene.X_WC[:3, 3]
+    corners = transform(inverse(X_WC) @ scene.X_WB, scene.middle + BOX_SIGNS * scene.half)
     image = corners[:, :2] / corners[:, 2:]
     steps, low, size = (np.arange(BEHIND_RAYS) + 0.5) / BEHIND_RAYS, image.min(axis=0), np.ptp(image, axis=0)
     places = low + np.array(list(product(steps, steps))) * size
     rays = np.append(places, np.ones((len(places), 1)), axis=1) @ X_WC[:3, :3].T
     rays /= np.linalg.norm(rays, axis=1)[:, None]
-    enter, leave = through_box(eye, rays, scene.X_WB, half, middle)
+    enter, leave = through_box(eye, rays, scene.X_WB, scene.half, scene.middle)
     inside = (enter < leave) & (leave > 0)
     rays, start = rays[inside], eye + (leave[inside, None] - 1e-3) * rays[inside]
     along = np.array([hits(start, rays, scene.triangles(one)) for one in scenery])
@@ -343,43 +319,42 @@ def background(scene: Scene) -> tuple[float, str | None]:
     return counts.sum() / max(len(rays), 1), scenery[int(counts.argmax())].name if counts.any() else None
 
 
-def lighting(scene: Scene) -> tuple[float, float, str | None, bool]:
-    """Shares of what is seen of the box that are too dark and too bright; what lights or shades it; whether sure."""
-    box, (half, middle), eye = scene.box, scene.shrunk, scene.X_WC[:3, 3]
-    least, most = MARKER if box.limits.kind == "aruco" else brightness_of(box.color) if box.color else ANY_BRIGHTNESS
-    gain = scene.camera.gain or 1.0
-    least, most = least / gain, most / gain
-    total, dark, bright, sure = 0.0, 0.0, 0.0, True
+def lighting(scene: Scene) -> tuple[Cause, str | None, float, bool]:
+    """What is wrong with the light, what gives or takes it, which share of the box is lost by it; and whether sure."""
+    box, eye, gain = scene.box, scene.X_WC[:3, 3], scene.camera.gain or 1.0
+    told = MARKER if box.limits.kind == "aruco" else brightness_of(box.color) if box.color else ANY_BRIGHTNESS
+    least, most = told[0] / gain, told[1] / gain
+    total, dark, bright, sure, worst, shaded = 0.0, 0.0, 0.0, True, 0.0, None
     ambient = sum(light.intensity for light in scene.lights.values() if light.is_ambient)
     shining = {name: light for name, light in scene.lights.items() if not light.is_ambient}
-    sums, worst, worst_plate = dict.fromkeys(scene.lights, 0.0), 0.0, None
+    sums = dict.fromkeys(scene.lights, 0.0)
     for axis, sign in product(range(3), (-1.0, 1.0)):
         normal = sign * np.eye(3)[axis]
-        center = transform(scene.X_WB, (middle + normal * half)[None])[0]
+        center = transform(scene.X_WB, (scene.middle + normal * scene.half)[None])[0]
         out, way = scene.X_WB[:3, :3] @ normal, eye - center
-        weight = float(np.delete(half, axis).prod() * max(way @ out, 0.0) / np.linalg.norm(way) ** 3)
+        weight = float(np.delete(scene.half, axis).prod() * max(way @ out, 0.0) / np.linalg.norm(way) ** 3)
         if weight <= 0:
             continue
         strength = {name: one.intensity for name, one in scene.lights.items()}
-        reached = dict.fromkeys(scene.lights, 1.0)
         plates: dict[str, View] = {}
         for name, light in shining.items():
-            forward, distance, arrives = light.heading, np.inf, light.intensity
+            forward, distance, arrives = np.array(light.heading), np.inf, light.intensity
             if light.position is not None:  # a lamp, weaker with the square of the distance
-                distance = max(float(np.linalg.norm(np.subtract(light.position, center))), 1e-6)
-                forward = np.subtract(center, light.position) / distance
+                forward = np.subtract(center, light.position)
+                distance = max(float(np.linalg.norm(forward)), 1e-6)
+                forward /= distance
                 arrives = light.intensity / distance**2 if forward @ light.heading >= np.cos(light.half_beam) else 0.0
             strength[name] = float(arrives * max(-forward @ out, 0.0))
-            across = np.cross(forward, [0, 0, 1] if abs(forward[2]) < 0.9 else [1, 0, 0])
-            across, at = across / np.linalg.norm(across), center - min(distance, 1000.0) * forward
-            X_WL = np.vstack([np.stack([across, np.cross(forward, across), forward, at], axis=1), [0, 0, 0, 1]])
-            if distance > 2 * np.linalg.norm(half):
-                thin = np.where(normal != 0, 1e-4, half)
-                plates[name] = View(X_WL, scene.X_WB, thin, middle + normal * (half + 1e-4))
+            if distance > 2 * np.linalg.norm(scene.half):  # else nothing is taken to be between them
+                across = np.cross(forward, [0, 0, 1] if abs(forward[2]) < 0.9 else [1, 0, 0])
+                across, at = across / np.linalg.norm(across), center - min(distance, 1000.0) * forward
+                X_WL = np.vstack([np.stack([across, np.cross(forward, across), forward, at], axis=1), [0, 0, 0, 1]])
+                thin = np.where(normal != 0, 1e-4, scene.half)
+                plates[name] = View(X_WL, scene, thin, scene.middle + normal * (scene.half + 1e-4))
         full = sum(strength.values())
-        for name, plate in plates.items():
-            if full >= least and (ambient < least or full > most) and strength[name] > 1e-3:
-                reached[name] = plate.visible([scene.triangles(one) for one in scene.opaque])
+        matters = full >= least and (ambient < least or full > most)
+        cast = (name for name in plates if matters and strength[name] > 1e-3)
+        reached = dict.fromkeys(scene.lights, 1.0) | {name: scene.visible(plates[name]) for name in cast}
         total += weight
         for on in product((False, True), repeat=len(shining)):
             lit = dict(zip(shining, on, strict=True))
@@ -392,10 +367,11 @@ def lighting(scene: Scene) -> tuple[float, float, str | None, bool]:
             missing = strength[name] * (1 - reached[name]) * weight
             if missing > worst:
                 sure &= worst == 0 or missing > 1.2 * worst
-                worst, worst_plate = missing, plates[name]
-    dark, bright = dark / total, bright / total
-    sure &= abs(dark + bright - 0.02) > 0.005 and (dark == 0 or bright == 0 or abs(dark - bright) > 0.01)
+                worst, shaded = missing, plates[name]
+    bad = (dark + bright) / total
+    sure &= abs(bad - 0.02) > 0.005 and (dark == 0 or bright == 0 or abs(dark - bright) > 0.01 * total)
+    lost = 0.0 if bad <= 0.02 else 1.0 if box.color is None else bad
     if bright > dark:
-        return dark, bright, max(sums, key=lambda name: sums[name]), sure
-    by, clear = largest(scene, worst_plate) if worst_plate is not None else (None, True)
-    return dark, bright, by, sure and clear
+        return Cause.TOO_BRIGHT, max(sums, key=lambda name: sums[name]), lost, sure
+    by, clear = largest(scene, shaded) if shaded is not None else (None, True)
+    return Cause.TOO_DARK, by, lost, sure and clear

@@ -40,13 +40,30 @@ def about(share: float, alone: float) -> object:
     return pytest.approx((share, alone), abs=HALF_RAY)
 
 
-def test_what_two_plates_hide_belongs_to_the_nearer_one() -> None:
-    found = hiding(plate("screen", 0.5, -0.5, 0.5), plate("wall", 0.2, 0.0, 1.0))
-    assert found == {"screen": about(0.5, 0.25), "wall": about(0.25, 0.25)}
+SCREEN = plate("screen", 0.5, -0.5, 0.5)
 
 
-def test_a_plate_behind_another_one_hides_nothing_and_is_left_out() -> None:
-    assert hiding(plate("screen", 0.5, -0.5, 0.5), plate("wall", 0.2, -0.2, 0.2)) == {"screen": about(0.5, 0.3)}
+@pytest.mark.parametrize(
+    ("plates", "names", "expected"),
+    [
+        # What two plates hide belongs to the nearer one.
+        ([SCREEN, plate("wall", 0.2, 0.0, 1.0)], {}, {"screen": about(0.5, 0.25), "wall": about(0.25, 0.25)}),
+        # One behind another hides nothing and is left out.
+        ([SCREEN, plate("wall", 0.2, -0.2, 0.2)], {}, {"screen": about(0.5, 0.3)}),
+        # Pieces of one name are one part.
+        (
+            [plate("post_1", 0.5, -0.5, 0.1), plate("post_2", 0.2, -0.1, 0.5)],
+            {"post_1": "post", "post_2": "post"},
+            {"post": about(0.5, 0.5)},
+        ),
+        # What is beside or behind the box hides nothing.
+        ([plate("beside", 0.5, 1.1, 2), box_part("behind", (1, 1, 0.01), pose(position=(0, 0, -0.1)))], {}, {}),
+    ],
+)
+def test_of_plates_the_first_on_a_ray_hides_what_is_behind_it(
+    plates: list[Part], names: dict[str, str], expected: object
+) -> None:
+    assert hiding(*plates, names=names) == expected
 
 
 def test_plates_that_cross_share_what_they_hide() -> None:
@@ -56,17 +73,6 @@ def test_plates_that_cross_share_what_they_hide() -> None:
     turned[:3, :3] = [[np.cos(0.5), 0, np.sin(0.5)], [0, 1, 0], [-np.sin(0.5), 0, np.cos(0.5)]]
     found = hiding(plate("flat", 0.5, -1.0, 1.0), replace(tilted, X_PG=turned))
     assert found == {"flat": about(0.5, 0.0), "tilted": about(0.5, 0.0)}
-
-
-def test_pieces_of_one_name_are_one_part() -> None:
-    pieces = {"post_1": "post", "post_2": "post"}
-    found = hiding(plate("post_1", 0.5, -0.5, 0.1), plate("post_2", 0.2, -0.1, 0.5), names=pieces)
-    assert found == {"post": about(0.5, 0.5)}
-
-
-def test_what_is_beside_or_behind_the_box_hides_nothing() -> None:
-    behind = box_part("behind", (1.0, 1.0, 0.01), pose(position=(0.0, 0.0, -0.1)))
-    assert hiding(plate("beside", 0.5, 1.1, 2.0), behind) == {}
 
 
 CUBE = make_box((0.1, 0.1, 0.1), detector=make_detector(0.9))
@@ -84,21 +90,19 @@ def culprit(**widths: tuple[float, float, float]) -> str:
     return solids[verdicts.by[0, 0]].name
 
 
-def test_a_sliver_before_the_middle_is_not_named_before_what_hides_half() -> None:
-    assert culprit(sliver=(0.6, -0.001, 0.001), wall=(0.2, 0.0, 0.5)) == "wall"
+POST_1, POST_2, BAR = (0.2, -0.04, -0.02), (0.2, 0.01, 0.04), (0.3, -0.03, 0.005)
 
 
-def test_what_another_part_hides_already_counts_all_the_same() -> None:
-    """The wall's share is larger than the screen's, though most of it lies behind the screen."""
-    assert culprit(screen=(0.5, -0.02, 0.5), wall=(0.2, -0.036, 0.5)) == "wall"
-
-
-def test_of_parts_that_hide_the_same_share_the_first_by_name_is_named() -> None:
-    assert culprit(b=(0.6, -0.5, 0.5), a=(0.2, -0.5, 0.5)) == "a"
-    assert culprit(a=(0.6, -0.5, 0.5), b=(0.2, -0.5, 0.5)) == "a"
-
-
-def test_pieces_with_one_name_are_one_part() -> None:
-    pieces = {"post_1": (0.2, -0.04, -0.02), "post_2": (0.2, 0.01, 0.04)}
-    assert culprit(**pieces, bar_1=(0.3, -0.03, 0.005)) == "post"
-    assert culprit(post_1=pieces["post_1"], bar_1=(0.3, -0.03, 0.005)) == "bar"
+@pytest.mark.parametrize(
+    ("plates", "named"),
+    [
+        ({"sliver": (0.6, -0.001, 0.001), "wall": (0.2, 0.0, 0.5)}, "wall"),  # though the sliver is before the middle
+        ({"screen": (0.5, -0.02, 0.5), "wall": (0.2, -0.036, 0.5)}, "wall"),  # though most of it is behind the screen
+        ({"b": (0.6, -0.5, 0.5), "a": (0.2, -0.5, 0.5)}, "a"),  # of equals the first by name
+        ({"a": (0.6, -0.5, 0.5), "b": (0.2, -0.5, 0.5)}, "a"),
+        ({"post_1": POST_1, "post_2": POST_2, "bar_1": BAR}, "post"),  # pieces with one name are one part
+        ({"post_1": POST_1, "bar_1": BAR}, "bar"),
+    ],
+)
+def test_the_part_that_hides_most_is_named(plates: dict[str, tuple[float, float, float]], named: str) -> None:
+    assert culprit(**plates) == named

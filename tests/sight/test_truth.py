@@ -125,7 +125,8 @@ def wider(pixels: int) -> NDArray[np.bool_]:
 
 def picture_of(stage: MujocoScene, X_CB: Array, X_WC: Array, box: SoughtBox) -> tuple[Picture, Array, float]:
     """By a camera at X_WC of a box without its skin; where its rays leave the box; the size of a pixel there [m]."""
-    half, middle = Scene(make_camera(), box, (), {}).shrunk
+    bare = Scene(make_camera(), box, (), {name: pose() for name in ("world", box.frame)})
+    half, middle = bare.half, bare.middle
     corners_C = transform(X_CB, middle + BOX_SIGNS * half)
     image = corners_C[:, :2] / corners_C[:, 2:]
     side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
