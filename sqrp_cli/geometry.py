@@ -162,19 +162,17 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     are one point, and for an `up` without length.
     """
     eye = np.asarray(eye, dtype=float)
-    forward = _unit(np.asarray(target, dtype=float) - eye)
-    ways_up = (_unit(np.asarray(up, dtype=float)), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    directions = [np.asarray(target, dtype=float) - eye, np.asarray(up, dtype=float)]
+    for direction in directions:
+        length = np.linalg.norm(direction)
+        if not 0.0 < length < np.inf:
+            raise ValueError(f"{direction.tolist()} has no direction")
+    forward, upwards = (direction / np.linalg.norm(direction) for direction in directions)
+    ways_up = (upwards, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
     right = next(across for way in ways_up if np.linalg.norm(across := cross(forward, way)) >= _PARALLEL)
-    right = _unit(right - (right @ forward) * forward)  # nearly parallel vectors have an inexact product
+    right = right - (right @ forward) * forward  # nearly parallel vectors have an inexact product
+    right = right / np.linalg.norm(right)
     return pose(np.column_stack([right, cross(forward, right), forward]), eye)
-
-
-def _unit(vector: Array) -> Array:
-    """A vector (3,) at length 1. Raises ValueError if it is too short, or not finite, to have a direction."""
-    length = np.linalg.norm(vector)
-    if not 0.0 < length < np.inf:
-        raise ValueError(f"{vector.tolist()} has no direction")
-    return vector / length
 
 
 def side_pose(size: tuple[float, float, float], side: str) -> Array:

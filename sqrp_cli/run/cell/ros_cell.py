@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from functools import partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, bad_input
 from sqrp_cli.geometry import Array
 from sqrp_cli.ros.dds import DdsTransport
-from sqrp_cli.ros.messages import Message, MessageError, Pauses, Send, Topic, nanoseconds
+from sqrp_cli.ros.messages import MessageError, Pauses, Send, Topic, nanoseconds
 from sqrp_cli.run.arm_motion import ArmMotion, JointStates
 from sqrp_cli.run.cell.portions import AHEAD, JointLog, Portions
 from sqrp_cli.run.cell.robot_file import RobotFile
@@ -77,10 +78,6 @@ class RosClock:
     def ns(self) -> int:
         """The time since the epoch of the clock [ns]; 0 before any is known. That of this computer never steps."""
         return _steady_ns() + self._ahead if self.inbox is None else self._newest
-
-    def since(self, stamp: Message) -> float:
-        """A stamp as a time since the origin [s]."""
-        return (nanoseconds(stamp) - self.origin) * 1e-9
 
 
 def _steady_ns() -> int:
@@ -196,7 +193,7 @@ class RosCell(AbstractContextManager["RosCell"]):
             now = self.t
             self._pauses.look(now)
             for message, _ in self.states.take():
-                self.joints.add(self.clock.since(message.header.stamp), message, now)
+                self.joints.add((nanoseconds(message.header.stamp) - self.clock.origin) * 1e-9, message, now)
             for message, _ in self._force.take() if self._force is not None else ():
                 force = message.wrench.force
                 self._newton = float(np.linalg.norm([force.x, force.y, force.z]))
@@ -206,7 +203,7 @@ class RosCell(AbstractContextManager["RosCell"]):
                     image = image_of(message, camera, Place(Path(about.image)), f"`{name}`")
                     if isinstance(image, str):
                         raise bad_input("unreadable", image)
-                    t = self.clock.since(message.header.stamp) - about.clock_offset
+                    t = (nanoseconds(message.header.stamp) - self.clock.origin) * 1e-9 - about.clock_offset
                     self._waiting[name].append(CameraImage(name, t, image))
                     self.ages[name].append((t, now))
         except MessageError as error:
@@ -229,9 +226,8 @@ class RosCell(AbstractContextManager["RosCell"]):
             data = np.array(value, dtype=float) if isinstance(value, list) else value
             self._send_tool(self.transport.types.make(tool.type, data=data))
 
-    def release(self) -> None:
-        """Have the tool let go, unless there is trouble."""
-        self.grasp(holding=False)
+    release = partialmethod(grasp, holding=False)
+    """Have the tool let go, unless there is trouble."""
 
     def tool_force(self) -> float:
         """How hard the tool pushes against anything, by the last message of the force sensor [N]."""
