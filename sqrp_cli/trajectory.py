@@ -220,16 +220,12 @@ class Trajectory:
         """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
         return self.path.positions(self.law.derivatives(t, 0)[0])
 
-    def derivatives(self, t: ArrayLike, order: int) -> Array:
-        """Joint velocities, accelerations or jerks (order 1, 2, 3) at times t [s] of shape (m,), shape (m, n).
+    def motion(self, t: ArrayLike, order: int) -> list[Array]:
+        """Joint positions and their derivatives up to an order, 3 at most, at times t [s] of shape (m,), (m, n) each.
 
         Where the law's pieces meet, jerk jumps: the later piece counts, and the earlier one just before
         (`numpy.nextafter`). The formulas are those of the chain rule.
         """
-        return self.motion(t, order)[order]
-
-    def motion(self, t: ArrayLike, order: int) -> list[Array]:
-        """Joint positions and their `derivatives` up to an order, at times t [s] of shape (m,), shape (m, n) each."""
         law = self.law.derivatives(t)
         path = [self.path.derivatives(law[0], k) for k in range(order + 1)]
         return [path[0], *(chain_rule(law[1:, :, None], path[1 : k + 1]) for k in range(1, order + 1))]

@@ -28,10 +28,10 @@ def smooth_trajectory(seed: int) -> Trajectory:
 def test_derivatives_agree_with_finite_differences_of_the_order_below(seed: int, order: int) -> None:
     trajectory = smooth_trajectory(seed)
     t, h = np.linspace(0.1, 1.9, 40), 1e-5
-    below = trajectory.positions if order == 1 else lambda t: trajectory.derivatives(t, order - 1)
+    below = trajectory.positions if order == 1 else lambda t: trajectory.motion(t, order - 1)[order - 1]
     difference = (below(t + h) - below(t - h)) / (2 * h)
-    scale = np.abs(trajectory.derivatives(t, order)).max()
-    np.testing.assert_allclose(trajectory.derivatives(t, order), difference, atol=1e-6 * scale)
+    scale = np.abs(trajectory.motion(t, order)[order]).max()
+    np.testing.assert_allclose(trajectory.motion(t, order)[order], difference, atol=1e-6 * scale)
 
 
 @given(st.integers(0, 1000))
@@ -82,7 +82,7 @@ def test_a_standstill_stays_and_lasts() -> None:
     assert trajectory.duration == 1.5
     np.testing.assert_array_equal(trajectory.positions(t), np.tile([0.5, -1.0], (7, 1)))
     for order in (1, 2, 3):
-        np.testing.assert_array_equal(trajectory.derivatives(t, order), np.zeros((7, 2)))
+        np.testing.assert_array_equal(trajectory.motion(t, order)[order], np.zeros((7, 2)))
 
 
 @given(st.integers(0, 1000))
@@ -102,7 +102,7 @@ def test_shifting_a_path_moves_its_positions_only() -> None:
 
 def test_an_unknown_order_is_refused() -> None:
     with pytest.raises(ValueError, match="1, 2 or 3"):
-        smooth_trajectory(0).derivatives([0.0], 4)
+        smooth_trajectory(0).motion([0.0], 4)[4]
 
 
 def test_one_motion_after_another_is_each_in_turn() -> None:
@@ -116,7 +116,7 @@ def test_one_motion_after_another_is_each_in_turn() -> None:
     np.testing.assert_allclose(both.positions(2.0 + 1.5 * t), second.positions(1.5 * t), atol=1e-12)
     for order in (1, 2):
         inside = t[1:-1]
-        np.testing.assert_allclose(both.derivatives(inside, order), first.derivatives(inside, order), atol=1e-12)
+        np.testing.assert_allclose(both.motion(inside, order)[order], first.motion(inside, order)[order], atol=1e-12)
     standing = Trajectory.standstill([2.0, 0.0], 0.0)
     assert first.followed_by(standing) is first
     assert standing.followed_by(second) is second

@@ -62,7 +62,7 @@ def test_fingers_take_the_stated_time_or_what_their_limits_ask_for():
     slow = move_fingers(fingers(0.01), start, end, 1.0)
     assert slow.duration > 3.0  # 30 mm at 10 mm/s
     t = np.linspace(0.0, slow.duration, 1001)
-    assert np.abs(slow.derivatives(t, 1)).max() <= 0.01 + 1e-9
+    assert np.abs(slow.motion(t, 1)[1]).max() <= 0.01 + 1e-9
     assert slow.positions([0.0, slow.duration])[:, 0] == pytest.approx([0.04, 0.01])
 
 
@@ -124,7 +124,7 @@ def test_a_move_by_home_stops_there_and_takes_as_long_as_both_parts(cell):
         home = np.abs(motion.positions(0, t)[:, :-1] - cell.model.home).max(axis=1)
         assert (home.min() < 1e-3) == (via == "home")
         if via == "home":
-            rest = np.abs(move.trajectory.derivatives(t[home.argmin()][None] - move.start, 1)).max()
+            rest = np.abs(move.trajectory.motion(t[home.argmin()][None] - move.start, 1)[1]).max()
             assert rest < 0.01
         times[via] = move.end - move.start
     assert times["home"] > times["direct"]

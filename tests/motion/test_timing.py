@@ -40,7 +40,7 @@ def excess(trajectory: Trajectory, limits: MotionLimits, per_phase: int) -> floa
     """Largest ratio of velocity, acceleration or jerk to its limit, both sides of every switch included."""
     t = phase_samples(trajectory, per_phase)
     every: tuple[tuple[int, Array], ...] = ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
-    return max(float((np.abs(trajectory.derivatives(t, order)) / limit).max()) for order, limit in every)
+    return max(float((np.abs(trajectory.motion(t, order)[order]) / limit).max()) for order, limit in every)
 
 
 @given(EXPONENT, EXPONENT, EXPONENT)

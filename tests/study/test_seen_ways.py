@@ -60,10 +60,10 @@ def assert_honest(compared: Compared) -> None:
         for instant in [*trajectory.law.breaks[1:-1], *joints]:
             sides = np.array([instant - 1e-7, instant + 1e-7])
             for order, limit in ((1, model.acceleration), (2, model.jerk)):
-                jump = np.abs(np.diff(trajectory.derivatives(sides, order)[:, :n], axis=0))
+                jump = np.abs(np.diff(trajectory.motion(sides, order)[order][:, :n], axis=0))
                 assert (jump <= 2.1e-7 * limit + 1e-8).all()
         for order in (1, 2):
-            np.testing.assert_allclose(trajectory.derivatives([0.0, trajectory.duration], order)[:, :n], 0, atol=1e-7)
+            np.testing.assert_allclose(trajectory.motion([0.0, trajectory.duration], order)[order][:, :n], 0, atol=1e-7)
     for before, after in zip(motion.primitives, motion.primitives[1:], strict=False):
         assert before.end == after.start
         ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
