@@ -109,13 +109,12 @@ def split_steps(text: str) -> list[str]:
 def whole_task(text: str, steps: Sequence[Task], workspace: Workspace, facts: frozenset[Atom] | None) -> Task:
     """A task of several steps: a candidate for every choice in each step whose preconditions hold one after the other.
 
-    If there is none, every combination is a candidate, so that each says what it lacks. Raises InputError for too many.
+    If there is none, the first choice in each step is the candidate, so that it says what it lacks. Raises InputError
+    for too many.
     """
-    facts = workspace.state if facts is None else facts
-    skill = whole_skill([step.skill for step in steps])
-    found = list(islice(_possible(steps, workspace, facts), MOST_WHOLE + 1)) or [
-        next(_possible(steps, workspace, None))
-    ]
+    skill, known = whole_skill([step.skill for step in steps]), workspace.state if facts is None else facts
+    found = list(islice(_possible(steps, workspace, known), MOST_WHOLE + 1))
+    found = found or [tuple(step.candidates[0] for step in steps)]
     if len(found) > MOST_WHOLE:
         message = f"the task has more than {MOST_WHOLE:,} candidates, as its steps go together in so many ways"
         raise bad_input("too-many-candidates", message, mend="name fewer objects or values in its steps")
@@ -150,18 +149,12 @@ def whole_skill(skills: Sequence[Skill]) -> Skill:
     )
 
 
-def _possible(
-    steps: Sequence[Task], workspace: Workspace, facts: frozenset[Atom] | None
-) -> Iterator[tuple[Candidate, ...]]:
-    """The choices for steps that can follow each other by their preconditions and effects; all without facts."""
+def _possible(steps: Sequence[Task], workspace: Workspace, facts: frozenset[Atom]) -> Iterator[tuple[Candidate, ...]]:
+    """The choices for steps that can follow each other by their preconditions and effects."""
     if not steps:
         yield ()
         return
-    for candidate in steps[0].candidates:
-        after = facts
-        if facts is not None:
-            if candidate.lacks(workspace, facts):
-                continue
-            after = apply_effect(candidate.skill.action, candidate.binding, facts)
+    for candidate in (one for one in steps[0].candidates if not one.lacks(workspace, facts)):
+        after = apply_effect(candidate.skill.action, candidate.binding, facts)
         for others in _possible(steps[1:], workspace, after):
             yield (candidate, *others)

@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.geometry import displacement
-from sqrp_cli.search.advice_result import AdviceDocument, NearestChange
+from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
 from sqrp_cli.search.question import ProposedChange, whole_observed_again
@@ -93,26 +93,18 @@ def test_a_kept_answer_is_read_as_it_was_found(cell: OpenCell, advice: AdviceDoc
     assert {file: file.stat().st_mtime_ns for file in files} == files
 
 
-def nearest_way(advice: AdviceDocument) -> NearestChange:
+def test_the_nearest_way_says_what_each_step_does_and_its_task_has_it_alone(
+    advice: AdviceDocument,
+) -> None:
     (nearest,) = [one.nearest for one in advice.kinds if one.kind == "way"]
     assert nearest is not None
-    return nearest
-
-
-def test_the_task_that_says_a_way_has_that_way_alone(advice: AdviceDocument) -> None:
-    change = nearest_way(advice).proposed
-    content = advice.session.changed(change)
-    changed = load_workspace(CELL, content)
-    assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
-    (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
-    assert {**candidate.all_parameters, **change.parameters} == candidate.all_parameters
-
-
-def test_a_nearest_way_of_several_steps_says_what_each_does_and_which_falls_short(advice: AdviceDocument) -> None:
-    nearest = nearest_way(advice)
     assert "step 1 " in nearest.words
     assert ", step 2 " in nearest.words
     assert nearest.limit.startswith("step ")
+    changed = load_workspace(CELL, advice.session.changed(nearest.proposed))
+    assert changed.tasks[-1].steps[1].startswith("insert peg2 socket")
+    (candidate,) = read_task(changed.tasks[-1].task, changed).candidates
+    assert {**candidate.all_parameters, **nearest.proposed.parameters} == candidate.all_parameters
 
 
 @pytest.mark.parametrize("goal", ["q_eoi 90 %", "q_avg 80 %, delay 1 s", "q_eoi 100 %"])
