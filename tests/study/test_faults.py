@@ -31,8 +31,7 @@ from sqrp_cli.study.sampling import Adaptive, first_samples
 from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.task.pieces import cut_into_pieces
 from sqrp_cli.task.task import read_task
-from tests.task.studies import always, eventually
-from tests.task.timelines import ATOMS, Story, make_story, moments, stories
+from tests.task.studies import ATOMS, Story, always, eventually, make_story, moments, stories
 
 PERIOD = 0.06
 """Between two images [s]."""

@@ -8,8 +8,7 @@ from hypothesis import given
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.task.pieces import Piece
-from tests.task.studies import always, eventually
-from tests.task.timelines import ATOMS, Story, make_story, stories, stretches
+from tests.task.studies import ATOMS, Story, always, eventually, make_story, stories, stretches
 
 BOTH = ("always", "eventually")
 

@@ -1,15 +1,17 @@
-"""Random motions of an arm past cameras, without inverse kinematics: for tests of time lines and quality."""
+"""Random motions of an arm past cameras, without inverse kinematics; random time lines that no cameras were asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
+from hypothesis import strategies as st
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, look_at, pose
-from sqrp_cli.logic.formula_time import GroundOperator
+from sqrp_cli.logic.formula_time import GroundOperator, TimeInterval
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.motion.timing import MotionLimits, joint_move
@@ -18,8 +20,9 @@ from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import Target
+from sqrp_cli.study.observation import Observation
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.stage import Stage
+from sqrp_cli.study.stage import Samples, Stage
 from sqrp_cli.study.timeline import ObservationRequest, Timeline, observe
 from sqrp_cli.task.pieces import cut_into_pieces, monitored_times
 from sqrp_cli.trajectory import Trajectory
@@ -56,31 +59,25 @@ def eventually(start: float, end: float, *literals: Literal, fault: str | None =
     return GroundOperator(start, end, "eventually", "eventually", literals, fault)
 
 
-def make_motion(model: RobotModel, waypoints: Array, hold: float, X_TO: Array) -> Motion:
-    """Joint moves along waypoints (3, n): to the cube, a grasp that lasts `hold` [s], and on with the cube."""
-    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
-    first = joint_move(waypoints[0], waypoints[1], limits)
-    grasp = Trajectory.standstill(waypoints[1], hold)
-    last = joint_move(waypoints[1], waypoints[2], limits)
-    X_start = {"cube": model.tool_pose(waypoints[1]) @ X_TO}
-    primitives, start = [], 0.0
-    for name, trajectory, held in (("a1", first, None), ("a2", grasp, None), ("a3", last, "cube")):
-        resting = {} if held else X_start
-        end = start + trajectory.duration
-        primitives.append(TimedPrimitive(name, start, end, trajectory, held, X_TO if held else None, resting))
-        start = end
-    joints = dict(zip(model.arm, waypoints[2].tolist(), strict=True))
-    return Motion(model.arm, tuple(primitives), World(frozenset(), X_start, "cube", X_TO, joints))
-
-
 def watched_motion(seed: int, model: RobotModel, min_visible: float = 1.0) -> WatchedMotion:
     """A random motion among random plates, boxes and a cable, with four cameras."""
     rng = np.random.default_rng(seed)
     middle = model.home + rng.uniform(-0.8, 0.8, len(model.arm))
     waypoints = np.stack([middle + rng.uniform(-1, 1, len(model.arm)), middle, middle + rng.uniform(-1, 1, 6)])
     X_TO = pose(position=(0.0, 0.0, CUBE[2] / 2))
-    motion = make_motion(model, waypoints, 0.7, X_TO)
-    spot = motion.primitives[0].X_WO["cube"]
+    # To the cube, a grasp, and on with the cube.
+    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    spot, primitives, start = model.tool_pose(waypoints[1]) @ X_TO, list[TimedPrimitive](), 0.0
+    for name, trajectory, held in (
+        ("a1", joint_move(waypoints[0], waypoints[1], limits), None),
+        ("a2", Trajectory.standstill(waypoints[1], 0.7), None),
+        ("a3", joint_move(waypoints[1], waypoints[2], limits), "cube"),
+    ):
+        resting, end = {} if held else {"cube": spot}, start + trajectory.duration
+        primitives.append(TimedPrimitive(name, start, end, trajectory, held, X_TO if held else None, resting))
+        start = end
+    joints = dict(zip(model.arm, waypoints[2].tolist(), strict=True))
+    motion = Motion(model.arm, tuple(primitives), World(frozenset(), {"cube": spot}, "cube", X_TO, joints))
     near_spot = spot[:3, 3] - 0.4, spot[:3, 3] + 0.4
     parts = [
         *model.parts,
@@ -117,3 +114,100 @@ def watched_motion(seed: int, model: RobotModel, min_visible: float = 1.0) -> Wa
     spans = [(primitive.start, primitive.end) for primitive in motion.primitives]
     stage = Stage(model, motion, cut_into_pieces(spans, formulas), {"cube": spot})
     return WatchedMotion(stage, Observer(tuple(cameras), load_solids(parts)), targets, formulas, {"slip": (0, 1)})
+
+
+ATOMS = (Atom("hold"), Atom("placed"))
+RESPONSES = (0.09, 0.15, 0.3)
+
+
+@dataclass(frozen=True, eq=False)
+class Story:
+    """A time line with the formulas behind it; `interval` is that of the fault `slip`. total: of the motion [s]."""
+
+    timeline: Timeline
+    formulas: tuple[GroundOperator, ...]
+    interval: TimeInterval
+    total: float
+
+
+def make_story(
+    durations: list[float], formulas: tuple[GroundOperator, ...], counts: list[int], seed: int, seen: float
+) -> Story:
+    """Samples at random instants, each covered with probability `seen`; the last formula is that of the fault."""
+    rng = np.random.default_rng(seed)
+    ends = np.cumsum(durations)
+    pieces = cut_into_pieces(list(zip(ends - durations, ends, strict=True)), formulas)
+    number, t = [], []
+    for index, piece in enumerate(pieces):
+        inner = np.sort(rng.uniform(piece.start, piece.end, counts[index % len(counts)]))
+        instants = [piece.start, *inner, piece.end] if piece.end > piece.start else [piece.start]
+        number += [index] * len(instants)
+        t += instants
+    samples = Samples(np.array(number), np.array(t))
+    required = np.array([[any(lit.atom == a for lit in piece.literals) for a in ATOMS] for piece in pieces])[number]
+    covered = required & (rng.random(required.shape) < seen)
+    response = np.where(covered, rng.choice(RESPONSES, required.shape), np.nan)
+    operator = formulas[-1]
+    columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
+    T, T_eoi = monitored_times(formulas)
+    primitives = [SimpleNamespace(held=None)] * len(durations)
+    stage = Stage(None, SimpleNamespace(primitives=primitives), pieces, {})  # type: ignore[arg-type]
+    timeline = Timeline(
+        request=ObservationRequest(stage=stage, targets=(), faults={"slip": columns}, T=T, T_eoi=T_eoi),
+        samples=samples,
+        observation=Observation(
+            looked=np.ones(len(required), dtype=bool),
+            required=required,
+            known=required,
+            covered=covered,
+            response=response,
+            matrix=None,
+        ),
+    )
+    return Story(timeline, formulas, TimeInterval(operator.start, operator.end), float(ends[-1]))
+
+
+@st.composite
+def stories(draw: st.DrawFn) -> Story:
+    """Motions of one to four primitives with up to four formulas, some at an instant, some touching, some apart."""
+    durations = draw(st.lists(st.sampled_from([0.5, 1.0, 1.7]), min_size=1, max_size=4))
+    total = sum(durations)
+    edge = st.sampled_from([0.0, 0.25, 0.5, 0.6, 1.0, 1.5, 2.0, 2.2, total]).map(lambda t: min(t, total))
+    literals = st.sampled_from(
+        [(Literal(ATOMS[0]),), (Literal(ATOMS[1], positive=False),), (Literal(ATOMS[0]), Literal(ATOMS[1]))]
+    )
+    formulas = []
+    for kind in draw(st.lists(st.sampled_from([always, eventually]), max_size=3)):
+        start, end = sorted((draw(edge), draw(edge)))
+        formulas.append(kind(start, end, *draw(literals)))
+    start, end = sorted((draw(edge), draw(edge)))
+    formulas.append(eventually(start, end, *draw(literals), fault="slip"))
+    counts = draw(st.lists(st.integers(0, 6), min_size=1, max_size=5))
+    seed, seen = draw(st.integers(0, 2**32 - 1)), draw(st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
+    return make_story(durations, tuple(formulas), counts, seed, seen)
+
+
+def fault_response(timeline: Timeline, fault: str) -> Array:
+    """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
+    response: Array = timeline.observation.response[:, list(timeline.request.faults[fault])].max(axis=1)
+    return response
+
+
+def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> list[tuple[float, float]]:
+    """The union of the intervals of some operators, as intervals in order."""
+    intervals = sorted((f.start, f.end) for f in formulas if f.operator in kinds)
+    union: list[tuple[float, float]] = []
+    for start, end in intervals:
+        if union and start <= union[-1][1] + 1e-9:
+            union[-1] = (union[-1][0], max(union[-1][1], end))
+        else:
+            union.append((start, end))
+    return union
+
+
+def moments(story: Story) -> list[tuple[float, bool, float]]:
+    """Time, whether the fault is covered, and the response then, of every sample in order."""
+    timeline = story.timeline
+    t: Array = timeline.samples.t
+    response = fault_response(timeline, "slip")
+    return list(zip(t.tolist(), ~np.isnan(response), response, strict=True))
