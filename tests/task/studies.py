@@ -187,12 +187,6 @@ def stories(draw: st.DrawFn) -> Story:
     return make_story(durations, tuple(formulas), counts, seed, seen)
 
 
-def fault_response(timeline: Timeline, fault: str) -> Array:
-    """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
-    response: Array = timeline.observation.response[:, list(timeline.request.faults[fault])].max(axis=1)
-    return response
-
-
 def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> list[tuple[float, float]]:
     """The union of the intervals of some operators, as intervals in order."""
     intervals = sorted((f.start, f.end) for f in formulas if f.operator in kinds)
@@ -206,8 +200,8 @@ def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> l
 
 
 def moments(story: Story) -> list[tuple[float, bool, float]]:
-    """Time, whether the fault is covered, and the response then, of every sample in order."""
+    """Time, whether the fault is covered, and the time until images show it [s], NaN if not, of every sample in order."""
     timeline = story.timeline
     t: Array = timeline.samples.t
-    response = fault_response(timeline, "slip")
+    response: Array = timeline.observation.response[:, list(timeline.request.faults["slip"])].max(axis=1)
     return list(zip(t.tolist(), ~np.isnan(response), response, strict=True))
