@@ -1,4 +1,4 @@
-"""Random motions of an arm past cameras, without inverse kinematics; random time lines that no cameras were asked for."""
+"""Random motions of an arm past cameras, without inverse kinematics; random time lines without cameras."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> l
 
 
 def moments(story: Story) -> list[tuple[float, bool, float]]:
-    """Time, whether the fault is covered, and the time until images show it [s], NaN if not, of every sample in order."""
+    """Of every sample in order its time, whether the fault is covered, and the time until images show it [s], or NaN."""
     timeline = story.timeline
     t: Array = timeline.samples.t
     response: Array = timeline.observation.response[:, list(timeline.request.faults["slip"])].max(axis=1)
