@@ -200,7 +200,7 @@ def stretches(formulas: tuple[GroundOperator, ...], kinds: tuple[str, ...]) -> l
 
 
 def moments(story: Story) -> list[tuple[float, bool, float]]:
-    """Of every sample in order its time, whether the fault is covered, and the time until images show it [s], or NaN."""
+    """Of every sample in order its time, whether the fault is covered, and how soon images show it [s], or NaN."""
     timeline = story.timeline
     t: Array = timeline.samples.t
     response: Array = timeline.observation.response[:, list(timeline.request.faults["slip"])].max(axis=1)
