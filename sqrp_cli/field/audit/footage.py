@@ -38,17 +38,19 @@ _APART = 1000.0
 """Time between the steps of a folder of frames, whose times are those of the step [s]."""
 
 
+@dataclass(eq=False)
 class ImageFiles:
     """PNG files of a folder, by the numbers of their frames."""
 
-    def __init__(self, path: Path, workspace: Workspace, files: Sequence[Path]) -> None:
-        self.path, self._workspace, self._files = path, workspace, files
+    path: Path
+    workspace: Workspace
+    files: Sequence[Path]
 
     def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
         """The images of some frames, in their order. Raises InputError for one that cannot be used."""
         for frame in frames:
-            camera = self._workspace.cameras[frame.camera]
-            image = read_png(self._files[frame.number], PixelSize(camera.width, camera.height), camera.name)
+            camera = self.workspace.cameras[frame.camera]
+            image = read_png(self.files[frame.number], PixelSize(camera.width, camera.height), camera.name)
             yield frame, CameraImage(camera.name, frame.t, image)
 
 

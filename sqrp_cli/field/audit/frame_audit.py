@@ -46,27 +46,21 @@ def audit(
     """
     robot = RobotBody.load(workspace.robot)
     offsets = {name: one.clock.offset or 0.0 for name, one in cameras.items() if one.clock.wrong}
-    checks, until, lost, compared, repeated = list[PredictionCheck](), list[float | None](), list[MaybeLost](), 0, 0
+    checks, lost, looked = list[PredictionCheck](), list[MaybeLost](), list[list[tuple[float, Detection]]]()
     with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
             nominal = NominalStep(step, program.joints, robot)
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
-            frames = frames_of(footage, index, step, offsets)
-            found = []
+            frames, found = frames_of(footage, index, step, offsets), list[tuple[float, Detection]]()
             believed = partial(believed_in, step, footage.starts[index], nominal, footage)
             for frame, detection in detected(pool, footage, frames, believed):
                 image_done()
                 found.append((frames[frame], detection))
-            check, false_at = _compared(index, nominal, list(workspace.cameras), found)
+            check, may_be_lost = _compared(index, nominal, list(workspace.cameras), found)
             checks.append(check)
-            until.append(max((t for t, _ in found), default=None))
-            compared += len(found)
-            repeated += sum(detection.frozen for _, detection in found)
-            lost += [
-                MaybeLost(step=index + 1, t=min(times), atom=atom, images=len(times))
-                for atom, times in false_at.items()
-                if len(times) >= LEAST_LOST
-            ]
+            lost += may_be_lost
+            looked.append(found)
+    compared = sum(map(len, looked))
     begin, end = footage.starts[0], footage.starts[-1] + program.steps[-1].time
     apart = {}
     for camera in sorted(footage.recorded):
@@ -80,8 +74,8 @@ def audit(
         times=[step.time for step in program.steps],
         images=compared,
         skipped=len(footage.frames) + footage.unplanned - compared - len(footage.damaged),
-        repeated=repeated,
-        until=until,
+        repeated=sum(detection.frozen for found in looked for _, detection in found),
+        until=[max((t for t, _ in found), default=None) for found in looked],
         runs=footage.runs,
         damaged=len(footage.damaged),
         damage=next(iter(footage.damaged.values()), None),
@@ -99,12 +93,10 @@ def audit(
 
 def _compared(
     index: int, nominal: NominalStep, cameras: Collection[str], found: Sequence[tuple[float, Detection]]
-) -> tuple[PredictionCheck, dict[str, list[float]]]:
-    """What images say of the predictions of a step, each with its time in the step [s].
-
-    And by atom, the times of the images that say that it is not as planned, since the last that says it is.
-    """
+) -> tuple[PredictionCheck, list[MaybeLost]]:
+    """What images say of the predictions of a step, each with its time in the step [s], and what may be lost."""
     check, monitor = PredictionCheck(index, nominal, cameras), Attempt(nominal, 1.0)
+    # By atom, the times of the images that say that it is not as planned, since the last that says it is.
     false_at: dict[str, list[float]] = {atom: [] for atom in nominal.step.targets}
     for t, detection in found:
         truths, asked = {atom: nominal.holds(atom, t) for atom in false_at}, monitor.monitored(t)
@@ -115,7 +107,11 @@ def _compared(
                 false_at[atom].append(t)
             elif seen == Truth.TRUE:
                 false_at[atom].clear()
-    return check, false_at
+    return check, [
+        MaybeLost(step=index + 1, t=min(times), atom=atom, images=len(times))
+        for atom, times in false_at.items()
+        if len(times) >= LEAST_LOST
+    ]
 
 
 def frames_of(footage: Footage, index: int, step: Step, offsets: Mapping[str, float]) -> dict[Frame, float]:

@@ -252,7 +252,7 @@ def _place(view: ExpectedView, background: Background, obj: SceneObject, colored
     if (dilated(outline, margin // 2) & judged & own).any():
         # It fills a place from `FULL / 2` on, so that it may lie beside that by the rest of its length.
         most = round((1.0 - detector.FULL / 2) * float(np.ptp(outlined.polygon, axis=0).max())) + 2
-        shift = displacement(own, judged, lambda by: projected.mask(crop.wider(by)), (margin // 2, most))
+        shift = displacement(own, judged, lambda by: projected.mask(crop, by), (margin // 2, most))
     return _Place(
         projected,
         share=min(float((silhouette & judged).sum()) / askable, 1.0),
@@ -272,26 +272,22 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
     wanted, robot, on_finger = view.marker(atom, box), view.cell.robot, box.frame in view.cell.markers
     # Where open fingers carry a marker in the image, and the way to where closed ones do, (2,) [pixels] each: 0 where
     # they do not move it, or nobody can tell how far they are closed.
-    opened, step, centers = outline.center, np.zeros(2), list[Array]()
-    for fingers in (robot.fingers.open, robot.fingers.closed) if on_finger and robot.fingers is not None else ():
-        X_WL = robot.link_poses(robot.with_fingers(view.believed.joints, fingers))
-        end = view.outline(X_WL[box.frame] @ box.X_FB, box.size)
-        centers += [] if end is None else [end.center]
-    if len(centers) == 2:
-        opened, step = centers[0], centers[1] - centers[0]
+    opened, step = outline.center, np.zeros(2)
+    if on_finger and robot.fingers is not None:
+        ways = (robot.with_fingers(view.believed.joints, one) for one in (robot.fingers.open, robot.fingers.closed))
+        start, end = (view.outline(robot.link_poses(q)[box.frame] @ box.X_FB, box.size) for q in ways)
+        if start is not None and end is not None:
+            opened, step = start.center, end.center - start.center
 
     def nearest(markers: Iterable[FoundMarker]) -> tuple[FoundMarker, float] | None:
-        """The marker of the box among several, and how far it says that the fingers are closed: 0 open, 1 closed.
-
-        That on a finger lies where the fingers can carry it, to half the size of the outline.
-        """
+        """The marker of the box, and how far it says that the fingers are closed: 0 open, 1 closed."""
         found = list[tuple[float, FoundMarker, float]]()
         for marker in markers:
             closure = float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
             off = np.hypot(*(marker.center - opened - np.clip(closure, 0.0, 1.0) * step))
-            if wanted is None or marker.id != wanted.id or (on_finger and off > 0.5 * outline.area**0.5):
-                continue
-            found.append((float(np.hypot(*(marker.center - outline.center))), marker, closure))
+            # That on a finger lies where the fingers can carry it, to half the size of the outline.
+            if wanted is not None and marker.id == wanted.id and not (on_finger and off > 0.5 * outline.area**0.5):
+                found.append((float(np.hypot(*(marker.center - outline.center))), marker, closure))
         return min(found, key=lambda one: one[0])[1:] if found else None
 
     found = None if wanted is None else nearest(view.markers(wanted.dictionary))
@@ -306,7 +302,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
                 beside = find_markers(view.image[crop], wanted.dictionary, hiding)
                 found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
             because = "mask border" if found is None else because
-    share, evidence = 0.0 if found is None else 1.0, Truth.UNKNOWN
+    share, evidence = float(found is not None), Truth.UNKNOWN
     if on_finger:
         about_object = any(view.object_of(atom, other) is not None for other in view.sought.targets[atom].boxes)
         if found is not None and (about_object or robot.fingers is None):

@@ -245,8 +245,9 @@ class ProjectedObject:
             box, parts, area, (np.argwhere(covered).mean(axis=0) - np.argwhere(outline).mean(axis=0))[::-1] / scale
         )
 
-    def mask(self, crop: Crop) -> Mask:
-        """The pixels of a crop that the parts cover."""
+    def mask(self, crop: Crop, margin: int = 0) -> Mask:
+        """The pixels that the parts cover of a crop with a margin on every side, which may reach beyond the image."""
+        crop = Crop(*(slice(side.start - margin, side.stop + margin) for side in crop))
         return filled(crop, [self.box.corners]) & pieces_mask(crop, self.parts)
 
 

@@ -131,10 +131,6 @@ class ImageStreams(_CameraStreams):
         coming += [one.newest + one.camera.lag + one.overdue + 1e-6 for one in self._streams.values()]
         return min([*coming, self._arrivals[0][0]] if self._arrivals else coming)
 
-    def has_arrival_from(self, end: float) -> bool:
-        """Whether an image that was taken by a time [s] is still under way."""
-        return any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
-
     def fail(
         self, how: Literal["camera-loss", "frozen", "latency", "perception-crash"], camera: str, delay: float = 0.0
     ) -> None:

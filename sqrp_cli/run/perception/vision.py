@@ -105,10 +105,6 @@ class Crop(NamedTuple):
         """Its first pixel (x, y), shape (2,)."""
         return np.array([self.columns.start, self.rows.start], dtype=np.int32)
 
-    def wider(self, by: int) -> Crop:
-        """With a margin on every side [pixels], which may reach beyond the image: it then indexes nothing."""
-        return Crop(*(slice(side.start - by, side.stop + by) for side in self))
-
 
 def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     """The pixels of a crop that convex polygons cover.

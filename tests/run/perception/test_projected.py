@@ -30,7 +30,7 @@ from tests.run.perception.detector_limits import GROUND, SCREEN, Stage, staged
 
 SIZE = np.array([0.04, 0.05, 0.06])
 EYE = camera("near", (4.3, 0.4, 0.5), (4.0, 0.0, 0.02))
-AROUND = Crop.whole(EYE.height, EYE.width).wider(100)
+AROUND = Crop(slice(-100, EYE.height + 100), slice(-100, EYE.width + 100))
 VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
