@@ -6,7 +6,7 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from sqrp_cli.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.records import dataclass
 from sqrp_cli.study.drop_detection import onset
 from sqrp_cli.study.fault_sights import all_fault_windows
-from sqrp_cli.study.quality import figures_of
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import MAX_SAMPLES, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.stage import Stage
@@ -85,7 +85,14 @@ class Observed(PlannedMotion):
     def without_delays(self) -> CandidateResult:
         """Its figures, without faults."""
         return CandidateResult(
-            candidate=self.candidate, feasible=True, **vars(figures_of(self.timeline, self.motion.time, {}))
+            candidate=self.candidate,
+            feasible=True,
+            time=self.motion.time,
+            **vars(qualities_over(self.timeline)),
+            t_total=self.T,
+            t_eoi=self.T_eoi,
+            faults={},
+            states=int(self.timeline.monitored.sum()),
         )
 
 
@@ -107,10 +114,9 @@ class Analysis(Observed):
             for fault, windows in self.windows.items()
         }
         latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
-        return CandidateResult(
-            candidate=self.candidate,
-            feasible=True,
-            **vars(figures_of(timeline, time, faults)),
+        return replace(
+            self.without_delays,
+            faults=faults,
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
             remarks=self.motion.remarks,

@@ -1,25 +1,11 @@
-"""The figures of a candidate, first of all its sensing quality: how much of the time that matters is covered."""
+"""The sensing quality of a candidate: how much of the time that matters is covered."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from sqrp_cli.figures import FaultMetrics, Figures, Qualities
+from sqrp_cli.figures import Qualities
 from sqrp_cli.study.timeline import Timeline
-
-
-def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetrics]) -> Figures:
-    """The figures of a motion that takes `time` [s]."""
-    return Figures(
-        time=time,
-        **vars(qualities_over(timeline)),
-        t_total=timeline.request.T,
-        t_eoi=timeline.request.T_eoi,
-        faults=faults,
-        states=int(timeline.monitored.sum()),
-    )
 
 
 def qualities_over(timeline: Timeline) -> Qualities:

@@ -103,8 +103,8 @@ def test_the_number_of_literals_is_reported_without_making_them(condition: Condi
     typed = "(:requirements :typing) (:types cube) (:predicates (p))"
     domain = parse_domain(f"(define (domain d) {typed} (:action a :parameters () :effect (p)))", Path("d.pddl"))
     made = ground_condition(condition, {"x": "a"}, objects, domain)
-    assert literal_count(condition, objects, domain) == _count(made)
 
+    def count(made: GroundCondition) -> int:
+        return sum(map(count, made.parts)) if isinstance(made, Joined) else 1
 
-def _count(made: GroundCondition) -> int:
-    return sum(map(_count, made.parts)) if isinstance(made, Joined) else 1
+    assert literal_count(condition, objects, domain) == count(made)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,14 +51,13 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     document["cameras"]["hand"] = HAND
     write_cell(document, folder)
     cell = Cell.load(load_workspace(folder))
-    return cell, list(_studies(cell, read_task("pickup", cell.workspace).candidates[:4]))
+    return cell, _studies(cell, "pickup", 4)
 
 
-def _studies(cell: Cell, candidates: object) -> Iterator[Analysis]:
-    for candidate in candidates:  # type: ignore[attr-defined]
-        found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
-        if not isinstance(found, Infeasible):
-            yield found.study
+def _studies(cell: Cell, task: str, most: int) -> list[Analysis]:
+    candidates = read_task(task, cell.workspace).candidates[:most]
+    found = [find_way(cell, one, cell.initial_world, Adaptive(), WantedWay(fastest=True)) for one in candidates]
+    return [way.study for way in found if not isinstance(way, Infeasible)]
 
 
 def figures(study: Analysis) -> dict[str, FaultMetrics]:
@@ -121,7 +119,7 @@ def test_no_drop_between_those_followed_is_shown_later_than_promised(
     document["cameras"] = {name: document["cameras"][name] for name in list(document["cameras"])[:1]} | {"hand": HAND}
     write_cell(document, folder)
     cell = Cell.load(load_workspace(folder))
-    (study,) = _studies(cell, read_task("pickup g3", cell.workspace).candidates)
+    (study,) = _studies(cell, "pickup g3", 1)
     monkeypatch.setattr(drop_detection, "_STEP", 0.01)
     (promised,), (true,) = study.onsets["slip"], observed(cell, study, Adaptive(), full=False).onsets["slip"]
     x = np.linspace(promised.x[0], promised.x[-1], 400)

@@ -153,15 +153,12 @@ def test_fixed_samples_are_where_they_were_asked_for(ur5: RobotModel) -> None:
             assert all(np.abs(wanted - time).min() < 2e-9 or time in edges for time in own)
 
 
-@pytest.mark.parametrize("sampling", [FixedCount(2), FixedStep(10.0), Adaptive()])
-def test_both_ends_of_every_primitive_and_interval_are_samples_in_every_mode(
-    ur5: RobotModel, sampling: Sampling
-) -> None:
+def test_both_ends_of_every_primitive_and_interval_are_samples_in_every_mode(ur5: RobotModel) -> None:
     motion = watched_motion(5, ur5)
-    t = motion.timeline(sampling).samples.t
-    edges = [time for p in motion.stage.motion.primitives for time in (p.start, p.end)]
-    edges += [time for f in motion.formulas for time in (f.start, f.end)]
-    assert all(np.abs(t - time).min() < 1e-9 for time in edges)
+    edges = [time for p in (*motion.stage.motion.primitives, *motion.formulas) for time in (p.start, p.end)]
+    for sampling in (FixedCount(2), FixedStep(10.0), Adaptive()):
+        t = motion.timeline(sampling).samples.t
+        assert all(np.abs(t - time).min() < 1e-9 for time in edges), sampling
 
 
 def test_nothing_moves_further_than_stated_between_adaptive_samples(ur5: RobotModel) -> None:
