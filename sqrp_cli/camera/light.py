@@ -98,7 +98,7 @@ class Light(FileRecord):
             raise PydanticCustomError("conflicting-keys", "`position` and `look_at` of a lamp go together")
         if self.beam is not None and self.position is None:
             raise PydanticCustomError("conflicting-keys", "`beam` goes with the `position` of a lamp")
-        if not self.is_ambient and float(np.linalg.norm(self._way)) < SHORTEST_DIRECTION:
+        if not self.is_ambient and np.linalg.norm(self.heading) < 0.999:
             raise PydanticCustomError("not-a-rotation", "the direction of the light has length 0")
 
     @property
@@ -113,14 +113,12 @@ class Light(FileRecord):
 
     @property
     def heading(self) -> Array:
-        """Unit vector in which it shines, (3,)."""
-        return self._way / np.linalg.norm(self._way)
-
-    @property
-    def _way(self) -> Array:
+        """Unit vector in which it shines, (3,); a shorter one if that is not known."""
+        way = np.subtract(self.look_at or (0.0, 0.0, 0.0), self.position or (0.0, 0.0, 0.0))
         if self.direction is not None:
-            return np.array(self.direction)
-        return np.subtract(self.look_at or (0.0, 0.0, 0.0), self.position or (0.0, 0.0, 0.0))
+            way = np.array(self.direction)
+        heading: Array = way / max(float(np.linalg.norm(way)), SHORTEST_DIRECTION)
+        return heading
 
 
 Brightness = tuple[float, float]

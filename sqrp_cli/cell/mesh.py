@@ -113,8 +113,10 @@ def _read(path: Path, size: int, _time: int) -> tuple[Array, Integers, float]:
     return points, faces, unit
 
 
-def _damaged(path: Path, message: str, line: int | None = None, mend: str = "export it again") -> InputError:
-    return bad_input("mesh-damaged", message, Place(path, line), mend=mend)
+def _damaged(at: Path | Element, message: str, line: int | None = None, mend: str = "export it again") -> InputError:
+    """The refusal of a file, in a line of it, or of an element."""
+    place = Place(at, line) if isinstance(at, Path) else Place(at.place.file, at.place.line)
+    return bad_input("mesh-damaged", message, place, mend=mend)
 
 
 def _check_count(path: Path, count: int) -> None:
@@ -318,10 +320,10 @@ def _dae(path: Path, content: bytes) -> _Surface:
     def place(node: Element, X: Array, depth: int) -> None:
         nonlocal placements, count, triangles
         if depth > MAX_DEPTH:
-            raise _wrong(node, f"nodes place each other in more than {MAX_DEPTH} levels, or themselves")
+            raise _damaged(node, f"nodes place each other in more than {MAX_DEPTH} levels, or themselves")
         for child in node.children:
             if child.tag in _UNSUPPORTED:
-                raise _wrong(child, f"found {child}: {_UNSUPPORTED[child.tag]} are not supported")
+                raise _damaged(child, f"found {child}: {_UNSUPPORTED[child.tag]} are not supported")
             if child.tag in _NUMBERS:
                 X = X @ _transformation(child)
             if child.tag not in ("node", "instance_node", "instance_geometry"):
@@ -365,17 +367,17 @@ def _referred(element: Element, attribute: str, named: dict[str, list[Element]])
     found = named.get(name, [])
     if len(found) != 1:
         why = f"as {len(found)} are called" if found else f"which is not there; {expected_names(name, named)}"
-        raise _wrong(element, f"{element} refers to `{name[:60]}`, {why}")
+        raise _damaged(element, f"{element} refers to `{name[:60]}`, {why}")
     return found[0]
 
 
 def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
     """Points and triangles of a part of a mesh; each material has a part."""
     if part.first("ph"):
-        raise _wrong(part, f"found {part}: polygons with holes are not supported")
+        raise _damaged(part, f"found {part}: polygons with holes are not supported")
     inputs = {one.text("semantic"): one for one in part.all("input")}
     if "VERTEX" not in inputs:
-        raise _wrong(part, f"{part} has no input of the semantic `VERTEX`")
+        raise _damaged(part, f"{part} has no input of the semantic `VERTEX`")
     points = _points(mesh, _referred(inputs["VERTEX"], "source", _by_id(mesh.all("vertices"))))
     width, column = 1 + max(_whole(one, "offset") for one in part.all("input")), _whole(inputs["VERTEX"], "offset")
     lists = list[Integers]()
@@ -383,12 +385,12 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
         numbers = _numbers(element, np.int64)
         if len(numbers) % width:
             found = f"{element} has {len(numbers):,} numbers, expected a multiple of {width:,}"
-            raise _wrong(element, f"{found}, as many as a corner has")
+            raise _damaged(element, f"{found}, as many as a corner has")
         corners = numbers[column::width]
         wrong = np.flatnonzero((corners < 0) | (corners >= len(points)))
         if len(wrong):
             message = f"corner {wrong[0] + 1:,} of {element} refers to VERTEX {corners[wrong[0]]:,}"
-            raise _wrong(element, f"{message}, expected one from 0 to {len(points) - 1:,}")
+            raise _damaged(element, f"{message}, expected one from 0 to {len(points) - 1:,}")
         lists.append(corners)
     corners, count = np.concatenate([np.empty(0, dtype=np.int64), *lists]), _whole(part, "count")
     sizes = np.array([len(one) for one in lists], dtype=np.int64)
@@ -398,7 +400,7 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
         sizes = _numbers(part.need("vcount"), np.int64)
     if len(sizes) != count or sizes.sum() != len(corners):
         message = f"`count` is {count:,}, but there are {len(sizes):,} polygons of {sizes.sum():,} corners in all"
-        raise _wrong(part, f"{part}: {message}, and its <p> has {len(corners):,}")
+        raise _damaged(part, f"{part}: {message}, and its <p> has {len(corners):,}")
     if part.tag not in ("trifans", "tristrips"):
         return points, _cut(part.place.file, points, corners, sizes, lambda _: part.place.line)
     faces = [np.empty((0, 3), dtype=np.int64)]
@@ -412,19 +414,19 @@ def _part(mesh: Element, part: Element) -> tuple[Array, Integers]:
 def _points(mesh: Element, vertices: Element) -> Array:
     inputs = {one.text("semantic"): one for one in vertices.all("input")}
     if "POSITION" not in inputs:
-        raise _wrong(vertices, f"{vertices} has no input of the semantic `POSITION`")
+        raise _damaged(vertices, f"{vertices} has no input of the semantic `POSITION`")
     source = _referred(inputs["POSITION"], "source", _by_id(mesh.all("source")))
     array = source.need("float_array")
     numbers, stated = _numbers(array, np.float64), _whole(array, "count")
     if len(numbers) != stated:
-        raise _wrong(array, f"{array}: found {len(numbers):,} numbers, expected {stated:,}, its `count`")
+        raise _damaged(array, f"{array}: found {len(numbers):,} numbers, expected {stated:,}, its `count`")
     accessor = next((one for common in source.all("technique_common") for one in common.all("accessor")), None)
     count, stride, offset = stated // 3, 3, 0
     if accessor is not None:
         count, stride, offset = _whole(accessor, "count"), _whole(accessor, "stride", 1), _whole(accessor, "offset", 0)
     if stride < 3 or offset + count * stride > stated:
         message = f"the accessor of {source} says {offset:,} + {count:,} x {stride:,} numbers"
-        raise _wrong(source, f"{message}, expected three for each point, of {stated:,} in all")
+        raise _damaged(source, f"{message}, expected three for each point, of {stated:,} in all")
     return numbers[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
 
@@ -432,7 +434,7 @@ def _transformation(element: Element) -> Array:
     """The matrix (4, 4) of a transformation of a node."""
     numbers, X = _numbers(element, np.float64), np.eye(4)
     if len(numbers) != _NUMBERS[element.tag]:
-        raise _wrong(element, f"{element}: found {len(numbers)} numbers, expected {_NUMBERS[element.tag]}")
+        raise _damaged(element, f"{element}: found {len(numbers)} numbers, expected {_NUMBERS[element.tag]}")
     if element.tag == "matrix":
         return numbers.reshape(4, 4)
     if element.tag == "translate":
@@ -455,7 +457,7 @@ def _numbers(element: Element, kind: Any) -> NDArray[Any]:  # noqa: ANN401 - a t
         words = enumerate(text.split(), 1)
         number, word = next(((number, word) for number, word in words if isnan(as_number(word))), (0, ""))
         found = f"number {number:,} is `{word[:60]}`, expected a number" if number else "expected whole numbers"
-        raise _wrong(element, f"{element}: {found}") from None
+        raise _damaged(element, f"{element}: {found}") from None
 
 
 def _whole(element: Element, attribute: str, default: int | None = None) -> int:
@@ -463,12 +465,8 @@ def _whole(element: Element, attribute: str, default: int | None = None) -> int:
         return default
     text = element.text(attribute)
     if not (text.isascii() and text.isdigit() and len(text) <= 9):
-        raise _wrong(element, f"{element}: `{attribute}` is `{text[:60]}`, expected a whole number up to 999,999,999")
+        raise _damaged(element, f"{element}: `{attribute}` is `{text[:60]}`, expected a whole number up to 999,999,999")
     return int(text)
-
-
-def _wrong(element: Element, message: str) -> InputError:
-    return _damaged(element.place.file, message, element.place.line)
 
 
 _READERS: dict[str, Callable[[Path, bytes], _Surface]] = {".stl": _stl, ".obj": _obj, ".dae": _dae}

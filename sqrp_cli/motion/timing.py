@@ -163,7 +163,14 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
     every = np.array([along.velocity, along.acceleration, along.jerk], dtype=float).reshape(3, -1)
     timed: dict[int, Trajectory] = {}
     for rows, joined in side_by_side(paths):
-        curves, stated = _joined(joined, len(rows), limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
+        # Slopes by piece and path, then by order and joint, then by polynomial.
+        p, degree = joined.coefficients.shape[:2]
+        slopes = np.zeros((3, degree, p, joined.coefficients.shape[2]))
+        for order in (1, 2, 3):
+            derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
+            slopes[order - 1, : len(derived)] = derived * (2.0 / np.diff(joined.breaks)[:, None]) ** order
+        slopes = slopes.reshape(3, degree, p, len(rows), -1).transpose(2, 3, 0, 4, 1).reshape(p, len(rows), -1, degree)
+        curves, stated = (joined.breaks, slopes, limits), np.broadcast_to(every, (3, len(paths)))[:, rows]
         best = _fastest_laws(curves, stated, np.arange(len(rows)), ROUNDS)
         slow = np.flatnonzero(best[0] < REACHED * stated[0])
         for share in SPEEDS if len(slow) else ():
@@ -243,19 +250,7 @@ def _fastest_laws(curves: _Curves, stated: Array, rows: Indices, rounds: int, *,
 
 
 _Curves = tuple[Array, Array, MotionLimits]
-"""Paths of n joints each, joined: their breaks, slopes, (p, count, 3 n, degree), and the limits of the joints, (n,)."""
-
-
-def _joined(joined: JointPath, count: int, limits: MotionLimits) -> _Curves:
-    """Of paths as one of `count` times n joints; slopes by piece and path, then by order and joint, then polynomial."""
-    p, degree = joined.coefficients.shape[:2]
-    every = np.zeros((3, degree, p, joined.coefficients.shape[2]))
-    width = np.diff(joined.breaks)[:, None]
-    for order in (1, 2, 3):
-        derived = np.polynomial.chebyshev.chebder(joined.coefficients.swapaxes(0, 1), order)
-        every[order - 1, : len(derived)] = derived * (2.0 / width) ** order
-    slopes = every.reshape(3, degree, p, count, -1).transpose(2, 3, 0, 4, 1).reshape(p, count, -1, degree)
-    return joined.breaks, slopes, limits
+"""Breaks of r paths of n joints each, their slopes, (p, r, 3 n, degree), and the limits of the joints, (n,)."""
 
 
 def _ratios(curves: _Curves, law: Array, rows: Indices) -> Array:

@@ -50,6 +50,8 @@ class JointTree:
     axes: Array  # unit vectors in the joints' frames, shape (N, 3)
     terms: Array  # the matrices A (the pose at position 0), B and C of each joint, shape (N, 3, 4, 4)
     mounts: dict[str, Mount]  # what carries each link of robot and tool
+    with_links: tuple[NDArray[np.int64], Mask, Array, Mapping[str, int]]
+    """Parents, turns and terms with a joint at rest for each link beside the one that carries it; rows of links."""
     ratios: Array
     offsets: Array
     """Positions of all joints are `q @ ratios.T + offsets` [rad or m]: from those of the n driven ones, with shapes
@@ -80,13 +82,28 @@ class JointTree:
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
+        parents, terms = (
+            [carrier for carrier, _ in seats],
+            np.stack([still, still @ motion, still @ motion @ motion], axis=1),
+        )
+        beside = {link: on for link, on in mounts.items() if on[0] >= 0 and not np.array_equal(on[1], np.eye(4))}
+        resting = np.zeros((len(beside), 3, 4, 4))
+        resting[:, 0] = [X_JL for _, X_JL in beside.values()] or resting[:, 0]
+        rows = {link: joint for link, (joint, _) in mounts.items()}
+        with_links = (
+            np.array([*parents, *(joint for joint, _ in beside.values())]),
+            np.concatenate([turns, np.zeros(len(beside), dtype=bool)]),
+            np.concatenate([terms, resting]),
+            rows | {link: len(parents) + k for k, link in enumerate(beside)},
+        )
         return JointTree(
             joints=tuple(joints),
-            parents=tuple(carrier for carrier, _ in seats),
+            parents=tuple(parents),
             turns=turns,
             axes=axes,
-            terms=np.stack([still, still @ motion, still @ motion @ motion], axis=1),
+            terms=terms,
             mounts=mounts,
+            with_links=with_links,
             ratios=np.eye(len(joints)),
             offsets=np.zeros(len(joints)),
         )
@@ -131,27 +148,13 @@ class JointTree:
 
     def link_poses(self, positions: Array) -> dict[str, Array]:
         """World pose X_WL of every link, shape (m, 4, 4) each, at positions of all joints, shape (m, N)."""
-        parents, turns, terms, rows = self._with_links
+        parents, turns, terms, rows = self.with_links
         rest, still = np.zeros((len(positions), len(parents) - len(self.joints))), (len(positions), 4, 4)
         X_WL = joint_poses(parents, turns, terms, np.concatenate([positions, rest], axis=1))
         return {
             link: np.broadcast_to(X_JL, still) if joint < 0 else X_WL[rows[link]]
             for link, (joint, X_JL) in self.mounts.items()
         }
-
-    @cached_property
-    def _with_links(self) -> tuple[NDArray[np.int64], Mask, Array, Mapping[str, int]]:
-        """Parents, turns and terms with a joint at rest for each link beside the one that carries it; rows of links."""
-        beside = {k: on for k, on in self.mounts.items() if on[0] >= 0 and not np.array_equal(on[1], np.eye(4))}
-        terms = np.zeros((len(beside), 3, 4, 4))
-        terms[:, 0] = [X_JL for _, X_JL in beside.values()] or terms[:, 0]
-        rows = {link: joint for link, (joint, _) in self.mounts.items()}
-        return (
-            np.array([*self.parents, *(joint for joint, _ in beside.values())]),
-            np.concatenate([self.turns, np.zeros(len(beside), dtype=bool)]),
-            np.concatenate([self.terms, terms]),
-            rows | {link: len(self.parents) + k for k, link in enumerate(beside)},
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +198,7 @@ class RobotModel(JointLimits[Array]):
     angle_tolerance: float
     """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
     tree: JointTree  # every joint and link of robot and tool, driven by the joints of arm and fingers
-    _chain: JointTree  # of the joints that carry the tool frame, driven by those of the arm
+    _chain: JointTree  # of the joints that carry the tool frame, driven by those of the arm; mounts are of no use
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
@@ -246,13 +249,13 @@ class RobotModel(JointLimits[Array]):
             adjacent_pairs=adjacent,
             angle_tolerance=robot.angle_tolerance,
             tree=driven,
-            _chain=JointTree(
+            _chain=replace(
+                of_arm,
                 joints=tuple(tree.joints[row] for row in chain),
                 parents=tuple(range(-1, len(chain) - 1)),
                 turns=tree.turns[chain],
                 axes=tree.axes[chain],
                 terms=tree.terms[chain],
-                mounts={},
                 ratios=of_arm.ratios[chain],
                 offsets=of_arm.offsets[chain],
             ),
