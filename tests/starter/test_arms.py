@@ -114,31 +114,26 @@ def test_cubes_count_that_can_be_picked_up_with_the_tool_turned(tmp_path: Path) 
     assert (made.tip, len(made.cubes)) == ("left_hand", 4)
 
 
-def test_the_other_legs_of_a_robot_without_arms_are_named() -> None:
-    guessed = guess_arm(read_urdf(ROBOTS / "go1_description/urdf/go1.urdf"))
-    assert (guessed.tip, guessed.others) == ("FR_foot", ("FL_foot", "RR_foot", "RL_foot"))
+TIAGO = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
+ELBOW = ["joint_1", "joint_2", "motor_3", "joint_4", "joint_5", "joint_6"]
+GUESSES = {
+    "legs of a robot without arms": (
+        "go1_description/urdf/go1.urdf", {"tip": "FR_foot", "others": ("FL_foot", "RR_foot", "RL_foot")}
+    ),
+    "fingers of a hand are not of the arm": ("tiago_description/robots/tiago.urdf", {"joints": TIAGO, "others": ()}),
+    "a level flange": (LINKAGES["a level flange"], {"joints": [f"joint_{k}" for k in range(1, 5)], "tip": "tool0"}),
+    "an elbow led by a rod": (LINKAGES["an elbow led by a rod"], {"joints": ELBOW, "tip": "tool0"}),
+    "a wrist without roll points across its last axis": (FEW_AXES["four axes"], {"out": [1.0, 0.0, 0.0]}),
+}  # fmt: skip
 
 
-def test_the_fingers_of_a_hand_are_not_of_the_arm() -> None:
-    guessed = guess_arm(read_urdf(ROBOTS / "tiago_description/robots/tiago.urdf"))
-    assert [joint.name for joint in guessed.joints] == ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
-    assert guessed.others == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "joints"),
-    [("a level flange", ["joint_1", "joint_2", "joint_3", "joint_4"]),
-     ("an elbow led by a rod", ["joint_1", "joint_2", "motor_3", "joint_4", "joint_5", "joint_6"])],
-)  # fmt: skip
-def test_the_joints_of_a_linkage_are_those_that_drive_it(name: str, joints: list[str], tmp_path: Path) -> None:
-    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *LINKAGES[name])))
-    assert [joint.name for joint in guessed.joints] == joints
-    assert guessed.tip == "tool0"
-
-
-def test_a_wrist_without_roll_points_its_tool_across_its_last_axis(tmp_path: Path) -> None:
-    guessed = guess_arm(read_urdf(written_urdf(tmp_path / "arm.urdf", *FEW_AXES["four axes"])))
-    assert guessed.out.tolist() == [1.0, 0.0, 0.0]
+@pytest.mark.parametrize("name", GUESSES)
+def test_the_arm_is_what_drives_the_tool_and_no_finger_or_rod(name: str, tmp_path: Path) -> None:
+    urdf, expected = GUESSES[name]
+    path = ROBOTS / urdf if isinstance(urdf, str) else written_urdf(tmp_path / "arm.urdf", *urdf)
+    guessed = guess_arm(read_urdf(path))
+    found = {"joints": [joint.name for joint in guessed.joints], "tip": guessed.tip, "others": guessed.others}
+    assert expected == {key: {**found, "out": guessed.out.tolist()}[key] for key in expected}
 
 
 def test_where_no_frame_says_which_way_a_wrist_points_its_shape_does(tmp_path: Path) -> None:
