@@ -96,21 +96,24 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
     And `always` formulas that contradict the precondition at the skill's start, or its effect at the end.
     """
     names = [primitive.name for primitive in skill.primitives]
-    needed = set[Atom](), set[Atom]()
+    asked, denied = list[Holds](), list[Holds]()
     conditions: list[Condition] = [skill.action.precondition]
     for condition in conditions:
         match condition:
             case Holds() if condition.predicate != EQUAL:
-                needed[0].add(_claimed(condition))
+                asked.append(condition)
             case Compound("not", (Holds() as use,)) if use.predicate != EQUAL:
-                needed[1].add(_claimed(use))
+                denied.append(use)
             case Compound("and", parts):
                 conditions += parts
+    needed, made = (  # the atoms that are true before and after it, and those that are false
+        [{Atom(use.predicate, tuple(term.removeprefix("?") for term in use.terms)) for use in uses} for uses in both]
+        for both in ((asked, denied), (skill.action.adds, skill.action.deletes))
+    )
     for atom in sorted(needed[0] & needed[1], key=str):
         message = f"skill `{skill.name}`: the precondition demands `{atom}` and `not {atom}`"
         place, mend = Place(skill.domain.path, skill.action.place.line), "remove one of them; it can never be done"
         yield Problem("contradictory-precondition", message, place, mend=mend)
-    made = set(map(_claimed, skill.action.adds)), set(map(_claimed, skill.action.deletes))
     for requirement, interval, true, false in _demands(skill):
         at_start = interval.start.boundary(names) == 0 and interval.start.offset <= 0
         at_end = interval.end.boundary(names) == len(names) and interval.end.offset >= 0
@@ -123,10 +126,6 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
                 message = f"skill `{skill.name}`: `{requirement.formula}` demands `{demanded}` against {what}"
                 mend = f"correct the formula or {what} in {skill.domain.path.name}"
                 yield Problem(code, message, requirement.place, mend=mend)
-
-
-def _claimed(use: Holds) -> Atom:
-    return Atom(use.predicate, tuple(term.removeprefix("?") for term in use.terms))
 
 
 def intervals_outside(found: Iterable[CandidateResult | Feasibility]) -> tuple[Problem, ...]:

@@ -41,14 +41,15 @@ class Aim:
 
 def looking_at(eyes: Array, points: Array, up: Array) -> Array:
     """The poses (p, 4, 4) that `geometry.look_at` gives for eyes and points (p, 3) and one upward direction (3,)."""
-    forward = _unit(points - eyes)
+    forward = (points - eyes) / np.linalg.norm(points - eyes, axis=1)[:, None]
     right = np.zeros_like(forward)
-    for way in (np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), _unit(up[None])[0]):  # the last one counts most
+    for way in (np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), up / np.linalg.norm(up)):  # the last counts most
         across = cross(forward, np.broadcast_to(way, forward.shape))
         usable = np.linalg.norm(across, axis=1) >= _PARALLEL
         right[usable] = across[usable]
-    right = _unit(right)
-    right = _unit(right - (right * forward).sum(axis=1)[:, None] * forward)
+    right /= np.linalg.norm(right, axis=1)[:, None]
+    right -= (right * forward).sum(axis=1)[:, None] * forward
+    right /= np.linalg.norm(right, axis=1)[:, None]
     poses = np.tile(np.eye(4), (len(eyes), 1, 1))
     poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2], poses[:, :3, 3] = right, cross(forward, right), forward, eyes
     return poses
@@ -72,11 +73,6 @@ def whole_millimetres(vector: Array) -> Array:
     """A place or an offset in whole millimetres [m]."""
     rounded: Array = np.round(np.round(vector / 1e-3) * 1e-3, 6)
     return rounded
-
-
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    return unit
 
 
 CAMERA_RADIUS = 0.03

@@ -217,12 +217,6 @@ class PlacementProgram:
         self.complete = False  # whether the selection sees all that counts
 
     @property
-    def options(self) -> list[int]:
-        """Those on mounts that the best selection has."""
-        values = np.zeros(len(self._program.whole)) if self._values is None else self._values
-        return [option for option, x in self._x.items() if values[x] > 0.5]
-
-    @property
     def selection(self) -> Selection | None:
         """The best selection; None if there is none, or none was found in time."""
         values = self._values
@@ -232,7 +226,7 @@ class PlacementProgram:
             max(of_one, key=lambda way: values[self._taken[way]] if way in self._taken else 1.0)
             for of_one in self._problem.candidates
         )
-        return Selection(tuple(self.options), ways)
+        return Selection(tuple(option for option, x in self._x.items() if values[x] > 0.5), ways)
 
     def solve_first(self) -> Selection | None:
         """The best selection in the first objectives: with a goal the number of cameras, and the quality."""
@@ -240,11 +234,11 @@ class PlacementProgram:
         if requirements.goal is not None:
             self._demand_goal()
             fewest = self._improve("fewest cameras", dict.fromkeys(count, -1.0))
-            if self._values is None:
+            if (chosen := self.selection) is None:
                 self.bound = 0.0 if self.proven else self.bound
                 return None
             self.fewest = max(0, int(np.ceil(-fewest.bound - 1e-6)))
-            self._program.row(count, most=float(len(self.options)))
+            self._program.row(count, most=float(len(chosen.options)))
         title, program = f"{requirements.objective} Q", self._program
         rows, variables = len(program.rows), len(program.whole)
         # Demand that all is seen that any quality counts. Where that is possible it is chosen by the last objective, so
@@ -278,17 +272,17 @@ class PlacementProgram:
         problem = self._problem
         at_best = self._shorten_delay(known) and self.complete and self.proven
         least, price = self._requirements.at_least(len(problem.kept)), problem.price[list(self._x)]
-        if problem.price[self.options].sum() > np.sort(price)[:least].sum() + SLACK:
+        if problem.price[list((self.selection or known).options)].sum() > np.sort(price)[:least].sum() + SLACK:
             at_best = False
             self._improve("price", {x: -float(problem.price[option]) for option, x in self._x.items()})
-        if len(self.options) > least:
+        if len((self.selection or known).options) > least:
             at_best = False
             self._improve("fewest cameras", dict.fromkeys(self._x.values(), -1.0))
         mean = replace(self._requirements, objective="mean")
         if not self.complete and problem.worth(mean, self.selection or known)[0] < 1.0 - SLACK:
             self._improve("mean Q", self._mean_quality())
         if not at_best:
-            self._improve("what each sees", self._last_objective(len(self.options)))
+            self._improve("what each sees", self._last_objective(len((self.selection or known).options)))
         return self.selection
 
     def _last_objective(self, most: int) -> Terms:
