@@ -116,16 +116,16 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         there = offset(rest.X_FB).fills(SURE)[0] >= 0
         poses = [turned(at) for at in free]
         alone = np.array([painted.shows_not_held([tool], X) for X in poses])
-        beside = np.array([painted.shows_not_held([tool, rest], X) for X in poses])
         assert clear.any() and alone[clear].all()  # noqa: PT018
-        assert (apart & there).any() and beside[clear | (apart & there)].all()  # noqa: PT018
+        assert (apart & there).any()
+        assert all(painted.shows_not_held([tool, rest], poses[i]) for i in np.flatnonzero(clear | (apart & there)))
         between += int((apart & ~alone).sum())
         late.append((alone.argmax() - clear.argmax()) / STEPS)
     assert between, "apart is not enough: in between the detector calls it neither held nor gone"
     assert min(late) >= -0.2, "the bound is close to what the detector really needs"
 
 
-@pytest.mark.parametrize("hidden", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("hidden", [0.3, pytest.param(0.5, marks=pytest.mark.trial), 0.7])
 @pytest.mark.parametrize("size", SIZES)
 def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidden: float) -> None:
     depth, width, height = size
@@ -133,7 +133,7 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     painted = Painted(NEAR, size, (before_it, (0.1 * depth, hidden * width, 0.5 * height)))
     X_WH = pose(np.eye(3), HELD)
     boxes = [box_at("tool", X_WH, size), box_at("rest", pose(np.eye(3), HELD - (0, 0, 0.1 * height)), size)]
-    falls = np.linspace(0.0, 0.5 * height, 200)
+    falls = np.linspace(0.0, 0.5 * height, 120)
     first = next(fall for fall in falls if painted.shows_not_held(boxes, pose(np.eye(3), HELD - (0, 0, fall))))
     outline = painted.projected(X_WH).box
     along = np.ptp(outline.polygon, axis=0)[1] / height  # pixels of a metre
@@ -144,7 +144,7 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     assert seen == pytest.approx(usual, abs=1.0)  # the detector measures by whole pixels
 
 
-@pytest.mark.parametrize("min_visible", [0.45, 0.5, 0.9])
+@pytest.mark.parametrize("min_visible", [0.45, pytest.param(0.5, marks=pytest.mark.trial), 0.9])
 @pytest.mark.parametrize("size", SIZES)
 def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, min_visible: float) -> None:
     depth, width, height = size
@@ -155,7 +155,7 @@ def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, m
     )  # fmt: skip
     states = SceneStates(1, {WORLD: np.eye(4)[None]})
     uncovered = 0
-    for hidden in np.linspace(0.0, 0.9, 91):
+    for hidden in np.linspace(0.0, 0.9, 46):
         before_it = HELD + np.array([0.6 * depth, 0.0, 0.5 * (1.0 - hidden) * height])
         painted = Painted(NEAR, size, (before_it, (0.1 * depth, 2.0 * width, hidden * height)))
         if painted.says_of_held([box_at("tool", X_WH, size)], X_WH, min_visible) is Truth.UNKNOWN:
