@@ -60,17 +60,13 @@ class Replay:
             box = coal.Box(*(np.array(obj["size"]) - 2 * TOUCH))
             self.boxes[name] = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), box))
         parents = [obj.parentJoint for obj in self.geometry.geometryObjects]
+        fixed = {box for name, box in self.boxes.items() if self.objects[name]["fixed"]}
         for i, j in combinations([*links, *self.boxes.values()], 2):
-            own = i in links and j in links
-            mounted = own and min(parents[i], parents[j]) == 0 == max(parents[i], parents[j])
-            neighbours = own and abs(parents[i] - parents[j]) <= 1
-            both_fixed = all(obj in self.boxes.values() and self._is_fixed(obj) for obj in (i, j))
-            on_base = {i, j} & set(self.boxes.values()) and parents[min(i, j)] == 0 and not own
-            if not (mounted or neighbours or both_fixed or (on_base and min(i, j) in links)):
+            own, one_link = i in links and j in links, min(i, j) in links
+            neighbours = own and abs(parents[i] - parents[j]) <= 1  # or both on the base
+            on_base = one_link and not own and parents[min(i, j)] == 0
+            if not (neighbours or {i, j} <= fixed or on_base):
                 self.geometry.addCollisionPair(pin.CollisionPair(i, j))
-
-    def _is_fixed(self, index: int) -> bool:
-        return bool(self.objects[next(name for name, box in self.boxes.items() if box == index)]["fixed"])
 
     def tool_pose(self, q: np.ndarray) -> pin.SE3:
         """Pose of the suction tip in the world."""

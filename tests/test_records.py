@@ -68,10 +68,9 @@ def declared(dataclass: Callable[..., Any], how: dict[str, bool]) -> list[type]:
 
 def outcome(ask: Callable[[], object]) -> object:
     try:
-        found = ask()
+        return ask()
     except (TypeError, AttributeError) as error:
         return type(error), "cannot" if isinstance(error, AttributeError) else str(error)
-    return found
 
 
 CALLS: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
