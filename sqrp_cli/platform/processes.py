@@ -63,7 +63,7 @@ def in_processes(
     try:
         yield from pool.map(range(len(items)))
     finally:
-        pool.kill()  # nobody needs the results that they may still compute
+        pool.close(at_once=True)  # nobody needs the results that they may still compute
 
 
 def forked() -> Context:
@@ -302,14 +302,11 @@ class Pool(Generic[Message, Answer]):
             worker.own.append(left[worker.kind].popleft())
             worker.send(messages[worker.own[-1]])
 
-    def kill(self) -> None:
-        """End them at once."""
+    def close(self, *, at_once: bool = False) -> None:
+        """End them, as soon as they are idle or at once, and wait for the end."""
         for worker in self._workers:
-            worker.kill()
-
-    def close(self) -> None:
-        """End them, and wait for the end."""
-        for worker in self._workers:
+            if at_once:
+                worker.kill()
             worker.pipe.close()
         for worker in self._workers:
             worker.close()

@@ -120,7 +120,7 @@ def open_computer(means: Means) -> Iterator[Computer]:
             yield computer
         finally:
             if computer.pool is not None:
-                computer.pool.kill()
+                computer.pool.close(at_once=True)
 
 
 @dataclass(eq=False)

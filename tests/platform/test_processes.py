@@ -164,4 +164,4 @@ def test_a_number_of_processes_that_no_machine_has_takes_no_memory() -> None:
     pool: Pool[int, int] = Pool(10**20, forked(), lambda: lambda number: number)
     assert list(pool.map([1, 2, 3])) == [1, 2, 3]
     assert len(pool._workers) <= MOST_PER_CORE * (os.cpu_count() or 1)
-    pool.kill()
+    pool.close(at_once=True)
