@@ -38,11 +38,6 @@ def shown_name(name: str) -> str:
     return os.fsencode(name).decode("utf-8", errors="backslashreplace")
 
 
-def is_utf8(name: object) -> bool:
-    """Whether a path is UTF-8; libraries in C take no other."""
-    return not any("\ud800" <= character <= "\udfff" for character in str(name))
-
-
 def json_line(document: Any, indent: int | None = None) -> str:  # noqa: ANN401 # a JSON value of any kind
     r"""A document as JSON, on one line unless `indent` is given. Raises ValueError if a figure is not finite.
 

@@ -28,7 +28,6 @@ from sqrp_cli.platform.files import make_folder, naming
 from sqrp_cli.run.image import CameraImage, ImageArray
 from sqrp_cli.run.record.bag_recorder import BagRecorder
 from sqrp_cli.run.record.packed_image import encoded
-from sqrp_cli.shown import is_utf8
 
 INDEX = "frames.csv"
 """The file that lists the frames of a folder."""
@@ -52,7 +51,7 @@ class Film:
 
     def __init__(self, path: Path, cameras: Sequence[str], rate: float) -> None:
         """rate: images per second of the fastest camera. Raises InputError for a path that is not UTF-8."""
-        if not is_utf8(path):
+        if any("\ud800" <= character <= "\udfff" for character in str(path)):  # bytes that are not UTF-8
             raise bad_input("cannot-write", "OpenCV can write a film only to a path that is UTF-8", Place(path))
         self._path, self._rate = path, rate
         self._writer: Any = None
