@@ -208,7 +208,7 @@ class Case(NamedTuple):
                 center = distance[trial] * np.array([*random.uniform(-MIDDLE, MIDDLE, 2), 1.0])
                 stage.put(plate.name, eye.X_FC @ pose(tilted(center, self.incidence, random), center))
                 found = find_markers(stage.frame("cam", trial).image, self.dictionary)
-                seen[trial] = any(marker.id == wanted for marker in found)
+                seen[trial] = any(number == wanted for number, _ in found)
                 stage.put(plate.name, away)
         one = np.ones(count)  # a curve through all of them
         sights = np.stack([1.0 / distance, 0.0 * one, one, one, 0.0 * one])

@@ -279,16 +279,17 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
         if start is not None and end is not None:
             opened, step = start.center, end.center - start.center
 
-    def nearest(markers: Iterable[FoundMarker]) -> tuple[FoundMarker, float] | None:
-        """The marker of the box, and how far it says that the fingers are closed: 0 open, 1 closed."""
-        found = list[tuple[float, FoundMarker, float]]()
-        for marker in markers:
-            closure = float((marker.center - opened) @ step / max(float(step @ step), 1e-9))
-            off = np.hypot(*(marker.center - opened - np.clip(closure, 0.0, 1.0) * step))
+    def nearest(markers: Iterable[FoundMarker]) -> tuple[float, float] | None:
+        """How far the marker of the box is from its place [pixels], and how closed the fingers are by it, 0..1."""
+        found = list[tuple[float, float]]()
+        for number, corners in markers:
+            center: Array = corners.mean(axis=0)
+            closure = float((center - opened) @ step / max(float(step @ step), 1e-9))
+            off = np.hypot(*(center - opened - np.clip(closure, 0.0, 1.0) * step))
             # That on a finger lies where the fingers can carry it, to half the size of the outline.
-            if wanted is not None and marker.id == wanted.id and not (on_finger and off > 0.5 * outline.area**0.5):
-                found.append((float(np.hypot(*(marker.center - outline.center))), marker, closure))
-        return min(found, key=lambda one: one[0])[1:] if found else None
+            if wanted is not None and number == wanted.id and not (on_finger and off > 0.5 * outline.area**0.5):
+                found.append((float(np.hypot(*(center - outline.center))), closure))
+        return min(found, default=None)
 
     found = None if wanted is None else nearest(view.markers(wanted.dictionary))
     because: MissReason = "detector limit"
@@ -299,8 +300,9 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
         hiding = dilated(pieces_mask(crop, view.robot, outline, links=others), 1)
         if (hiding & filled(crop, [outline.corners])).any():
             if wanted is not None:
+                origin = (crop[1].start, crop[0].start)
                 beside = find_markers(view.image[crop], wanted.dictionary, hiding)
-                found = nearest(FoundMarker(one.id, one.corners + crop.origin) for one in beside)
+                found = nearest((number, corners + origin) for number, corners in beside)
             because = "mask border" if found is None else because
     share, evidence = float(found is not None), Truth.UNKNOWN
     if on_finger:
@@ -311,8 +313,7 @@ def marker_detection(view: ExpectedView, background: Background, atom: str, box:
             is_open = found[1] <= OPEN_SHARE
             evidence = Truth.TRUE if is_open == view.sought.when_open[atom] else Truth.FALSE
     elif found is not None:
-        near = np.hypot(*(found[0].center - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
-        evidence = Truth.TRUE if near else Truth.FALSE
+        evidence = Truth.TRUE if found[0] <= max(0.5 * outline.area**0.5, 2.0) else Truth.FALSE
     else:
         # The share of the outline in which the background is seen and the robot is not.
         if (crop := view.crop(outline.polygon, 2)) is not None:

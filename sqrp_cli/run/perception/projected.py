@@ -93,7 +93,7 @@ def pieces_mask(
     behind a far face: what lies behind the plane of a face that the camera does not see hides nothing of the box, as a
     ray that has passed the plane does not come back.
     """
-    origin, last = crop.origin, (crop.columns.stop, crop.rows.stop)
+    origin, last = zip(*((side.start, side.stop) for side in crop[::-1]), strict=True)
     chosen: list[Corners] = []
     for part in parts:
         if part.parent in without or (links is not None and part.parent not in links):
@@ -116,7 +116,7 @@ class PosedCamera:
         """X_WC: pose of the optical frame, (4, 4)."""
         self.projection, self.X_WC, self._X_CW = projection, X_WC, inverse(X_WC)
         self.camera = projection.camera
-        self.whole = Crop.whole(self.camera.height, self.camera.width)
+        self.whole: Crop = (slice(0, self.camera.height), slice(0, self.camera.width))
         """All of the image."""
 
     def outline(self, X_WB: Array, size: Sequence[float]) -> ProjectedBox | None:
@@ -232,7 +232,7 @@ class ProjectedObject:
         first, extent = corners_of(box.polygon.min(axis=0)), np.ptp(box.polygon, axis=0)
         scale = min(1.0, FINEST / float(extent.max()))
         width, height = (np.ceil(extent * scale).astype(int) + 1).tolist()
-        picture = Crop.whole(height, width)
+        picture = (slice(0, height), slice(0, width))
         outline, covered = (
             filled(picture, [np.rint((corners - first) * scale).astype(np.int32) for corners in polygons])
             for polygons in ([box.corners], [part.corners for part in parts])
@@ -247,7 +247,8 @@ class ProjectedObject:
 
     def mask(self, crop: Crop, margin: int = 0) -> Mask:
         """The pixels that the parts cover of a crop with a margin on every side, which may reach beyond the image."""
-        crop = Crop(*(slice(side.start - margin, side.stop + margin) for side in crop))
+        rows, columns = (slice(side.start - margin, side.stop + margin) for side in crop)
+        crop = (rows, columns)
         return filled(crop, [self.box.corners]) & pieces_mask(crop, self.parts)
 
 
@@ -322,7 +323,7 @@ class ExpectedView(PosedCamera):
         (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
         rows = slice(max(0, int(top)), min(self.camera.height, int(bottom) + 1))
         columns = slice(max(0, int(left)), min(self.camera.width, int(right) + 1))
-        return Crop(rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+        return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
     def sought_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from operator import itemgetter
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -15,24 +16,15 @@ from sqrp_cli.camera.detector import ALIKE
 from sqrp_cli.camera.light import HUE_TOLERANCE, HUES, LEAST_SEEN_SATURATION, LEAST_VALUE, hue_of
 from sqrp_cli.camera.markers import ORIGINAL, opencv_name
 from sqrp_cli.geometry import Array, Mask
-from sqrp_cli.records import dataclass
 from sqrp_cli.run.image import ImageArray
 
 cv2.setNumThreads(1)  # one process per core looks at images already
 
 
-@dataclass(frozen=True, eq=False)
-class FoundMarker:
-    """An ArUco marker in an image; corners [pixels], shape (4, 2)."""
-
-    id: int
-    corners: Array
-
-    @property
-    def center(self) -> Array:
-        """Where it is, (2,) [pixels]."""
-        center: Array = self.corners.mean(axis=0)
-        return center
+FoundMarker: TypeAlias = tuple[int, Array]
+"""The id of an ArUco marker in an image, and its corners [pixels], shape (4, 2)."""
+Crop: TypeAlias = tuple[slice, slice]
+"""The rows and columns of a part of an image; indexes it."""
 
 
 def color_mask(image: ImageArray, color: str) -> Mask:
@@ -89,31 +81,14 @@ def corners_of(polygons: Array) -> Corners:
     return corners
 
 
-class Crop(NamedTuple):
-    """A part of an image; indexes it."""
-
-    rows: slice
-    columns: slice
-
-    @classmethod
-    def whole(cls, height: int, width: int) -> Crop:
-        """All of an image."""
-        return cls(slice(0, height), slice(0, width))
-
-    @property
-    def origin(self) -> NDArray[np.int32]:
-        """Its first pixel (x, y), shape (2,)."""
-        return np.array([self.columns.start, self.rows.start], dtype=np.int32)
-
-
 def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
     """The pixels of a crop that convex polygons cover.
 
     polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
     """
-    shape = (crop.rows.stop - crop.rows.start, crop.columns.stop - crop.columns.start)
-    canvas = np.zeros(shape, dtype=np.uint8)
-    first = crop.origin << _SUBPIXEL
+    rows, columns = crop
+    canvas = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=np.uint8)
+    first = np.array([columns.start, rows.start], dtype=np.int32) << _SUBPIXEL
     for corners in polygons:
         if corners.ndim == 2:
             cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
@@ -122,9 +97,9 @@ def filled(crop: Crop, polygons: Iterable[Corners]) -> Mask:
         spans = np.ptp(pixels, axis=1)
         # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
         tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
-        columns, rows = pixels[tiny].reshape(-1, 2).T
-        inside = (columns >= 0) & (columns < canvas.shape[1]) & (rows >= 0) & (rows < canvas.shape[0])
-        canvas[rows[inside], columns[inside]] = 1
+        x, y = pixels[tiny].reshape(-1, 2).T
+        inside = (x >= 0) & (x < canvas.shape[1]) & (y >= 0) & (y < canvas.shape[0])
+        canvas[y[inside], x[inside]] = 1
         for polygon in corners[~tiny] - first:
             cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
     return canvas.astype(bool)
@@ -193,8 +168,8 @@ def find_markers(image: ImageArray, dictionary: str = ORIGINAL, beside: Mask | N
     if ids is None:
         return []
     # OpenCV's corners are those of pixels' edges, half a pixel off from their centres.
-    found = [FoundMarker(int(i), c[0].astype(float) - _FRAME) for i, c in zip(ids.ravel(), corners, strict=True)]
-    return sorted(found, key=lambda marker: marker.id)
+    found = ((int(i), c[0].astype(float) - _FRAME) for i, c in zip(ids.ravel(), corners, strict=True))
+    return sorted(found, key=itemgetter(0))
 
 
 _FRAME = 8

@@ -97,7 +97,7 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
         for trial in range(trials):
             center = depth * np.array([*random.uniform((-0.3, -0.25), (0.3, 0.25)), 1.0])
             stage.put("plate", eye.X_FC @ pose(tilted(center, incidence, random), center))
-            found += any(marker.id == MARKER.id for marker in find_markers(stage.frame("cam", trial).image))
+            found += any(number == MARKER.id for number, _ in find_markers(stage.frame("cam", trial).image))
     return found / trials
 
 

@@ -20,7 +20,7 @@ from sqrp_cli.run.image import ImageArray
 from sqrp_cli.run.perception import detectors
 from sqrp_cli.run.perception.detections import BoxDetection, Detection, FusedTruth, fuse
 from sqrp_cli.run.perception.detectors import Background, marker_detection
-from sqrp_cli.run.perception.vision import Crop, FoundMarker, corners_of
+from sqrp_cli.run.perception.vision import FoundMarker, corners_of
 from sqrp_cli.skill.target_box import TargetBox
 from tests.run.steps import box
 
@@ -99,7 +99,7 @@ BOX = TargetBox(
 
 
 def at(column: float, row: float = 50.0) -> FoundMarker:
-    return FoundMarker(0, SIDE / 2 * CORNERS + np.array([column, row]))
+    return 0, SIDE / 2 * CORNERS + np.array([column, row])
 
 
 def link_poses(joints: dict[str, float]) -> dict[str, Array]:
@@ -125,8 +125,9 @@ def detected(
     view: Any = SimpleNamespace(
         image=np.zeros((100, 400, 3), dtype=np.uint8), outline=outline, robot=(), sought=sought,
         pose=lambda box: link_poses(joints)[box.frame], believed=SimpleNamespace(joints=joints),
-        marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers, crop=lambda *_: Crop.whole(100, 400),
-        object_of=lambda *_: None, cell=SimpleNamespace(robot=robot, markers={"finger": Marker(id=0, side=0.02)}),
+        marker=lambda *_: Marker(id=0, side=0.02), markers=lambda _: markers, object_of=lambda *_: None,
+        crop=lambda *_: (slice(0, 100), slice(0, 400)),
+        cell=SimpleNamespace(robot=robot, markers={"finger": Marker(id=0, side=0.02)}),
     )  # fmt: skip
     covered = lambda *_, **__: np.full((100, 400), beside is not None)  # noqa: E731
     with patch.multiple(detectors, find_markers=lambda *_: beside, pieces_mask=covered):

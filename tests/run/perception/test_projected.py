@@ -22,7 +22,7 @@ from sqrp_cli.run.perception.projected import (
     ProjectedObject,
     pieces_mask,
 )
-from sqrp_cli.run.perception.vision import Crop, color_mask, dilated, filled
+from sqrp_cli.run.perception.vision import color_mask, dilated, filled
 from sqrp_cli.run.robot_body import Surface
 from sqrp_cli.shapes import Box, Mesh, Part, surface
 from tests.run.cell.scenes import camera, thing
@@ -30,7 +30,7 @@ from tests.run.perception.detector_limits import GROUND, SCREEN, Stage, staged
 
 SIZE = np.array([0.04, 0.05, 0.06])
 EYE = camera("near", (4.3, 0.4, 0.5), (4.0, 0.0, 0.02))
-AROUND = Crop(slice(-100, EYE.height + 100), slice(-100, EYE.width + 100))
+AROUND = (slice(-100, EYE.height + 100), slice(-100, EYE.width + 100))
 VIEW = PosedCamera(Projection(EYE), EYE.X_FC)
 
 
@@ -165,7 +165,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
         stage.put("part", X_WO)
         drawn = color_mask(stage.frame(eye.name, trial).image, "green")
         found = projected(stage, eye, X_WO)
-        mask = found.mask(Crop.whole(*drawn.shape))
+        mask = found.mask((slice(0, eye.height), slice(0, eye.width)))
         assert drawn.sum() > 300
         assert not (mask & ~dilated(drawn, 1)).any()
         assert not (drawn & ~dilated(mask, 1)).any()
@@ -175,7 +175,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
 
 def test_a_box_is_its_own_silhouette() -> None:
     with staged([GROUND, CUBE], EYES) as stage:
-        found, whole = projected(stage, EYES[0], pose(position=PLACE)), Crop.whole(480, 640)
+        found, whole = projected(stage, EYES[0], pose(position=PLACE)), (slice(0, 480), slice(0, 640))
         np.testing.assert_array_equal(found.mask(whole), filled(whole, [found.box.corners]))
         assert found.area == found.box.area
         assert (found.offset == 0.0).all()
