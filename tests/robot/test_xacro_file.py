@@ -1,4 +1,4 @@
-"""Xacro files as vendors ship them become the URDF that they stand for, and can do nothing else."""
+"""Xacro files become the URDF that they stand for, and neither they nor their expressions can do anything else."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import xacro
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.robot import robot_xml
@@ -16,7 +19,8 @@ from sqrp_cli.robot.moveit import read_srdf
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.robot.robot_xml import RobotSource, read_robot_xml
 from sqrp_cli.robot.urdf import UrdfModel
-from tests.cells import FILES, refused
+from sqrp_cli.robot.xacro_expression import UNOFFERED, RefusedExpressionError, evaluate
+from tests.cells import FILES, read_cases, refused
 
 XMLNS = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
@@ -220,3 +224,43 @@ def test_the_process_that_expands_can_do_nothing_else(tmp_path):
     given, command = json.dumps({**asked, "seconds": 5, "memory": 2**30}), [sys.executable, "-c", HARMS, tmp_path]
     done = subprocess.run(command, input=given, capture_output=True, text=True)
     assert json.loads(done.stdout)["problem"]["message"] == "done: []"
+
+
+NAMES = {"width": 0.5, "side": "left", "ports": [1, 2, 3], "cfg": {"arm": {"mass": 3.7}, "flag": True}}
+
+
+def value(expression: str, **names: object) -> object:
+    symbols = xacro.create_global_symbols()
+    for one in UNOFFERED:
+        symbols["python"].pop(one, None)
+    return evaluate(expression, {**symbols, **NAMES, **names})
+
+
+CASES = read_cases("xacro_expressions.yaml")
+
+
+@pytest.mark.parametrize(("expression", "expected"), CASES["evaluated"])
+def test_what_descriptions_use_is_evaluated(expression, expected):
+    assert value(expression) == pytest.approx(expected)
+
+
+@given(st.recursive(
+    st.integers(-9, 9).map(str) | st.sampled_from(["0.5", "width", "True"]),
+    lambda part: st.tuples(part, st.sampled_from(["+", "-", "*", "<", "==", "and", "or"]), part).map(
+        lambda three: f"({' '.join(three)})"
+    ),
+))  # fmt: skip
+@settings(max_examples=50, deadline=None)
+def test_arithmetic_is_that_of_python(expression):
+    assert value(expression) == eval(expression, {}, dict(NAMES))  # noqa: S307 - made above
+
+
+@pytest.mark.parametrize("expression", CASES["refused"])
+def test_nothing_of_python_itself_can_be_reached(expression):
+    with pytest.raises((RefusedExpressionError, KeyError, AttributeError)):
+        value(expression)
+
+
+def test_a_name_that_is_not_defined_has_a_suggestion():
+    with pytest.raises(RefusedExpressionError, match="`widht` is not defined; did you mean `width`"):
+        value("widht + 1")
