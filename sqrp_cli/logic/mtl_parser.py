@@ -98,7 +98,7 @@ class _Reader:
                 waiting.append(None)
                 opened += 1
             elif kind == "name":
-                names = [self._next("name")[1]] if self._found("(") is not None else []
+                names = [self._next("name")[1]] if self._next("(", optional=True)[0] else []
                 while names and self._next(",", ")")[0] == ",":
                     names.append(self._next("name")[1])
                 formulas.append(mtl.Predicate(text, tuple(names) or None, (self.source, start)))
@@ -146,28 +146,26 @@ class _Reader:
         self._next(until)
         return mtl.Instant(primitive, edge, seconds, (self.source, start))
 
-    def _found(self, *kinds: str) -> _Token | None:
-        """The next token, if it is of one of these kinds."""
-        text, start = self.source.text, _SPACE.match(self.source.text, self.at).end()  # type: ignore[union-attr]
+    def _next(self, *kinds: str, optional: bool = False) -> _Token:
+        """The next token, if it is of one of these kinds. Raises InputError, which says what is there instead.
+
+        optional: whether another one, or none, is to be left as it is; it has no kind.
+        """
+        source, before = self.source, self.before
+        start = _SPACE.match(source.text, self.at).end()  # type: ignore[union-attr]
         for kind in kinds:
-            if (found := _TERMINALS[kind][1].match(text, start)) is not None:
+            if (found := _TERMINALS[kind][1].match(source.text, start)) is not None:
                 self.at, self.before = found.end(), (kind, found[0], start)
                 return self.before
-        return None
-
-    def _next(self, *kinds: str) -> _Token:
-        """As `_found`. Raises InputError, which says what is there instead."""
-        before, token = self.before, self._found(*kinds)
-        if token is not None:
-            return token
+        if optional:
+            return "", "", start
         expected = [words for kind, (words, _) in _TERMINALS.items() if kind in kinds]
         listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)
-        kind, text, offset = self._found(*_TERMINALS) or ("", "", 0)
+        kind, text, offset = self._next(*_TERMINALS, optional=True)
         if not kind:
-            offset = _SPACE.match(self.source.text, self.at).end()  # type: ignore[union-attr]
-            message = f"unexpected character {character_name(self.source.text[offset])}"
+            message = f"unexpected character {character_name(source.text[offset])}"
         elif kind == "end":
-            offset = len(self.source.text.rstrip())
+            offset = len(source.text.rstrip())
             message = f"{'the formula ends too early' if offset else 'the formula is empty'}; expected {listed}"
         elif kind == "[" and before is not None and before[0] == "name":
             _, name, offset = before
@@ -178,4 +176,4 @@ class _Reader:
             keywords = [one for one in kinds if one in mtl.BINDING]
             hint = nearest(text, keywords) if kind == "name" else None
             message = f"unexpected `{text}`; {f'did you mean `{hint}`?' if hint else f'expected {listed}'}"
-        raise InputError(self.source.problem("mtl-syntax", message, offset))
+        raise InputError(source.problem("mtl-syntax", message, offset))
