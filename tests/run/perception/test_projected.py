@@ -85,8 +85,7 @@ def met(X_CP: Array, size: Array) -> Mask:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.trial) for seed in (1, 2))])
-@pytest.mark.parametrize("mesh", [False, True], ids=["box", "mesh"])
-def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(seed: int, mesh: bool) -> None:
+def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(seed: int) -> None:
     random = np.random.default_rng(seed)
     found = 0
     for _ in range(40):
@@ -98,12 +97,11 @@ def test_a_link_that_reaches_behind_the_camera_still_hides_what_is_behind_it(see
             continue
         shape = Box(tuple(size.tolist()))
         drawn = surface(shape, 4, enclosing=False)
-        solid = (
-            Surface("link", drawn.vertices, drawn.faces) if mesh else Surface.of(Part("link/0", "link", shape, pose()))
-        )
-        mask = pieces_mask(WIDE_VIEW.whole, WIDE_VIEW.silhouette([solid], {"link": WIDE.X_FC @ X_CP}))
-        assert not (mask & ~dilated(shown, 1)).any()
-        assert not (shown & ~dilated(mask, 1)).any()
+        whole = Surface.of(Part("link/0", "link", shape, pose()))
+        for solid in (whole, Surface("link", drawn.vertices, drawn.faces)):
+            mask = pieces_mask(WIDE_VIEW.whole, WIDE_VIEW.silhouette([solid], {"link": WIDE.X_FC @ X_CP}))
+            assert not (mask & ~dilated(shown, 1)).any()
+            assert not (shown & ~dilated(mask, 1)).any()
         found += 1
     assert found > 1
 
@@ -190,13 +188,13 @@ def test_what_is_there_is_seen_and_what_is_gone_is_not(stage: Stage, eye: Camera
     assert min(there.share, gone.share) > 0.7
 
 
-@pytest.mark.parametrize("eye", EYES, ids=lambda eye: eye.name)
-def test_a_background_of_its_colour_does_not_prove_that_it_is_gone(eye: Camera) -> None:
+def test_a_background_of_its_colour_does_not_prove_that_it_is_gone() -> None:
+    here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, 0.02))
     with staged([replace(GROUND, color="green"), CUBE, SCREEN], EYES) as stage:
         stage.put("screen", AWAY)
-        here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, 0.02))
-        _, gone = stage.look(eye, "part", here, {"part": here}, {"part": AWAY})
-    assert (gone.evidence, gone.because) == (Truth.UNKNOWN, "same colour behind")
+        for eye in EYES:
+            _, gone = stage.look(eye, "part", here, {"part": here}, {"part": AWAY})
+            assert (gone.evidence, gone.because) == (Truth.UNKNOWN, "same colour behind"), eye.name
 
 
 def test_what_has_tipped_over_is_still_there(stage: Stage) -> None:
