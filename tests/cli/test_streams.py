@@ -44,17 +44,6 @@ def test_every_sign_of_the_terminal_has_a_look_alike():
     assert signs <= set(_LOOK_ALIKES)
 
 
-def test_a_run_in_a_folder_of_any_name_keeps_its_log(sqrp, watch, tmp_path):
-    cell = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
-    shutil.copytree(watch, cell)
-    program, log = cell / "program.yaml", cell / "run.jsonl"
-    assert sqrp("rank", cell, "watch seen", "--program", program).code == 0
-    ran = sqrp("run", program, "--sim", "--log", log, "--report", cell / "page.html")
-    assert ran.code == 3, ran.err
-    again = sqrp("run", program, "--replay", log)
-    assert (again.code, again.out) == (3, ran.out)
-
-
 def test_a_reader_that_is_slow_on_a_pipe_that_does_not_wait_gets_everything(watch):
     command = [*SQRP, "explain", str(watch), "watch cube", "--all", "--json"]
     expected = subprocess.run(command, capture_output=True, check=True).stdout
@@ -93,26 +82,6 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(sqrp, wa
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
     assert "output" not in outcome.err
-
-
-FULL = "No space left on device"
-
-
-def full(path: Path) -> Path:
-    """A name for a device that is always full."""
-    path.symlink_to("/dev/full")
-    return path
-
-
-@pytest.mark.parametrize(
-    ("option", "name", "said"),
-    [("--log", "run.jsonl", f"file cannot be written: {FULL}"), ("--record", "film.mp4", "film could not be written")],
-)
-def test_a_log_and_a_film_are_named(sqrp, quick_cell, tmp_path, option, name, said):
-    path = full(tmp_path / name)
-    outcome = sqrp("run", quick_cell.program, "--sim", option, path)
-    assert outcome.code == 2
-    assert f"error: {path}: this {said}" in outcome.err
 
 
 def test_an_image_is_named(tmp_path):

@@ -73,23 +73,6 @@ def test_a_narrow_terminal_loses_nothing(printed, arguments):
     assert words - set(re.findall(r"[A-Za-z_]{3,}", narrow)) == set()
 
 
-def test_the_command_that_check_proposes_works(sqrp, watch, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    out = " ".join(sqrp("check", os.path.relpath(watch, tmp_path)).out.split())
-    proposed = re.search(r"sqrp rank (\S+) '([^']+)'", out)
-    assert proposed, out
-    assert sqrp("rank", *proposed.groups()).code == 0
-
-
-def test_long_names_are_shown_in_full(sqrp, own_watch):
-    file = own_watch / "workspace.yaml"
-    name = "turned_by_eighty_degrees_about_z"
-    file.write_text(file.read_text(encoding="utf-8").replace("turned", name), encoding="utf-8")
-    for command, *rest in (("rank",), ("explain", "--choose", name), ("explain", "--all"), ("check",)):
-        assert name in sqrp(command, own_watch, "watch green", *rest).out
-    assert f"in_place({name})" in sqrp("explain", own_watch, "watch green", "--choose", name).out
-
-
 MAIN = "from sqrp_cli.cli.main import main\nmain()"
 
 
@@ -113,13 +96,6 @@ def in_a_terminal(arguments: list[str], columns: int, program: str = MAIN, **var
     os.close(inside)
     assert process.wait(timeout=60) == 0
     return b"".join(pieces).decode().replace("\r\n", "\n")
-
-
-@pytest.mark.parametrize("name", ["screws", "tabletop", "tower"])
-def test_the_shipped_scenes_fit_into_eighty_columns(sqrp, tabletop, name):
-    lines = sqrp("show", tabletop.parent / name).out.splitlines()
-    assert max(map(len, lines)) <= 80
-    assert sum(re.match(r"(camera|object)  ", line) is not None for line in lines) == 2  # tables, not paragraphs
 
 
 def test_a_terminal_shows_the_same_text_as_a_file_and_no_colour_where_none_is_wanted(sqrp, watch):
