@@ -8,7 +8,7 @@ it from words and from values of Python alike.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 from functools import partial
 from typing import Any, ClassVar, Concatenate, NamedTuple, ParamSpec, Self, TypeVar, dataclass_transform
@@ -168,13 +168,6 @@ class Request:
         """The same question with some fields changed."""
         return type(self)(**{**vars(self), **changed})
 
-    @classmethod
-    def said(cls) -> Iterator[tuple[OptionWord, Field]]:
-        """The words that it is read from, each with its field: arguments, and options, the record's own first."""
-        arguments = [one for one in cls.fields.values() if any(word.is_argument for word in one.words)]
-        options = [cls.fields[name] for name in cls.own_first if cls.fields[name] not in arguments]
-        return ((word, one) for one in (*arguments, *options) for word in one.words)
-
     def called(self, name: str) -> str:
         """What messages call a field."""
         words = self.fields[name].words
@@ -183,20 +176,6 @@ class Request:
     def given(self, name: str, value: object) -> str:
         """How messages say that a field be given a value."""
         return f"{self.called(name)} {value}" if self.by_words else f"{name}={value}"
-
-    @classmethod
-    def of_words(cls, words: Mapping[str, Any]) -> Self:
-        """The question of a command line: the value of each word by its name, None or empty where it is not said."""
-        found: dict[str, Any] = {}
-        for name, one in cls.fields.items():
-            said = {word.name: words[word.name] for word in one.words if words[word.name] not in (None, [])}
-            if said and (one.uses or len(one.words) > 1):
-                found[name] = Words(said | {used: words[used] for used in one.uses})
-            elif said:
-                found[name] = next(iter(said.values()))
-            elif one.absent is not None:
-                found[name] = one.absent()
-        return cls(by_words=True, **found)
 
 
 def question(

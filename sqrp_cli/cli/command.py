@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request
+from sqrp_cli.ask.request import NEEDED, Field, OptionWord, Request, Words
 from sqrp_cli.cli import completion
 from sqrp_cli.errors import ExitCode, bad_option
 
@@ -118,12 +118,25 @@ def command(
         asked: type[Request] = of_line if record is None else type(record.__name__, (record, of_line), {})
 
         def called(**words: Any) -> ExitCode:  # noqa: ANN401 - by the words
-            ask = asked.of_words(words)
+            # The value of each word by its name is None or empty where it is not said.
+            found: dict[str, Any] = {}
+            for name, one in asked.fields.items():
+                said = {word.name: words[word.name] for word in one.words if words[word.name] not in (None, [])}
+                if said and (one.uses or len(one.words) > 1):
+                    found[name] = Words(said | {used: words[used] for used in one.uses})
+                elif said:
+                    found[name] = next(iter(said.values()))
+                elif one.absent is not None:
+                    found[name] = one.absent()
+            ask = asked(by_words=True, **found)
             return run(*([] if record is None else [ask]), **{name: getattr(ask, name) for name in own})
 
-        said = [parameter(*one) for one in asked.said()]
-        called.__signature__ = inspect.Signature(said)  # type: ignore[attr-defined]
-        called.__annotations__ = {one.name: one.annotation for one in said}
+        # Arguments come first, then options, the record's own before those of its bases.
+        arguments = [one for one in asked.fields.values() if any(word.is_argument for word in one.words)]
+        options = [asked.fields[name] for name in asked.own_first if asked.fields[name] not in arguments]
+        parameters = [parameter(word, one) for one in (*arguments, *options) for word in one.words]
+        called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        called.__annotations__ = {one.name: one.annotation for one in parameters}
         called.__doc__ = run.__doc__ or (None if record is None else record.__doc__)
         first, _, _ = inspect.cleandoc(called.__doc__ or "").partition("\n\n")  # of `sqrp --help`, whole
         app.command(name, cls=parser, short_help=first.replace("\n", " "))(called)

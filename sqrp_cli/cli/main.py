@@ -26,7 +26,18 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run a command; returns its exit code once all its output is written."""
     try:
-        _prepare()
+        # Where byte code may not be written beside the sources and is not there, each command would compile them again.
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - `~` stays without a home
+        missing = sys.dont_write_bytecode and sys.pycache_prefix is None and not os.path.exists(__spec__.cached or "")  # noqa: PTH110
+        if missing and os.path.isabs(cache):  # noqa: PTH117 - `pathlib` would take a while
+            sys.pycache_prefix, sys.dont_write_bytecode = os.path.join(cache, "sqrp", "bytecode"), False  # noqa: PTH118
+        # Processes share the cores already; threads of linear algebra would get in each other's way.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # What other packages plug into it has no say here, and a look for them takes a while.
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+        heed_signals()
+        collect_later()
+        prepare_streams()
         from sqrp_cli.cli.app import execute
 
         code = execute(arguments)
@@ -42,18 +53,3 @@ def run(arguments: list[str]) -> int:
         with suppress(ResultsLost):
             sys.stdout.flush()
         return INTERRUPTED
-
-
-def _prepare() -> None:
-    # Where byte code may not be written beside the sources and is not there, each command would compile them again.
-    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - `~` stays without a home
-    missing = sys.dont_write_bytecode and sys.pycache_prefix is None and not os.path.exists(__spec__.cached or "")  # noqa: PTH110
-    if missing and os.path.isabs(cache):  # noqa: PTH117 - `pathlib` would take a while
-        sys.pycache_prefix, sys.dont_write_bytecode = os.path.join(cache, "sqrp", "bytecode"), False  # noqa: PTH118
-    # Processes share the cores already; threads of linear algebra would get in each other's way.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What other packages plug into it has no say here, and a look for them takes a while.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    heed_signals()
-    collect_later()
-    prepare_streams()

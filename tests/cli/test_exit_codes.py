@@ -59,7 +59,7 @@ sys.stderr.write = lambda text: (press(), write(text))
 
 
 def test_ctrl_c_several_times_exits_130(sqrp_process, watch):
-    outcome = sqrp_process("rank", watch, "watch seen", prelude=f"{CTRL_C_AT_THE_END}\nmain._prepare = press")
+    outcome = sqrp_process("rank", watch, "watch seen", prelude=f"{CTRL_C_AT_THE_END}\nmain.heed_signals = press")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
 
 

@@ -122,7 +122,7 @@ def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Candidat
 def check_choice(task: Task, choice: str) -> None:
     """Raises InputError for a name that no candidate has, or a place in no ranking, before any of them is computed."""
     names = [candidate.name for candidate in task.candidates]
-    if choice == "best" or any(_is_meant(name, choice) for name in names):
+    if choice == "best" or any(set(choice.split()) <= set(name.split()) for name in names):
         return
     if choice.isdecimal():
         if not 1 <= int(choice) <= len(names):
@@ -141,13 +141,8 @@ def choose_candidate(ranking: Sequence[CandidateResult], choice: str) -> Candida
     """
     if choice == "best":
         return ranking[0]
-    named = (ranked for ranked in ranking if _is_meant(ranked.candidate.name, choice))
+    named = (ranked for ranked in ranking if set(choice.split()) <= set(ranked.candidate.name.split()))
     return next(named, None) or ranking[int(choice) - 1]
-
-
-def _is_meant(name: str, choice: str) -> bool:
-    words = set(choice.split())
-    return bool(words) and words <= set(name.split())
 
 
 def world_before(after: Path | None, program: Path | None) -> Path | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
@@ -56,12 +55,12 @@ def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> 
     """Rows of small pictures, each row with a heading, as Pillow's image."""
     resampling = pillow("Image").Resampling.LANCZOS
 
-    def small(picture: Picture) -> Any:  # noqa: ANN401
-        photo, captions = picture
-        height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
-        return framed(photo.resize((_THUMB, height), resampling), captions, 13)
-
-    thumbs = [(heading, [small(picture) for picture in pictures]) for heading, pictures in rows]
+    thumbs: list[tuple[str, list[Any]]] = []
+    for heading, row in rows:
+        thumbs.append((heading, []))
+        for photo, captions in row:
+            height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
+            thumbs[-1][1].append(framed(photo.resize((_THUMB, height), resampling), captions, 13))
     columns = max(len(pictures) for _, pictures in thumbs)
     heights = [max(entry.height for entry in pictures) + LINE + _MARGIN for _, pictures in thumbs]
     top = LINE + 3 * _MARGIN
@@ -75,13 +74,6 @@ def contact_sheet(title: str, rows: Sequence[tuple[str, Sequence[Picture]]]) -> 
             sheet.paste(entry, (_MARGIN + column * (_THUMB + _MARGIN), top + LINE + _MARGIN // 2))
         top += height
     return sheet
-
-
-def png(image: Any) -> bytes:  # noqa: ANN401
-    """The content of a PNG file with one of Pillow's images."""
-    buffer = io.BytesIO()
-    image.save(buffer, format="PNG", optimize=True)
-    return buffer.getvalue()
 
 
 def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from io import BytesIO
 from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,9 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
 
     def write(name: str, image: Any) -> None:  # noqa: ANN401 - Pillow's
         make_folder(folder)
-        write_atomically(folder / name, drawing.png(image))
+        buffer = BytesIO()
+        image.save(buffer, format="PNG", optimize=True)
+        write_atomically(folder / name, buffer.getvalue())
 
     sheet, intervals = [], list(blind_intervals(study))
     views = hidden_views(cell, study, np.array([row for _, _, row in intervals], dtype=np.int64))

@@ -9,8 +9,6 @@ from math import atan, degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.text import Text
-
 from sqrp_cli.show.terminal.console import (
     SEVERITY_STYLES,
     Cell,
@@ -28,7 +26,6 @@ from sqrp_cli.show.terminal.console import (
 from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
 
 if TYPE_CHECKING:
-    from sqrp_cli.checks.registry import RuleEntry
     from sqrp_cli.document import Pose
     from sqrp_cli.figures import FaultMetrics
     from sqrp_cli.show.documents.checks import Check, PlannedStep, RulesDocument
@@ -91,16 +88,14 @@ def print_suggested(suggested: Sequence[PlannedStep]) -> None:
 
 def print_rules(found: RulesDocument) -> None:
     """A row for each finding, a table for each subject; of a single one all that is known."""
-
-    def severity(rule: RuleEntry) -> Text:
-        last = rule.severity[-1]
-        return plain("either" if len(rule.severity) > 1 else last, SEVERITY_STYLES[last])
-
     if len(found.rules) > 1:
         for number, (subject, group) in enumerate(groupby(found.rules, key=lambda rule: rule.subject)):
             if number:
                 say()
-            rows = [(rule.code, severity(rule), rule.meaning) for rule in group]
+            rows = []
+            for rule in group:
+                *both, last = rule.severity
+                rows.append((rule.code, plain("either" if both else last, SEVERITY_STYLES[last]), rule.meaning))
             print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
         say("\nOne of them in full, with examples: sqrp rules CODE")
         return

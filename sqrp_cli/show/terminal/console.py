@@ -59,11 +59,6 @@ def numbers(*titles: str) -> list[Column]:
     return [Column(title, right=True) for title in titles]
 
 
-def percent(share: float | None) -> str:
-    """A share in 0..1 as it stands in a column of per cent."""
-    return "-" if share is None else f"{100 * share:.1f}"
-
-
 def delay(worst: float | None, unseen: float | None) -> str:
     """A delay [s] as it stands in a column; unseen: the share of faults that may never be noticed."""
     return "never" if unseen else seconds(worst)

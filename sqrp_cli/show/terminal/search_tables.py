@@ -22,7 +22,6 @@ from sqrp_cli.show.terminal.console import (
     joined,
     note,
     numbers,
-    percent,
     plain,
     print_table,
     say,
@@ -42,7 +41,8 @@ ROWS = 20  # variants in the table; the document has all
 def _figures_of(one: Any, worst: float | None = None) -> list[str]:  # noqa: ANN401 - whatever has these figures
     """The cells of `_FIGURES`. worst: the longest delay of what has no `delay_worst` [s]."""
     late = delay(getattr(one, "delay_worst", worst), one.unseen)
-    return [percent(one.q_eoi), percent(one.q_avg), seconds(one.time), late]
+    shares = ("-" if share is None else f"{100 * share:.1f}" for share in (one.q_eoi, one.q_avg))
+    return [*shares, seconds(one.time), late]
 
 
 def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
@@ -226,15 +226,7 @@ def print_scorecard(findings: Scorecard) -> None:
             named = score.task is None or reason.startswith(score.task)
             where = score.workspace if named else score.named
             say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
-    print_comparison(findings)
-    if findings.results:
-        say()
-    if findings.results or findings.interrupted:
-        say(verdict(findings))
-
-
-def print_comparison(findings: Scorecard) -> None:
-    """Improvements, new and vanished tasks, and what changed where nothing got worse."""
+    # Improvements, new and vanished tasks, and what changed where nothing got worse.
     for result in findings.results:
         comparison = result.baseline
         if comparison is None:
@@ -258,6 +250,10 @@ def print_comparison(findings: Scorecard) -> None:
     for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
             say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
+    if findings.results:
+        say()
+    if findings.results or findings.interrupted:
+        say(verdict(findings))
 
 
 def print_difference(findings: Scorecard) -> None:

@@ -115,7 +115,7 @@ def print_comparison(found: ExplainedAll) -> None:
     done = [one.sampling for one in found.candidates if one.sampling is not None]
     feasible = [one for one in found.candidates if one.sampling is not None]
     longest = max((one.time or 0.0 for one in feasible), default=0.0)
-    say(_axis(longest))
+    say(f"{'':{LABEL}}0{f'{longest:.1f} s':>{_width() - 1}}")
     for one in found.candidates:
         if one.sampling is None:
             say(joined([*_label(one.name, ""), (f"infeasible: {one.reasons[0]}", "red")]))
@@ -145,10 +145,6 @@ def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
 def _width() -> int:
     """Signs in a row that fit the terminal."""
     return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL - FIGURES))
-
-
-def _axis(time: float) -> Styled:
-    return plain(f"{'':{LABEL}}0{f'{time:.1f} s':>{_width() - 1}}")
 
 
 def _camera_failures(found: CandidateStudy) -> str:
@@ -215,7 +211,7 @@ def _rows(found: CandidateStudy) -> list[Styled]:
         style = "" if label.startswith(" ") else "bold"
         return joined([*_label(label, style), *signs, "" if share is None else f" {100 * share:5.1f} %"])
 
-    rows: list[Styled] = [_axis(time), plain(" " * LABEL + primitives)]
+    rows: list[Styled] = [f"{'':{LABEL}}0{f'{time:.1f} s':>{_width() - 1}}", plain(" " * LABEL + primitives)]
     if interesting := "".join("◆" if samples[i].event else " " for i in shown).rstrip():
         rows.append(plain("event of interest".ljust(LABEL) + interesting.ljust(len(shown))))
     rows.append(row("all literals", [sample.covered for sample in samples]))
