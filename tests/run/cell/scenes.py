@@ -16,9 +16,8 @@ from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.geometry import Array, look_at, pose, read_only
 from sqrp_cli.shapes import Box, Part, Shape
+from tests.cells import ROOT
 from tests.task.robots import robot
-
-ROOT = Path(__file__).parents[3]
 
 
 @cache
@@ -93,18 +92,6 @@ def world(base: Workspace, joints: Mapping[str, float] | None = None) -> World:
     return replace(initial, joints={**initial.joints, **(joints or {})})
 
 
-class Rest:
-    """A reference that stands still."""
-
-    def __init__(self, joints: Mapping[str, float]) -> None:
-        self.joints = tuple(joints)
-        self._q = np.array(list(joints.values()))
-
-    def states(self, t: Array) -> tuple[Array, Array, Array]:
-        q = np.tile(self._q, (len(t), 1))
-        return q, np.zeros_like(q), np.zeros_like(q)
-
-
 class Quintic:
     """A reference from rest to rest in the shape 10 x^3 - 15 x^4 + 6 x^5, and then at rest."""
 
@@ -120,3 +107,10 @@ class Quintic:
         ds = 30 * x**2 * (1 - x) ** 2 / self._duration
         dds = 60 * x * (1 - x) * (1 - 2 * x) / self._duration**2
         return self._start + s * self._change, ds * self._change, dds * self._change
+
+
+class Rest(Quintic):
+    """A reference that stands still."""
+
+    def __init__(self, joints: Mapping[str, float]) -> None:
+        super().__init__(joints, joints, 0.0, 1.0)

@@ -113,18 +113,10 @@ def robot(wire: Wire) -> RosCell:
 
 def follow(wire: Wire, robot: RosCell, until: float, states=None) -> None:
     """A motion that begins at 1 s, followed by joint states as they should be unless `states` gives others."""
-    motion = playback()
-
-    def each() -> None:
-        now = wire.t - wire.t0
-        if states is None:
-            wire.joints(motion.state(now - 0.01)[0])
-        else:
-            states(now, motion.state(now)[0])
-
-    wire.each = each
-    each()
-    now = 0.0
+    motion, now = playback(), 0.0
+    states = states or (lambda t, _: wire.joints(motion.state(t - 0.01)[0]))
+    wire.each = lambda: states(wire.t - wire.t0, motion.state(wire.t - wire.t0)[0])
+    wire.each()
     while now < until and robot.trouble() is None:
         now = robot.advance(now + 0.02, motion)
 
