@@ -48,8 +48,9 @@ struct Rays {
         V3 q[CORNERS];
         double c[CORNERS], r[CORNERS];
         Bounds all;
-        for (int i = 0; i < n; i++) q[i] = map(p[i]);
-        n = cut(q, n, [](V3 v) { return AHEAD - v.z; });
+        bool ahead = true;
+        for (int i = 0; i < n; i++) q[i] = map(p[i]), ahead &= q[i].z >= AHEAD;
+        if (!ahead) n = cut(q, n, [](V3 v) { return AHEAD - v.z; });
         for (int i = 0; i < n; i++) c[i] = q[i].x / q[i].z, r[i] = q[i].y / q[i].z, all.add({c[i], r[i], 0});
         int from = first_row(all.low.y), to = first_row(all.high.y);
         if (!n || from >= to || all.high.x <= 0 || all.low.x >= COLUMNS) return;

@@ -19,7 +19,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.geometry import Array, Indices, inverse, pose, transform
 from sqrp_cli.kernel import kernel
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.kinematics import Mount, RobotModel, positions_of
+from sqrp_cli.robot.kinematics import RobotModel, positions_of
 from sqrp_cli.sight.solids import Solid, distance, load_solid, load_solids, scale_doubt
 from sqrp_cli.trajectory import JointPath
 
@@ -95,8 +95,8 @@ class PlacedScene:
     model: RobotModel
     bound: MotionBound
     solids: tuple[Solid, ...]
-    mounts: tuple[Mount, ...]
-    """What carries the parent of each."""
+    frame: Indices  # the joint that carries the parent of each, -1 for none, shape (B,)
+    X_FP: Array  # pose of the parent of each on that, shape (B, 4, 4)
     depth: tuple[int, ...]  # how many joints of the spine move each
     inner: Indices
     outer: Indices
@@ -158,12 +158,12 @@ class PlacedScene:
         rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
         whole = {
             "parents": tree.parents, "turns": tree.turns, "spine": self.bound.spine, "depth": self.depth,
-            "frame": [joint for joint, _ in self.mounts], "rods_from": np.cumsum([0, *map(len, rods)]),
+            "frame": self.frame, "rods_from": np.cumsum([0, *map(len, rods)]),
             "rods": [joint for joints in rods for joint in joints], "inner": self.inner, "outer": self.outer,
         }  # fmt: skip
         real = {
             "axes": tree.axes, "terms": tree.terms, "ratios": tree.ratios, "offsets": tree.offsets,
-            "radii": self.bound.radii, "X_FP": [X_JL for _, X_JL in self.mounts], "clearance": self.clearance,
+            "radii": self.bound.radii, "X_FP": self.X_FP, "clearance": self.clearance,
         }  # fmt: skip
         return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)
 
@@ -263,7 +263,8 @@ class CollisionScene:
                 model=self.model,
                 bound=bound,
                 solids=tuple(solids),
-                mounts=tuple(mounts),
+                frame=np.array([joint for joint, _ in mounts], dtype=np.int64),
+                X_FP=np.array([X_JP for _, X_JP in mounts]).reshape(-1, 4, 4),
                 depth=tuple(depth),
                 inner=inner,
                 outer=outer,

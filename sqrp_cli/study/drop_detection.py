@@ -87,8 +87,8 @@ _LONGEST = 4.0
 _FALL = _LONGEST * np.linspace(0.0, 1.0, 81) ** 2
 """Times after it is lost at which it is looked at [s], the first ones closer."""
 
-_MOST = 24
-"""So many of these times tell when most drops are seen; all of them are looked at for the others alone."""
+_FIRST = (16, 32)
+"""So many of these times tell when nearly all drops are seen; all of them are looked at for the others alone."""
 
 _SOON = 0.8
 """How long after a loss cameras count that judge the part [s]."""
@@ -312,7 +312,7 @@ def _first_shown(
     known = max(map(len, beside.values()), default=0)
     before = np.searchsorted(times[:known], t[:, None] + _FALL, side="right") - 1
     found, left_open = np.empty((3 + len(reached), len(start))), np.arange(len(start))
-    for count in (_MOST, len(_FALL)):
+    for count in (*_FIRST, len(_FALL)):
         at, eye, by = start[left_open], eyes[:, left_open, :count], camera[left_open]
         free, lengths = fallen[:, at, :count], focal[left_open]
         expected = held_at if len(tool) == 1 else held_at[:, at, :count]

@@ -276,8 +276,9 @@ class Balls:
         balls = load_solids([Part(link, link, Sphere(RADIUS), pose()) for link in self.links])
         self.scene = PlacedScene(
             model=model, bound=bound, solids=balls, clearance=np.zeros(len(inner)), fingers=np.zeros(0),
-            mounts=tuple(mounts[link] for link in self.links), depth=tuple(max(0, depth[link]) for link in self.links),
-            inner=inner, outer=outer,
+            frame=np.array([mounts[link][0] for link in self.links]), inner=inner, outer=outer,
+            X_FP=np.array([mounts[link][1] for link in self.links]),
+            depth=tuple(max(0, depth[link]) for link in self.links),
         )  # fmt: skip
 
     def poses(self, q: Array) -> dict[str, Array]:
