@@ -25,14 +25,14 @@ LONG = 30
 
 ROOMS = {
     "foundations": ("errors geometry records document figures shapes trajectory shown version", 1_271),
-    "files": ("files", 2_036),
+    "files": ("files", 2_023),
     "robot": ("robot", 2_711),
     "camera": ("camera", 1_835),
     "cell": ("cell", 3_176),
     "logic": ("logic", 2_339),
-    "skill, program": ("skill program", 1_817),
+    "skill, program": ("skill program", 1_825),
     "task": ("task", 944),
-    "motion": ("motion", 2_684),
+    "motion": ("motion", 2_683),
     "sight": ("kernel sight", 1_519),
     "study": ("study", 4_258),
     "search": ("search", 4_305),
@@ -40,8 +40,8 @@ ROOMS = {
     "run": ("run", 7_301),
     "field": ("field ros", 2_940),
     "score": ("score", 2_297),
-    "show": ("show", 4_936),
-    "ask": ("ask cli __init__ __main__", 5_155),
+    "show": ("show", 4_913),
+    "ask": ("ask cli __init__ __main__", 5_138),
     "studio": ("studio", 1_756),
     "starter, platform": ("starter platform", 1_776),
 }

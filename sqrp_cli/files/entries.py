@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
-from inspect import cleandoc
 from typing import Annotated, Any, LiteralString, TypeVar, cast
 
 import numpy as np
@@ -140,18 +139,6 @@ def foreign(**fields: Any) -> Any:  # noqa: ANN401 - a class made at run time
     }
     config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
     return create_model("ForeignEntry", __config__=config, **given)
-
-
-def entry(module: str, name: str, about: str, base: type[Entry] = Entry, **fields: Any) -> Any:  # noqa: ANN401 - as above
-    """The class of an `Entry` without methods, made of a table of its fields; module: where it is defined.
-
-    fields: by name the type, the default if there is one, and a text about it; or the type and Pydantic's `Field`.
-    """
-    given: dict[str, Any] = {}
-    for field, (kind, *default, about_it) in fields.items():
-        described = Field(*default, description=cleandoc(about_it)) if isinstance(about_it, str) else about_it
-        given[field] = kind, described
-    return create_model(name, __base__=base, __doc__=about, __module__=module, **given)
 
 
 def one_of(*keys: str) -> Discriminator:

@@ -177,8 +177,6 @@ def _ground(primitive: PrimitiveAction, waypoints: WaypointGrounder, ground: Gro
             )
         case FingerMove() | Grasp() | Release() | Wait():
             return replace(ground, hold=number(primitive.duration))
-        case _:
-            raise TypeError(f"{primitive} is no primitive action")
 
 
 def _after(

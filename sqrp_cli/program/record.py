@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
@@ -16,7 +16,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from sqrp_cli.cell.canonical_values import Plain
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.figures import FaultMetrics, Seconds, Share
-from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs, entry, refused
+from sqrp_cli.files.entries import Entry, FileRecord, Finite, SerializedAs, refused
 from sqrp_cli.files.units import read_quantity
 from sqrp_cli.logic.image_time import Onset, Window, delays
 from sqrp_cli.skill.settings import ANY, FASTEST
@@ -25,26 +25,33 @@ from sqrp_cli.trajectory import Trajectory
 
 Numbers = tuple[Finite, ...]
 
-_PATH = entry(
-    __name__,
-    "_Path",
-    "The path in joint space.",
-    breaks=(Numbers, "Ends of its pieces, from 0 to 1."),
-    coefficients=(tuple[tuple[Numbers, ...], ...], "Of each piece, for all joints."),
-)
-_LAW = entry(
-    __name__,
-    "_Law",
-    "How far along its path an arm is over time.",
-    breaks=(Numbers, "Ends of its pieces [s]."),
-    coefficients=(tuple[Numbers, ...], "Of each piece."),
-)
-_NUMBERS = entry(
-    __name__, "_Numbers", "A `trajectory.Trajectory` as a file has it.", path=(_PATH, Field()), law=(_LAW, Field())
-)
+
+class _Path(Entry):
+    """The path in joint space."""
+
+    breaks: Numbers
+    """Ends of its pieces, from 0 to 1."""
+    coefficients: tuple[tuple[Numbers, ...], ...]
+    """Of each piece, for all joints."""
 
 
-def _trajectory(numbers: Any) -> Trajectory:  # noqa: ANN401 - as above
+class _Law(Entry):
+    """How far along its path an arm is over time."""
+
+    breaks: Numbers
+    """Ends of its pieces [s]."""
+    coefficients: tuple[Numbers, ...]
+    """Of each piece."""
+
+
+class _Numbers(Entry):
+    """A `trajectory.Trajectory` as a file has it."""
+
+    path: _Path
+    law: _Law
+
+
+def _trajectory(numbers: _Numbers) -> Trajectory:
     """The trajectory of checked numbers. Raises PydanticCustomError where they are not consistent."""
     path, law = numbers.path, numbers.law
     for part, pieces in (("path", path), ("law", law)):
@@ -63,7 +70,7 @@ def _trajectory(numbers: Any) -> Trajectory:  # noqa: ANN401 - as above
     return Trajectory.from_numbers(numbers.model_dump())
 
 
-_Motion = Annotated[Trajectory, SerializedAs(_NUMBERS, _trajectory, Trajectory.to_numbers)]
+_Motion = Annotated[Trajectory, SerializedAs(_Numbers, _trajectory, Trajectory.to_numbers)]
 
 
 class _Sparse(Entry):
@@ -150,18 +157,26 @@ class ProgramTarget(_Sparse):
     refuted: Mapping[str, Spans] = {}
 
 
-def _onset(numbers: Any) -> Onset:  # noqa: ANN401 - as above
+class _Times(Entry):
+    """An `image_time.Onset` as a file has it."""
+
+    x: tuple[Seconds, ...]
+    """From the start of the step [s]."""
+    shown: tuple[Seconds, ...]
+    """Likewise."""
+
+
+def _onset(numbers: _Times) -> Onset:
     rising = all(a <= b for times in (numbers.x, numbers.shown) for a, b in pairwise(times))
     if len(numbers.x) < 2 or len(numbers.x) != len(numbers.shown) or not rising:
         raise refused("program-motion", "expected two times or more that rise, and as many of both")
     return Onset(np.array(numbers.x), np.array(numbers.shown))
 
 
-_TIMES = (tuple[Seconds, ...], "From the start of the step [s].")
 _Onset = Annotated[
     Onset,
     SerializedAs(
-        entry(__name__, "_Times", "An `image_time.Onset` as a file has it.", x=_TIMES, shown=_TIMES),
+        _Times,
         _onset,
         lambda onset: {"x": onset.x.tolist(), "shown": onset.shown.tolist()},
     ),

@@ -11,7 +11,7 @@ from pydantic_core.core_schema import no_info_after_validator_function
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.files import units
-from sqrp_cli.files.entries import MappingOr, any_quantity, entry, one_of
+from sqrp_cli.files.entries import Entry, MappingOr, any_quantity, one_of
 from sqrp_cli.records import dataclass
 
 MotionValue = float | str  # value of a motion parameter: a number in SI units, or a word such as `+z` or `up`
@@ -135,27 +135,23 @@ Jerk = Annotated[Setting, Kind(units.JERK, least=units.SMALLEST_LIMIT, most=unit
 Duration = Annotated[Setting, Kind(units.TIME, least=0.0, most=units.LONGEST)]
 
 
-ListedValues = entry(
-    __name__,
-    "ListedValues",
-    "The values that candidates try, in order; the first is the default.",
-    values=(Annotated[list[Value], Field(min_length=1, max_length=MAX_VALUES)], "Numbers with their units, or words."),
-)
-ValueRange = entry(
-    __name__,
-    "ValueRange",
-    "Values spread evenly from one bound to the other, both included.",
-    start=(Value, Field(alias="from", description="The first.")),
-    to=(Value, "The last."),
-    count=(Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES)], "How many."),
-)
+class ListedValues(Entry):
+    """The values that candidates try, in order; the first is the default."""
+
+    values: list[Value] = Field(min_length=1, max_length=MAX_VALUES, description="Numbers with their units, or words.")
+
+
+class ValueRange(Entry):
+    """Values spread evenly from one bound to the other, both included."""
+
+    start: Value = Field(alias="from", description="The first.")
+    to: Value = Field(description="The last.")
+    count: Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES, description="How many.")]
 
 
 MotionValues = MappingOr[
     Annotated[
-        Annotated[ListedValues, Tag("<values>")]  # type: ignore[valid-type]
-        | Annotated[ValueRange, Tag("<from>")],  # type: ignore[valid-type]
-        one_of("values", "from"),
+        Annotated[ListedValues, Tag("<values>")] | Annotated[ValueRange, Tag("<from>")], one_of("values", "from")
     ],
     Value,
 ]

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import field
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, StringConstraints, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.files.entries import Entry, ListOr, MappingOr, Name, Pose, Text, Time, entry, one_of
+from sqrp_cli.files.entries import Entry, ListOr, MappingOr, Name, Pose, Text, Time, one_of
 from sqrp_cli.files.frames import TOOL, WORLD
 from sqrp_cli.files.source import KeyPath, dotted
 from sqrp_cli.geometry import Array
@@ -58,89 +57,81 @@ StaticFrame = Annotated[Text, Names("frame")]
 Origin = Annotated[Name, Names("waypoint", home=True), Field(alias="from", description="The other waypoint.")]
 
 
-_entry = partial(entry, __name__)
+class GraspWaypoint(Entry):
+    """The tool at the centre of one side of an object, pointing into it."""
 
-GraspWaypoint = _entry(
-    "GraspWaypoint",
-    "The tool at the centre of one side of an object, pointing into it.",
-    object=(ParameterName, "The skill parameter that names the object."),
-    side=(
-        settings.Side,
-        "Outward axis of that side: +x, -x, +y, -y, +z or -z; any: each that looks like +z to the tool.",
-    ),
-    yaw=(settings.Yaw, 0.0, """
-    Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the sides +x and
-    -x). any: each at which the object looks the same to the tool.""",
-    ),
-    depth=(settings.Distance, 0.0, "How far the tool frame goes into the object, between fingers."),
-)  # fmt: skip
-PutWaypoint = _entry(
-    "PutWaypoint",
-    "The held object standing upright on top of another object.",
-    object=(ParameterName, Field(alias="put", description="The skill parameter that names the held object.")),
-    on=(ParameterName, Field(alias="onto", description="The skill parameter that names what it is put on.")),
-    along=(settings.OffsetShare, 0.0, "Where along its x axis: 0 in the middle, -1 and 1 at the edges."),
-    across=(settings.OffsetShare, 0.0, "Where along its y axis, likewise."),
-    yaw=(settings.Yaw, 0.0, "Turn against what it is put on; any: each at which it looks the same."),
-)
-TurnWaypoint = _entry(
-    "TurnWaypoint",
-    "Another waypoint, turned about the tool's axes.",
-    waypoint=(Origin, Field()),
-    turn=(settings.Turn, "Turn about the tool's z axis."),
-    tilt=(settings.Turn, 0.0, "Turn about the tool's x axis after that."),
-)
-RetreatWaypoint = _entry(
-    "RetreatWaypoint",
-    "Another waypoint, moved back against the tool's z axis.",
-    waypoint=(Origin, Field()),
-    distance=(settings.Distance, Field(alias="retreat", description="By how much.")),
-)
-RaiseWaypoint = _entry(
-    "RaiseWaypoint",
-    "Another waypoint, moved up along the world's z axis.",
-    waypoint=(Origin, Field()),
-    distance=(settings.Distance, Field(alias="raise", description="By how much.")),
-)
-OffsetWaypoint = _entry(
-    "OffsetWaypoint",
-    "Another waypoint, moved in any direction.",
-    waypoint=(Origin, Field()),
-    offset=(Annotated[list[settings.Offset], Field(min_length=3, max_length=3)], "Along x, y and z."),
-    along=(
-        StaticFrame,
-        TOOL,
-        "Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object.",
-    ),
-)
-PoseWaypoint = _entry(
-    "PoseWaypoint",
-    "The tool frame, or a held object, at a pose in the world or relative to an object.",
-    pose=(Pose, "Of the tool frame, or of the object in `of`, in the frame."),
-    frame=(StaticFrame, WORLD, "`world`, a skill parameter or an object."),
-    of=(ParameterName | None, None, "The skill parameter that names the held object whose pose it is, not the tool's."),
-)
-
-if TYPE_CHECKING:
-    Waypoint = Entry
-else:
-    Waypoint = Annotated[
-        Annotated[GraspWaypoint, Tag("<object>")]
-        | Annotated[PutWaypoint, Tag("<put>")]
-        | Annotated[RetreatWaypoint, Tag("<retreat>")]
-        | Annotated[RaiseWaypoint, Tag("<raise>")]
-        | Annotated[TurnWaypoint, Tag("<turn>")]
-        | Annotated[OffsetWaypoint, Tag("<offset>")]
-        | Annotated[PoseWaypoint, Tag("<pose>")],
-        one_of("object", "put", "retreat", "raise", "turn", "offset", "pose"),
-    ]
+    object: ParameterName = Field(description="The skill parameter that names the object.")
+    side: settings.Side
+    """Outward axis of that side: +x, -x, +y, -y, +z or -z; any: each that looks like +z to the tool."""
+    yaw: settings.Yaw = 0.0
+    """Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the sides +x and
+    -x). any: each at which the object looks the same to the tool."""
+    depth: settings.Distance = 0.0
+    """How far the tool frame goes into the object, between fingers."""
 
 
-_DOES = {
-    "JointMove": "to {0.to}", "StraightMove": "straight", "ArcMove": "arc", "HelixMove": "helix",
-    "FingerMove": "fingers", "Grasp": "grasp", "Release": "let go", "Wait": "wait",
-}  # fmt: skip
-"""What the actions of each kind do, where a skill does not say it."""
+class PutWaypoint(Entry):
+    """The held object standing upright on top of another object."""
+
+    object: ParameterName = Field(alias="put", description="The skill parameter that names the held object.")
+    on: ParameterName = Field(alias="onto", description="The skill parameter that names what it is put on.")
+    along: settings.OffsetShare = 0.0
+    """Where along its x axis: 0 in the middle, -1 and 1 at the edges."""
+    across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
+    yaw: settings.Yaw = 0.0
+    """Turn against what it is put on; any: each at which it looks the same."""
+
+
+class TurnWaypoint(Entry):
+    """Another waypoint, turned about the tool's axes."""
+
+    waypoint: Origin
+    turn: settings.Turn = Field(description="Turn about the tool's z axis.")
+    tilt: settings.Turn = Field(default=0.0, description="Turn about the tool's x axis after that.")
+
+
+class RetreatWaypoint(Entry):
+    """Another waypoint, moved back against the tool's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="retreat", description="By how much.")
+
+
+class RaiseWaypoint(Entry):
+    """Another waypoint, moved up along the world's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="raise", description="By how much.")
+
+
+class OffsetWaypoint(Entry):
+    """Another waypoint, moved in any direction."""
+
+    waypoint: Origin
+    offset: Annotated[list[settings.Offset], Field(min_length=3, max_length=3, description="Along x, y and z.")]
+    along: StaticFrame = TOOL
+    """Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object."""
+
+
+class PoseWaypoint(Entry):
+    """The tool frame, or a held object, at a pose in the world or relative to an object."""
+
+    pose: Pose = Field(description="Of the tool frame, or of the object in `of`, in the frame.")
+    frame: StaticFrame = Field(default=WORLD, description="`world`, a skill parameter or an object.")
+    of: ParameterName | None = None
+    """The skill parameter that names the held object whose pose it is, not the tool's."""
+
+
+Waypoint = Annotated[
+    Annotated[GraspWaypoint, Tag("<object>")]
+    | Annotated[PutWaypoint, Tag("<put>")]
+    | Annotated[RetreatWaypoint, Tag("<retreat>")]
+    | Annotated[RaiseWaypoint, Tag("<raise>")]
+    | Annotated[TurnWaypoint, Tag("<turn>")]
+    | Annotated[OffsetWaypoint, Tag("<offset>")]
+    | Annotated[PoseWaypoint, Tag("<pose>")],
+    one_of("object", "put", "retreat", "raise", "turn", "offset", "pose"),
+]
 
 
 class Primitive(Entry):
@@ -149,16 +140,19 @@ class Primitive(Entry):
     name: Name = Field(description="What formulas call it, as in `a1.start`.")
     does: Annotated[str, StringConstraints(min_length=1, max_length=40)] | None = None
     """What it does, in a word or two for people, such as `lift`; by default its kind."""
+    _kind: ClassVar[str]
+    """What actions of its kind do."""
 
     @property
     def words(self) -> str:
         """What it does, in a word or two."""
-        return self.does or _DOES[type(self).__name__].format(self)
+        return self.does or self._kind.format(self)
 
 
 class JointMove(Primitive):
     """All joints move together to a waypoint."""
 
+    _kind = "to {0.to}"
     to: Annotated[Name, Names("waypoint", home=True)] = Field(
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
@@ -192,6 +186,7 @@ WaypointName = Annotated[Name, Names("waypoint")]
 class StraightMove(ToolMove):
     """The tool moves to a waypoint on a straight line, or through several, with a stop at each."""
 
+    _kind = "straight"
     to: ListOr[Annotated[list[WaypointName], Field(min_length=1, max_length=100)], WaypointName] = Field(
         alias="straight_move", description="The waypoint to go to, or a list of them."
     )
@@ -212,84 +207,86 @@ class StraightMove(ToolMove):
         return tuple(self.to) if isinstance(self.to, list) else (self.to,)
 
 
-ArcMove = _entry(
-    "ArcMove",
-    "The tool moves on an arc of a circle; it turns evenly from its present orientation to that at the end.",
-    ToolMove,
-    to=(
-        Annotated[list[WaypointName], Field(min_length=2, max_length=2)],
-        Field(alias="arc", description="The waypoint through which it goes, and the one where it ends."),
-    ),
-)
-HelixMove = _entry(
-    "HelixMove",
-    "The tool moves about the z axis of a waypoint and along it: a screw, or a circle.",
-    ToolMove,
-    axis=(WaypointName, Field(alias="helix", description="The waypoint whose z axis it goes about.")),
-    turn=(settings.Turns, "By how much, right-handed; also several turns."),
-    advance=(settings.Offset, 0.0, "How far it goes along that axis meanwhile."),
-    keep_orientation=(
-        Annotated[bool, Field(strict=True)], False, "Whether the tool does not turn while it goes round."
-    ),
-)  # fmt: skip
-FingerMove = _entry(
-    "FingerMove",
-    "The fingers move to a width between them, and the tool stands still; not while it holds something.",
-    Primitive,
-    width=(settings.Distance, Field(alias="fingers", description="Clear width between them.")),
-    duration=(settings.Duration, 0.5, "How long that takes at least."),
-)
-Grasp = _entry(
-    "Grasp",
-    "The tool takes hold of an object, at the end of `duration`.",
-    Primitive,
-    duration=(settings.Duration, "How long that takes."),
-    object=(ParameterName, Field(alias="grasp", description="The skill parameter that names the object.")),
-)
-Release = _entry(
-    "Release",
-    "The tool lets go of what it holds, at the end of the duration.",
-    Primitive,
-    duration=(settings.Duration, Field(alias="release", description="The duration.")),
-    width=(settings.Distance | None, None, "Clear width to which fingers open; by default as far as they do."),
-)
-Wait = _entry(
-    "Wait",
-    "The robot stands still.",
-    Primitive,
-    duration=(settings.Duration, Field(alias="wait", description="The duration.")),
-)
+class ArcMove(ToolMove):
+    """The tool moves on an arc of a circle; it turns evenly from its present orientation to that at the end."""
 
-if TYPE_CHECKING:
-    PrimitiveAction = Primitive
-else:
-    PrimitiveAction = Annotated[
-        Annotated[JointMove, Tag("<joint_move>")]
-        | Annotated[StraightMove, Tag("<straight_move>")]
-        | Annotated[ArcMove, Tag("<arc>")]
-        | Annotated[HelixMove, Tag("<helix>")]
-        | Annotated[FingerMove, Tag("<fingers>")]
-        | Annotated[Grasp, Tag("<grasp>")]
-        | Annotated[Release, Tag("<release>")]
-        | Annotated[Wait, Tag("<wait>")],
-        one_of("joint_move", "straight_move", "arc", "helix", "fingers", "grasp", "release", "wait"),
-    ]
+    _kind = "arc"
+    to: Annotated[list[WaypointName], Field(min_length=2, max_length=2)] = Field(
+        alias="arc", description="The waypoint through which it goes, and the one where it ends."
+    )
 
-RetryEntry = _entry(
-    "RetryEntry",
-    "Try the skill again.",
-    retry=(Annotated[int, Field(strict=True, ge=1, le=100)], "How often at most."),
-    when=(Text | None, None, "What must be seen before a retry starts, as a formula."),
-)
+
+class HelixMove(ToolMove):
+    """The tool moves about the z axis of a waypoint and along it: a screw, or a circle."""
+
+    _kind = "helix"
+    axis: WaypointName = Field(alias="helix", description="The waypoint whose z axis it goes about.")
+    turn: settings.Turns = Field(description="By how much, right-handed; also several turns.")
+    advance: settings.Offset = Field(default=0.0, description="How far it goes along that axis meanwhile.")
+    keep_orientation: Annotated[bool, Field(strict=True)] = False
+    """Whether the tool does not turn while it goes round."""
+
+
+class FingerMove(Primitive):
+    """The fingers move to a width between them, and the tool stands still; not while it holds something."""
+
+    _kind = "fingers"
+    width: settings.Distance = Field(alias="fingers", description="Clear width between them.")
+    duration: settings.Duration = Field(default=0.5, description="How long that takes at least.")
+
+
+class Grasp(Primitive):
+    """The tool takes hold of an object, at the end of `duration`."""
+
+    _kind = "grasp"
+    duration: settings.Duration = Field(description="How long that takes.")
+    object: ParameterName = Field(alias="grasp", description="The skill parameter that names the object.")
+
+
+class Release(Primitive):
+    """The tool lets go of what it holds, at the end of the duration."""
+
+    _kind = "let go"
+    duration: settings.Duration = Field(alias="release", description="The duration.")
+    width: settings.Distance | None = None
+    """Clear width to which fingers open; by default as far as they do."""
+
+
+class Wait(Primitive):
+    """The robot stands still."""
+
+    _kind = "wait"
+    duration: settings.Duration = Field(alias="wait", description="The duration.")
+
+
+PrimitiveAction = Annotated[
+    Annotated[JointMove, Tag("<joint_move>")]
+    | Annotated[StraightMove, Tag("<straight_move>")]
+    | Annotated[ArcMove, Tag("<arc>")]
+    | Annotated[HelixMove, Tag("<helix>")]
+    | Annotated[FingerMove, Tag("<fingers>")]
+    | Annotated[Grasp, Tag("<grasp>")]
+    | Annotated[Release, Tag("<release>")]
+    | Annotated[Wait, Tag("<wait>")],
+    one_of("joint_move", "straight_move", "arc", "helix", "fingers", "grasp", "release", "wait"),
+]
+
+
+class RetryEntry(Entry):
+    """Try the skill again."""
+
+    retry: Annotated[int, Field(strict=True, ge=1, le=100)] = Field(description="How often at most.")
+    when: Text | None = Field(default=None, description="What must be seen before a retry starts, as a formula.")
+
+
+ResponseEntry = MappingOr[RetryEntry, Literal["stop", "continue"]]
 
 
 class FormulaEntry(Entry):
     """An MTL formula with the response to its violation."""
 
     formula: Text = Field(description="Such as always[a1.start, a2.end] (not hold and obj_on_table).")
-    response: MappingOr[RetryEntry, Literal["stop", "continue"]] = Field(  # type: ignore[valid-type]
-        default="stop", description="stop, continue, or {retry: N, when: FORMULA}."
-    )
+    response: ResponseEntry = Field(default="stop", description="stop, continue, or {retry: N, when: FORMULA}.")
     settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
 
 
