@@ -16,6 +16,7 @@ from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, Proven
 from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
+from sqrp_cli.search.planned_step import PlannedStep
 from sqrp_cli.study.find import WantedWay, some_motion
 from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.ranking import rank
@@ -29,33 +30,15 @@ from sqrp_cli.task.task import read_task
 
 
 @dataclass(frozen=True, eq=False)
-class SuggestedStep:
-    """One step of a suggestion with its best candidate, as `rank` orders them."""
-
-    task: str
-    """Its text, such as `place g2 tray`."""
-    action: str
-    """The same as planners write it."""
-    world: World | None
-    """The world that it starts from; None if a step before it is infeasible."""
-    assessment: CandidateResult | None
-    """Of its best candidate, or of the first if none is feasible."""
-    feasible: bool
-    """Whether it is feasible after the steps before it."""
-    reasons: tuple[str, ...]
-    """Why it is infeasible."""
-
-
-@dataclass(frozen=True, eq=False)
 class Suggestion:
     """How planning for a candidate's precondition ended, and the plan if there is one."""
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
     explanation: str
     """One sentence; empty if the precondition holds already."""
-    steps: tuple[SuggestedStep, ...] | None = None
+    steps: tuple[PlannedStep, ...] | None = None
     """The plan."""
-    last: SuggestedStep | None = None
+    last: PlannedStep | None = None
     """The candidate itself, after the plan; if it is feasible, every step is."""
 
     @property
@@ -88,7 +71,7 @@ class Suggester:
         self.wanted = WantedWay(fastest=candidates > MOST_WITH_FIGURES)
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
-        self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
+        self._done: dict[tuple[PlanStep, ...], tuple[PlannedStep, World | None]] = {}
 
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
@@ -112,7 +95,7 @@ class Suggester:
                 elif world is not None:
                     assessment = RankJob(cell=self.cell, world=world).assess(candidate)
                 first = f"first do {', then '.join(map(str, steps))}"
-                last = _suggested(candidate, world, assessment)
+                last = _planned(candidate, world, assessment)
                 return Suggestion("plan", first, tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
@@ -121,17 +104,17 @@ class Suggester:
                 because = f": {why}" if why else ""
                 return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing{because}")
 
-    def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
+    def _after(self, steps: tuple[PlanStep, ...]) -> tuple[PlannedStep, World | None]:
         """The last of several steps, in its best way in the world after those before it, and the world after it."""
         if steps not in self._done:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
             candidates = read_task(_text(steps[-1], self.cell.workspace), self.cell.workspace).candidates
             if world is None:
-                self._done[steps] = _suggested(candidates[0], None, None), None
+                self._done[steps] = _planned(candidates[0], None, None), None
             else:
                 job = RankJob(cell=self.cell, world=world, wanted=self.wanted)
                 best = rank(tuple(assess_all(job, candidates, self.jobs)), "q_eoi")[0]
-                step = _suggested(best.candidate, world, best)
+                step = _planned(best.candidate, world, best)
                 self._done[steps] = step, world_left(self.cell, best, world)
         return self._done[steps]
 
@@ -166,13 +149,18 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     return read_task(THEN.join([*steps, " ".join([last.skill.name, *names, *kept])]), workspace, facts)
 
 
-def _suggested(candidate: Candidate, world: World | None, found: CandidateResult | None) -> SuggestedStep:
+def _planned(candidate: Candidate, world: World | None, found: CandidateResult | None) -> PlannedStep:
     """The step of a candidate, assessed in a world; neither is there after a step that cannot be done."""
-    action = str(PlanStep(candidate.skill.action.name, tuple(candidate.binding.values())))
-    feasible, reasons = (
-        (False, ("a step before it cannot be done",)) if found is None else (found.feasible, found.reasons)
+    figures = {name: getattr(found, name, None) for name in ("q_avg", "q_eoi", "time")}
+    return PlannedStep(
+        task=candidate.task,
+        action=str(PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))),
+        feasible=found is not None and found.feasible,
+        reasons=["a step before it cannot be done"] if found is None else list(found.reasons),
+        world=world,
+        assessment=found,
+        **figures,
     )
-    return SuggestedStep(candidate.task, action, world, found, feasible, reasons)
 
 
 def _text(step: PlanStep, workspace: Workspace) -> str:
@@ -212,7 +200,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     return from_fields(Feasibility, motion, **about, outside=outside)
 
 
-def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
+def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[PlannedStep, ...]:
     """The steps to complete a task: its best candidate, or a plan and the best candidate after it.
 
     Feasible candidates go before those that need a plan. Empty if neither exists.
@@ -222,7 +210,7 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
         job = RankJob(cell=suggester.cell, world=suggester.world)
         best = rank(tuple(assess_all(job, now, suggester.jobs)), "q_eoi")[0]
         done = job.steps_done(best.candidate) or [(best, suggester.world)]
-        return tuple(_suggested(one.candidate, world, one) for one, world in done)
+        return tuple(_planned(one.candidate, world, one) for one, world in done)
     suggestions = [one.suggestion for one in found if one.suggestion.last and one.suggestion.last.feasible]
     fastest = suggester.wanted.fastest  # of many candidates: few are compared, the first of each plan first
     if fastest:

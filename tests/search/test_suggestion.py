@@ -73,7 +73,7 @@ def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding
     assert suggestion.outcome == "plan"
     assert suggestion.steps is not None
     (step,) = suggestion.steps
-    assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, ())
+    assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, [])
     assert step.assessment.q_eoi is None, "drop has no event of interest"
     assert suggestion.explanation == "first do drop(g2)"
 

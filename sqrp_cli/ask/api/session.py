@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sqrp_cli.ask.requests import ExplainRequest, RankRequest, TaskRequest
     from sqrp_cli.platform.processes import Progress
     from sqrp_cli.program.record import Program
-    from sqrp_cli.search.suggestion import SuggestedStep
+    from sqrp_cli.search.planned_step import PlannedStep
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
     return ExplainedAll(workspace=workspace, task=ask.task, candidates=studies, explained=found, ranking=ranking)
 
 
-def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
+def chosen_steps(suggested: Sequence[PlannedStep]) -> list[ChosenStep]:
     """The steps of a suggestion, all of which are feasible."""
     return [(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
 

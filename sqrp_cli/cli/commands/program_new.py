@@ -15,7 +15,6 @@ from sqrp_cli.platform.files import check_writable
 from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
-from sqrp_cli.show.documents.checks import PlannedStep
 from sqrp_cli.show.documents.programs import ProgramDocument
 from sqrp_cli.show.terminal.cell_tables import print_suggested
 from sqrp_cli.show.terminal.console import Column, ask, note, print_problems, print_table, progress, say
@@ -130,7 +129,7 @@ def _chosen_way(task: Task, assignment: RankJob) -> list[ChosenStep]:
         suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
         if not suggested:
             return []
-        print_suggested([PlannedStep.of(step) for step in suggested])
+        print_suggested(suggested)
         return chosen_steps(suggested) if (ask("\nTake these steps [yes]: ").lower() in ("", "y", "yes")) else []
     while True:
         answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"

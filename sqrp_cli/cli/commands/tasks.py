@@ -66,7 +66,7 @@ def _check(
             before, plan = world_before(after, program), None if program is None else True
             found = checked(cell, ask.but(after=before, plan=plan, progress=progress))
             if program is not None and found.suggested:
-                add_steps(cell.cell, chosen_steps(found.steps), Adaptive(), program)
+                add_steps(cell.cell, chosen_steps(found.suggested), Adaptive(), program)
     except InputError as error:
         if not json:
             raise

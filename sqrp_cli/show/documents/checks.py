@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 from sqrp_cli.checks.registry import RuleEntry
 from sqrp_cli.document import LEFT_OUT, Document, Record, WorkspaceDocument, how_many, live
 from sqrp_cli.errors import Finding
-from sqrp_cli.figures import Qualities
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.records import dataclass
+from sqrp_cli.search.planned_step import PlannedStep
 
 if TYPE_CHECKING:
     from sqrp_cli.errors import Problem
-    from sqrp_cli.search.suggestion import Feasibility, SuggestedStep
+    from sqrp_cli.search.suggestion import Feasibility
 else:  # no file has them
-    Problem = SuggestedStep = Any
+    Problem = Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,28 +44,6 @@ class ReportedProblem(Finding, Record):
             line=None if place is None else place.line,
             column=None if place is None else place.column,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedStep(Qualities):
-    """A step of a plan, in its best way."""
-
-    task: str
-    """Its text, such as `place g2 tray`."""
-    action: str
-    """A skill with its objects as planners write it, such as `place(g2, tray)`."""
-    feasible: bool
-    """Whether it can be done after the steps before it."""
-    time: float | None
-    """Duration of its motion [s]; null if it is infeasible."""
-    reasons: list[str]
-    """Why it is infeasible; empty if it is feasible."""
-
-    @classmethod
-    def of(cls, step: SuggestedStep) -> PlannedStep:
-        """A step of a suggestion."""
-        figures = {name: getattr(step.assessment, name, None) for name in ("q_avg", "q_eoi", "time")}
-        return from_fields(cls, step, reasons=list(step.reasons), **figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +97,6 @@ class Check(WorkspaceDocument):
 
     findings: tuple[Problem, ...] = live(())
     """The problems with all that is known of them."""
-    steps: tuple[SuggestedStep, ...] = live(())
-    """Those suggested, with their motions."""
 
     @classmethod
     def of(
@@ -130,20 +106,20 @@ class Check(WorkspaceDocument):
         task: str | None,
         problems: Sequence[Problem],
         found: Sequence[Feasibility] = (),
-        suggested: Sequence[SuggestedStep] = (),
+        suggested: Sequence[PlannedStep] = (),
         example: str | None = None,
     ) -> Check:
         """Candidates with their verdicts, and the findings about the workspace."""
         candidates = []
         for one in found:
-            steps, last = one.suggestion.steps, one.suggestion.last
+            steps = one.suggestion.steps
             checked = from_fields(
                 CheckedCandidate,
                 one,
                 parameters=one.candidate.parameters,
                 reasons=list(one.reasons),
-                plan=None if steps is None else [PlannedStep.of(step) for step in steps],
-                last=None if last is None else PlannedStep.of(last),
+                plan=None if steps is None else list(steps),
+                last=one.suggestion.last,
                 planning=one.suggestion.outcome,
                 name=one.candidate.name,
                 objects=dict(one.candidate.binding),
@@ -156,10 +132,9 @@ class Check(WorkspaceDocument):
             candidates=candidates,
             problems=[ReportedProblem.of(problem) for problem in problems],
             path=path,
-            suggested=[PlannedStep.of(step) for step in suggested],
+            suggested=list(suggested),
             example=example,
             findings=tuple(problems),
-            steps=tuple(suggested),
         )
 
     @property

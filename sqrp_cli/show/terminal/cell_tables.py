@@ -28,7 +28,8 @@ from sqrp_cli.show.terminal.rank_table import MOST_ROWS, print_infeasible
 if TYPE_CHECKING:
     from sqrp_cli.document import Pose
     from sqrp_cli.figures import FaultMetrics
-    from sqrp_cli.show.documents.checks import Check, PlannedStep, RulesDocument
+    from sqrp_cli.search.planned_step import PlannedStep
+    from sqrp_cli.show.documents.checks import Check, RulesDocument
     from sqrp_cli.show.documents.programs import NewCell, ProgramDocument
     from sqrp_cli.show.documents.scene import ShowDocument
 
