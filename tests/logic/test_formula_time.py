@@ -61,18 +61,15 @@ def test_operators_have_their_own_literals(text: str, expected: list[object]) ->
     assert [[entry.operator, list(map(str, entry.literals))] for entry in ground(text)] == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("always[a1.end, a1.start + 1.5] hold", "from 2 s to 1.5 s"),
-        ("hold or eventually[3, a1.end] hold", "from 3 s to 2 s"),
-    ],
-)
-def test_an_interval_that_is_empty_once_grounded_names_the_numbers(text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said) as error:
-        ground(text)
-    (problem,) = error.value.problems
-    assert (problem.code, problem.excerpt is None) == ("mtl-empty-interval", False)
+def test_an_interval_that_is_empty_once_grounded_names_the_numbers() -> None:
+    for text, said in (
+        ("always[a1.end, a1.start + 1.5] hold", "2 s to 1.5 s"),
+        ("eventually[3, a1.end] hold", "3 s to 2 s"),
+    ):
+        with pytest.raises(InputError, match=f"from {said}") as error:
+            ground(text)
+        assert error.value.problems[0].code == "mtl-empty-interval"
+        assert error.value.problems[0].excerpt is not None
 
 
 def test_formula_time_is_a_union_in_which_stretches_merge_below_a_nanosecond_only() -> None:

@@ -74,9 +74,6 @@ class Painted:
         background = Background(plain, nothing, nothing, nothing, moving=False)
         return color_detections(view, background, self.object, boxes)[0][0].evidence
 
-    def shows_not_held(self, boxes: list[TargetBox], X_WO: Array) -> bool:
-        return self.says_of_held(boxes, X_WO) is Truth.FALSE
-
     def visible(self, X_WO: Array) -> float:
         """The share of the part's silhouette that the tool does not hide."""
         part = filled(self.posed.whole, [self.projected(X_WO).box.corners])
@@ -115,10 +112,11 @@ def test_from_when_on_a_part_counts_as_seen_lost_the_detector_says_so(eye: Any, 
         apart, clear = (margin[0] >= 0 for margin in held.gone(SURE))
         there = offset(rest.X_FB).fills(SURE)[0] >= 0
         poses = [turned(at) for at in free]
-        alone = np.array([painted.shows_not_held([tool], X) for X in poses])
+        alone = np.array([painted.says_of_held([tool], X) is Truth.FALSE for X in poses])
         assert clear.any() and alone[clear].all()  # noqa: PT018
         assert (apart & there).any()
-        assert all(painted.shows_not_held([tool, rest], poses[i]) for i in np.flatnonzero(clear | (apart & there)))
+        shown = (poses[i] for i in np.flatnonzero(clear | (apart & there)))
+        assert {painted.says_of_held([tool, rest], X) for X in shown} == {Truth.FALSE}
         between += int((apart & ~alone).sum())
         late.append((alone.argmax() - clear.argmax()) / STEPS)
     assert between, "apart is not enough: in between the detector calls it neither held nor gone"
@@ -134,7 +132,8 @@ def test_a_part_must_fall_as_far_whatever_its_tool_hides_of_it(size: Size, hidde
     X_WH = pose(np.eye(3), HELD)
     boxes = [box_at("tool", X_WH, size), box_at("rest", pose(np.eye(3), HELD - (0, 0, 0.1 * height)), size)]
     falls = np.linspace(0.0, 0.5 * height, 120)
-    first = next(fall for fall in falls if painted.shows_not_held(boxes, pose(np.eye(3), HELD - (0, 0, fall))))
+    fallen = ((fall, pose(np.eye(3), HELD - (0, 0, fall))) for fall in falls)
+    first = next(fall for fall, X_WO in fallen if painted.says_of_held(boxes, X_WO) is Truth.FALSE)
     outline = painted.projected(X_WH).box
     along = np.ptp(outline.polygon, axis=0)[1] / height  # pixels of a metre
     usual, sure = (rule.pixels + rule.share * outline.area**0.5 for rule in (USUAL, SURE))

@@ -120,16 +120,14 @@ def test_a_program_has_every_setting_of_the_chosen_way_and_its_figures(cell: Ope
     assert (step.q_eoi, step.q_avg, step.time) == pytest.approx((best.q_eoi, best.q_avg, best.time), abs=1e-9)
 
 
+BRANCH = "elbow=up shoulder=left wrist=flip"
+
+
 @pytest.mark.parametrize(
     ("settings", "tried"),
-    [
-        ("approach_yaw=90deg elbow=up shoulder=left wrist=flip", 1),
-        ("approach_yaw=90deg elbow=fastest shoulder=fastest wrist=fastest", 1),
-        ("approach_yaw=90deg elbow=up shoulder=left", 2),
-        ("approach_yaw=90deg", 8),
-        ("elbow=up shoulder=left wrist=flip", 4),
-    ],
-)
+    [(f"approach_yaw=90deg {BRANCH}", 1), (f"approach_yaw=90deg {BRANCH.replace(' wrist=flip', '')}", 2),
+     ("approach_yaw=90deg elbow=fastest shoulder=fastest wrist=fastest", 1), ("approach_yaw=90deg", 8), (BRANCH, 4)],
+)  # fmt: skip
 def test_what_a_task_states_is_not_tried(cell: OpenCell, settings: str, tried: int) -> None:
     assert only(cell, f"pickup g2 {settings}", ways="best").ways.tried == tried  # type: ignore[union-attr]
 
