@@ -147,15 +147,6 @@ def test_images_that_are_damaged_are_left_out_and_counted(sqrp, slip_run, rewrit
     assert found["images"] + found["skipped"] + 2 == kept[CAM3]
 
 
-def test_a_recorder_that_was_killed_leaves_a_folder_that_can_be_mended(sqrp, quick_cell, tmp_path):
-    header = b"\x01\x0c" + bytes(7) + b"\x04\0\0\0ros2" + bytes(4)
-    (tmp_path / "run_0.mcap").write_bytes(b"\x89MCAP0\r\n" + header + b"\x06 a chunk that was begun")
-    found = sqrp("audit", quick_cell.program, tmp_path)
-    assert found.code == 2
-    assert f"ros2 bag reindex {tmp_path}" in " ".join(found.err.split())
-    assert "mcap recover" in sqrp("audit", quick_cell.program, tmp_path / "run_0.mcap").err
-
-
 def test_of_several_streams_with_the_name_of_a_camera_one_is_asked_for(sqrp, slip_run, rewritten):
     others = ["/cam3/aligned_depth/image_raw/compressed", "/cam3/depth/image_raw/compressedDepth"]
     recording = rewritten(

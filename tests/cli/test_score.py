@@ -280,11 +280,3 @@ def test_a_scheduler_that_does_not_answer_is_named(sqrp, watch, address, words, 
     assert "Exception ignored" not in outcome.err
     assert "no Dask scheduler" in outcome.err
     assert words in outcome.err
-
-
-def test_what_could_not_be_scored_is_an_error_in_the_document(sqrp, cells):
-    outcome = sqrp("score", cells, "--json")
-    assert (outcome.code, "error:" in outcome.err) == (2, False)  # said once, where the results are
-    assert [
-        word for word in ("good", "passed", "low", "failed", "broken", "error", "50 kg") if word not in outcome.out
-    ] == []
