@@ -233,27 +233,6 @@ def all_ways(task: str) -> list[CandidateResult]:
     return found
 
 
-def test_a_goal_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_way(sqrp, own):
-    """`score` takes the way with the best Q_eoi, which is too slow here."""
-    shutil.copy(TABLETOP / "workspace.yaml", own / "workspace.yaml")
-    file = own / "workspace.yaml"
-    text = file.read_text(encoding="utf-8")
-    listed = "{task: pickup g4, max_time: 20 s, min_q_eoi: 0.5}"
-    file.write_text(text.replace("{task: pickup green, min_q_eoi: 0.5}", listed), encoding="utf-8")
-    assert sqrp("score", own, "--jobs", 1).code == 1
-    outcome = sqrp("advise", own, "pickup g4", "--jobs", 1, "--apply", 1)
-    assert outcome.code == 0
-    assert "In its best way, as rank takes it, it has Q_eoi 100.0 %" in outcome.out
-    assert "nothing has to change" not in outcome.out
-    assert "meets the goal already" not in outcome.out
-    assert "change 1 is in " in outcome.err
-    assert "To have it" not in outcome.out
-    assert "No patch" not in outcome.out
-    assert sqrp("score", own, "--jobs", 1).code == 0
-    (task,) = load_workspace(own).tasks
-    assert (task.max_time, task.min_q_eoi) == (20.0, 0.5)
-
-
 @pytest.fixture(scope="module")
 def others(sqrp, small, page):
     """What else would let g3 be seen, with its page."""
@@ -481,13 +460,6 @@ def test_paths_that_keep_sight_are_stated_by_the_task(sqrp, own):
     assert stated.task == "pickup g4 path=seen"
     (only,) = sqrp("rank", own, stated.task, "--json").document["candidates"]
     assert only["q_avg"] == pytest.approx(path["q_avg"], abs=1e-9)
-
-
-def test_cells_are_left_alone_where_another_motion_is_enough(sqrp, small):
-    document = sqrp("advise", small, TASK, "--json", "--jobs", 1).document
-    assert {one["kind"] for one in document["advice"]} == {"way"}
-    why = {kind["why"] for kind in document["kinds"][1:]}
-    assert why == {"not tried, because the motion is enough; --kinds names what to try"}
 
 
 @pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.trial)])
