@@ -57,9 +57,9 @@ def test_an_xml_file_cannot_unfold_or_open_others(cell):
     for declaration in (entities, '<!ENTITY a SYSTEM "file:///etc/passwd">', '<!ENTITY % a SYSTEM "file:///dev/zero">'):
         (cell / "arm.urdf").write_text(text.replace("<robot", f"<!DOCTYPE r [{declaration}]><robot", 1))
         assert refusal(cell).code == "xml-entity"
-    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 100_000))
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 1_000))
     assert refusal(cell).code == "nesting-too-deep"
-    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 300_000 + "</robot>"))
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 201_000 + "</robot>"))
     assert refusal(cell).code == "too-many-elements"
 
 
