@@ -23,7 +23,7 @@ from sqrp_cli.shapes import Box, Shape, shape_of
 
 MAX_OBJECTS = 500  # most objects of a file
 _COUNT = r"\d{1,3}|1000"  # of shapes or subframes of an object
-_COUNTS = r"[12]?\d{1,5}\s+[12]?\d{1,5}"  # of vertices and triangles of a mesh, up to 299,999
+_COUNTS = r"(?:[12]?\d{1,5}|300000)\s+(?:[12]?\d{1,5}|300000)"  # of vertices and triangles of a mesh, up to 300,000
 _FIGURES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}  # how many figures a shape has
 
 
