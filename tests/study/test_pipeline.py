@@ -12,6 +12,7 @@ from sqrp_cli.platform import processes
 from sqrp_cli.study import pipeline
 from sqrp_cli.study.find import WantedWay
 from sqrp_cli.study.pipeline import WORTH_A_PROCESS, RankJob, assess_all
+from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -36,6 +37,17 @@ def test_a_few_candidates_of_one_way_each_stay_in_one_process(tabletop, monkeypa
     assert len(list(assess_all(assignment, few, 2))) == len(few)
     with pytest.raises(AssertionError):
         list(assess_all(assignment, read_task("pickup green", cell.workspace).candidates, 2))
+
+
+def test_where_words_are_asked_for_the_last_alone_it_has_them(tabletop):
+    cell = Cell.load(tabletop)
+    every = RankJob(FixedCount(5), wanted=WantedWay(fastest=True), cell=cell, world=cell.initial_world)
+    candidates = read_task(f"pickup green {STATED}", cell.workspace).candidates
+    told, some = (rank(list(assess_all(one, candidates, 1)), "q_eoi") for one in (every, replace(every, last=[])))
+    feasible = [(one, other) for one, other in zip(told, some, strict=True) if one.feasible]
+    assert feasible[-1][1].verdict == feasible[-1][0].verdict != ""
+    assert all(other.verdict in ("", one.verdict) for one, other in feasible)
+    assert not all(other.verdict for _, other in feasible)
 
 
 def test_steps_that_are_kept_for_a_cell_go_with_it(tabletop):
