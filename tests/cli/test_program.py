@@ -70,9 +70,9 @@ def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
 
 def test_it_is_read_back_with_its_trajectory_and_formulas_in_seconds(program, best, step):
     # Reading it back gives the same trajectory.
-    (step,) = load_program(program).steps
-    joints = load_program(program).joints
-    for primitive in step.primitives:
+    read = load_program(program)
+    joints = read.joints
+    for primitive in read.steps[0].primitives:
         trajectory = primitive.trajectory
         assert trajectory.duration == pytest.approx(primitive.end - primitive.start, abs=1e-9)
         for sample in best["samples"]:
