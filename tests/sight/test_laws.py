@@ -18,16 +18,19 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.kernel.kernel import BoxVerdicts, Loss
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
+from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
 from sqrp_cli.sight.limits import SIDES, Cause
 from sqrp_cli.sight.observer import CoveredStates, Observer
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.sight.solids import load_solids
+from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
 from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.pipeline import RankJob, assess_all
+from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
+from sqrp_cli.study.stage import Stage
 from sqrp_cli.task.task import read_task
 from tests.sight.views import (
     box_part,
@@ -37,6 +40,7 @@ from tests.sight.views import (
     make_detector,
     random_pose,
 )
+from tests.task.studies import WatchedMotion, watched_motion
 
 STATES = 6
 SEEDS = st.integers(0, 199)
@@ -299,6 +303,31 @@ def test_coverage_never_falls_where_more_can_be_seen_or_less_is_asked(
     assert not asked[0].covered.any()  # there are five cameras
 
 
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 200))
+def test_quality_keeps_these_laws_over_a_motion(ur5: RobotModel, seed: int) -> None:
+    motion = watched_motion(seed, ur5)
+    cameras, solids = motion.observer.cameras, motion.observer.solids
+
+    def by(cameras: tuple[Camera, ...], solids: tuple[Solid, ...] = solids) -> tuple[float | None, float | None]:
+        found = qualities_over(replace(motion, observer=Observer(cameras, solids)).timeline(FixedCount(40)))
+        return found.q_avg, found.q_eoi
+
+    found = by(cameras)
+    assert by(cameras[::-1]) == found
+    cleared = by(cameras, tuple(solid for solid in solids if solid.part.name not in ("plate", "cable")))
+    for fewer, more in ((by(cameras[1:]), found), (found, cleared)):
+        assert all(less <= much + 1e-12 for less, much in zip(fewer, more, strict=True))
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 200), share=st.sampled_from([1.0, 0.5]))
+def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel, seed: int, share: float) -> None:
+    quick, full = (watched_motion(seed, ur5, share).timeline(FixedCount(15), full=full) for full in (False, True))
+    assert quick.covered.tolist() == full.covered.tolist()
+    assert same_response(quick.observation.response, full.observation.response)
+
+
 @pytest.fixture(scope="module")
 def studies(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
     """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
@@ -326,6 +355,37 @@ def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Analysi
             assert fault.delay_mean == pytest.approx(other.delay_mean, abs=2 * shift)
             assert fault.blind_longest == pytest.approx(other.blind_longest, abs=shift)
             assert fault.expected_time == pytest.approx(other.expected_time, abs=4 * shift)
+
+
+def test_the_place_of_a_whole_cell_does_not_change_its_quality(
+    tabletop: Workspace, studies: dict[str, tuple[Analysis, Analysis]]
+) -> None:
+    """The arm moves as before in a cell that stands elsewhere, turned any way; its cameras see the same."""
+    X_NW = random_pose(np.random.default_rng(3), (-2, -2, -2), (2, 2, 2))
+    cameras = {
+        name: replace(camera, X_FC=X_NW @ camera.X_FC) if camera.frame == "world" else camera
+        for name, camera in tabletop.cameras.items()
+    }
+    objects = {
+        name: thing if thing.X_WO is None else replace(thing, pose=X_NW @ thing.X_WO)
+        for name, thing in tabletop.objects.items()
+    }
+    robot = replace(tabletop.robot, X_WB=X_NW @ tabletop.robot.X_WB)
+    cell = Cell.load(replace(tabletop, robot=robot, cameras=cameras, objects=objects))
+    for quick, _ in studies.values():
+        X_WO = {name: X_NW @ X for name, X in quick.world.X_WO.items()}
+        primitives = tuple(
+            replace(p, X_WO={name: X_NW @ X for name, X in p.X_WO.items()}) for p in quick.motion.primitives
+        )
+        stage = Stage(cell.model, replace(quick.motion, primitives=primitives), quick.stage.pieces, X_WO)
+        targets = tuple(
+            replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
+            for t in quick.targets
+        )
+        there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.timeline.request.faults)
+        found, before = qualities_over(there.timeline(Adaptive())), qualities_over(quick.timeline)
+        assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
+        assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)
 
 
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:

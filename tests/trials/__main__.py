@@ -69,6 +69,7 @@ TRIALS = {
     "losses": Trial("the arm of a served cell stands soon where messages stay out", "wire", 20, at_a_time=1),
     "kills": Trial("it stands soon where the run is killed", "wire", 5, at_a_time=1),
     "wire": Trial("slips in a served cell are seen as in simulation", "wire", 20, at_a_time=1),
+    "refusals": Trial("a served cell that is not as the program says is refused", "wire", 5, at_a_time=1),
     "damage": Trial("damaged files are refused with a place, or still work", "damage", 100),
     "load": Trial("scores of many cells by processes and a cluster, killed and resumed", "load", 1, at_a_time=1),
 }  # fmt: skip

@@ -2,7 +2,7 @@
 
 Slips are seen within a frame and 20 ms of when they are seen in simulation, with the same outcome. Where cameras or
 joint states stay out, repeat themselves or are late, the arm stands within 0.5 s, by the cell; after `kill -9` of the
-run within a second of the cell's own clock.
+run within a second of the cell's own clock. Cells that are not as the program says are refused with the figure.
 """
 
 from __future__ import annotations
@@ -32,6 +32,16 @@ LOSSES = (
     "camera-loss:cam3@{}", "frozen:cam6@{}", "latency:cam3=0.4", "joints-loss@{}", "joints-frozen@{}",
     "joints-latency=0.4",
 )  # fmt: skip
+
+
+OTHERWISE: tuple[tuple[str, str, tuple[Any, ...], object], ...] = (
+    ("a joint is off by 1 degree", "1.00 deg from where", ("robot", "home", "elbow_joint"), "111 deg"),
+    ("wrong K", "fx of its CameraInfo", ("cameras", "cam3", "image", "horizontal_fov"), "35 deg"),
+    ("wrong resolution", "160x120", ("cameras", "cam3", "image"), {"width": 160, "height": 120}),
+    ("a camera moved by 2 cm", "20.0 mm", ("cameras", "cam6", "pose", "position", 2), 0.539),
+    ("half the images", "images a second", ("cameras", "cam3", "rate"), 5),
+)
+"""One thing each in which a cell differs from the workspace of the program, and the figure by which it is refused."""
 
 
 def _sqrp(*words: object) -> list[str]:
@@ -89,9 +99,9 @@ class Served:
 
 
 @contextmanager
-def _served(folder: Path, *words: object) -> Iterator[Served]:
+def _served(folder: Path, *words: object, workspace: Path | None = None) -> Iterator[Served]:
     shared, config, log = folder.parent, folder / "robot.yaml", folder / "log"
-    command = ["cell", shared / "cell", "--serve", "ros2", "--config", config, "--pace", PACE, *words]
+    command = ["cell", workspace or shared / "cell", "--serve", "ros2", "--config", config, "--pace", PACE, *words]
     with log.open("w") as out:
         process = subprocess.Popen(_sqrp(*command), stderr=out, text=True)
         try:
@@ -151,3 +161,16 @@ def kills(number: int, folder: Path) -> dict[str, Any]:
         time.sleep(1.5 / PACE + 0.5)
         late = cell.times("the arm stands")[-1] - killed
     return {"said": f"killed at {killed:.2f} s: stands {late:.3f} s later", "good": late <= AFTER_A_KILL}
+
+
+def refusals(number: int, folder: Path) -> dict[str, Any]:
+    """A cell that is otherwise than the workspace of the program in one thing."""
+    what, figure, (*keys, last), value = OTHERWISE[number]
+    other = at = yaml.safe_load((folder.parent / "cell" / "workspace.yaml").read_text())
+    for key in keys:
+        at = at[key]
+    at[last] = {**at[last], **value} if isinstance(value, dict) else value
+    with _served(folder, workspace=write_cell(other, folder)) as cell:
+        code, _, err = cell.run()
+    said = next((line for line in err.splitlines() if figure in line), err[-300:])
+    return {"said": f"{what:28} exit {code}  {said}", "good": code == 2 and figure in err}
