@@ -83,8 +83,11 @@ def test_the_bits_that_may_be_wrong_are_those_that_opencv_corrects(name: str) ->
 FACING = Case("4x4_50", 0.05, 640, 600.0, 0.0)
 
 
-def test_nine_of_ten_images_show_a_marker_at_the_end_of_its_range() -> None:
-    assert FACING.predicted == pytest.approx(FACING.measured(240, seed=1), rel=0.1)
+@pytest.mark.parametrize(
+    "case", [FACING, Case("apriltag_36h11", 0.05, 640, 600.0, 0.0)], ids=lambda one: one.dictionary
+)
+def test_nine_of_ten_images_show_a_marker_at_the_end_of_its_range(case: Case) -> None:
+    assert case.predicted == pytest.approx(case.measured(240, seed=1), rel=0.1)
 
 
 @pytest.mark.parametrize(("share", "seen"), [(0.8, False), (1.02, True)])
