@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import field
 from heapq import heappop, heappush
 from typing import TypeAlias
 
@@ -18,21 +17,17 @@ from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
     BUDGET,
     Budget,
+    GaveUp,
     GroundAction,
     Need,
-    OutOfBudgetError,
     PlanningTask,
     PlanStep,
     planning_task,
 )
 from sqrp_cli.records import dataclass
 
-
-@dataclass(frozen=True)
-class Plan:
-    """Steps that lead from the facts to the goal; none if it holds already."""
-
-    steps: tuple[PlanStep, ...]
+Plan: TypeAlias = tuple[PlanStep, ...]
+"""Steps that lead from the facts to the goal; none if it holds already."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +39,6 @@ class ProvenImpossible:
 
     Empty if each can be made true, but not all together, or if the budget did not suffice to tell them apart.
     """
-
-
-@dataclass(frozen=True)
-class GaveUp:
-    """Neither a plan nor a proof was found."""
-
-    within: str
-    """The spent budget, such as `20,000 states`."""
-    why: str = field(default="", compare=False)
-    """Why that is too little, if known, and how to change it."""
 
 
 _PLATEAU = 500
@@ -82,7 +67,7 @@ def find_plan(
     try:
         task = planning_task(domain, objects, facts, goal, binding, budget)
         if task.goal.holds(task.initial):
-            return Plan(())
+            return ()
         search = _Search(task, budget)
         # The literals of the relaxed problem, in which nothing becomes false; no others are reachable.
         reachable, waiting, before = task.initial, list(task.actions), -1
@@ -93,8 +78,8 @@ def find_plan(
                 if action.need.holds(before):
                     reachable |= action.gains
             waiting = [action for action in waiting if not action.need.holds(before)]
-    except OutOfBudgetError as error:
-        return GaveUp(*error.args)
+    except GaveUp as gave_up:
+        return gave_up
     never = [part for part, need in task.goal_parts if not need.holds(reachable)]
     if task.goal.holds(reachable):
         search.actions = tuple(action for action in task.actions if action.need.holds(reachable))
@@ -125,7 +110,7 @@ class _Search:
         """Counts how many actions are tried in a state."""
         self.trials += count * (1 + self.task.initial.bit_length() // 500)
         if self.trials > self.budget.trials:
-            raise OutOfBudgetError(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
+            raise GaveUp(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
 
     def run(self, goal: Need) -> PlanningResult:
         """A plan for a goal."""
@@ -133,8 +118,8 @@ class _Search:
             found = self.climb(goal)
             if found is None:
                 found = self.best_first(goal)
-        except OutOfBudgetError as error:
-            return GaveUp(*error.args)
+        except GaveUp as gave_up:
+            return gave_up
         if found is None:
             return ProvenImpossible(())
         index = 0
@@ -145,7 +130,7 @@ class _Search:
                     state = action.after(state)
                     kept.append(action)
             found, index = (tuple(kept), index) if goal.holds(state) else (found, index + 1)
-        return Plan(tuple(action.step for action in found))
+        return tuple(action.step for action in found)
 
     def climb(self, goal: Need) -> tuple[GroundAction, ...] | None:
         """Enforced hill climbing along helpful actions, always to the nearest better state; None at a dead end."""
@@ -199,7 +184,7 @@ class _Search:
     def estimate(self, state: int, goal: Need) -> _Estimate | None:
         """The relaxed plan from a state; None if there is none, which proves a dead end."""
         if self.states >= self.budget.states:
-            raise OutOfBudgetError(f"{self.states:,} states")
+            raise GaveUp(f"{self.states:,} states")
         self.states += 1
         layers, new_actions = [state], []
         waiting: Sequence[GroundAction] = self.actions

@@ -81,8 +81,14 @@ class PlanningTask:
     actions: tuple[GroundAction, ...]
 
 
-class OutOfBudgetError(Exception):
-    """A limit is exceeded: which, such as `50,000 ground actions`, and why, if known."""
+@dataclass(eq=False)
+class GaveUp(Exception):  # noqa: N818 - an answer of planning, not its failure
+    """Neither a plan nor a proof was found, as a limit is exceeded; raised on the way, and what planners return."""
+
+    within: str
+    """The spent budget, such as `20,000 states`."""
+    why: str = ""
+    """Why that is too little, if known, and how to change it."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,7 @@ def planning_task(
 ) -> PlanningTask:
     """Grounds actions and goal for the given objects.
 
-    Actions with a precondition that contradicts unchangeable facts are left out. Raises OutOfBudgetError.
+    Actions with a precondition that contradicts unchangeable facts are left out. Raises GaveUp.
     """
     objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
     sizes = {
@@ -126,7 +132,7 @@ def planning_task(
     }
     largest = max([conditions.literal_count(goal, objects, domain), *sizes.values()])
     if largest > conditions.MAX_LITERALS:
-        raise OutOfBudgetError(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
+        raise GaveUp(f"{conditions.MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
     changeable = {use.predicate for action in domain.actions.values() for use in (*action.adds, *action.deletes)}
     grounder = _Grounder(objects, facts, changeable, domain, budget.tried)
     # All actions with all choices of objects are counted before one is grounded, which takes longer.
@@ -136,9 +142,9 @@ def planning_task(
             bound_actions.append((action, bound))
             literals += sizes[action.name]
             if len(bound_actions) > budget.actions:
-                raise OutOfBudgetError(f"{budget.actions:,} ground actions", grounder.why(action))
+                raise GaveUp(f"{budget.actions:,} ground actions", grounder.why(action))
             if literals > budget.literals:
-                raise OutOfBudgetError(f"{budget.literals:,} literals of ground actions", grounder.why(action))
+                raise GaveUp(f"{budget.literals:,} literals of ground actions", grounder.why(action))
     waiting = [conditions.ground_condition(goal, binding, objects, domain)]
     parts = list[tuple[conditions.GroundCondition, Need]]()
     while waiting:  # the conjuncts of the goal, from left to right
@@ -150,7 +156,7 @@ def planning_task(
     actions = list[GroundAction]()
     for action, bound in bound_actions:
         if 2 * len(grounder.numbers) * len(actions) > budget.bits:
-            raise OutOfBudgetError(f"{budget.bits:,} bits of ground actions", grounder.why(action))
+            raise GaveUp(f"{budget.bits:,} bits of ground actions", grounder.why(action))
         condition = conditions.ground_condition(action.precondition, bound, objects, domain)
         precondition = grounder.need(condition, keep=False)
         if precondition is not None:
@@ -223,7 +229,7 @@ class _Grounder:
             for name in fitting[index]:
                 self.tried += 1
                 if self.tried > self.limit:
-                    raise OutOfBudgetError(f"{self.limit:,} choices of objects", self.why(action))
+                    raise GaveUp(f"{self.limit:,} choices of objects", self.why(action))
                 bound[names[index]] = name
                 # No fact is an equality, which holds of one object and itself.
                 pairs = ((conditions.ground_atom(part, bound), positive) for part, positive in ready[index])

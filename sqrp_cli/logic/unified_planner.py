@@ -14,8 +14,8 @@ from sqrp_cli.errors import bad_input, expected_names, needed
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
-from sqrp_cli.logic.planning_task import Need, OutOfBudgetError, PlanningTask, planning_task
+from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible
+from sqrp_cli.logic.planning_task import GaveUp, Need, PlanningTask, planning_task
 
 TIME_LIMIT = 60.0
 """Time limit of an engine [s]."""
@@ -46,10 +46,10 @@ def engine_planner(name: str) -> Planner:
     ) -> PlanningResult:
         try:
             task = planning_task(domain, objects, facts, goal, binding)
-        except OutOfBudgetError as error:
-            return GaveUp(*error.args)
+        except GaveUp as gave_up:
+            return gave_up
         if task.goal.holds(task.initial):
-            return Plan(())
+            return ()
         problem = _problem(environment, task)
         with environment.factory.OneshotPlanner(name=name) as planner:
             if not planner.supports(problem.kind):
@@ -70,7 +70,7 @@ def engine_planner(name: str) -> Planner:
             if not task.goal.holds(state):
                 message = f"the planner `{name}` returned a plan that is wrong: it does not reach the goal"
                 raise bad_input("wrong-plan", message, mend="leave --planner out")
-            return Plan(tuple(step.step for step in steps))
+            return tuple(step.step for step in steps)
         match result.status:
             case Status.UNSOLVABLE_PROVEN:
                 return ProvenImpossible(())

@@ -12,8 +12,8 @@ from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import GaveUp, Plan, Planner, PlanningResult, ProvenImpossible, find_plan
-from sqrp_cli.logic.planning_task import PlanStep
+from sqrp_cli.logic.planner import Planner, PlanningResult, ProvenImpossible, find_plan
+from sqrp_cli.logic.planning_task import GaveUp, PlanStep
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.search.planned_step import PlannedStep
@@ -82,9 +82,9 @@ class Suggester:
             goal, types = candidate.skill.action.precondition, self.cell.workspace.types
             self._plans[key] = self.planner(self._domain, types, self.world.facts, goal, candidate.binding)
         match self._plans[key]:
-            case Plan(()):
+            case ():
                 return Suggestion("satisfied", "")
-            case Plan(steps):
+            case tuple(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
                 world, assessment = done[-1][1], None
                 if world is not None and self.wanted.fastest:  # only whether it can be done
@@ -138,8 +138,8 @@ def with_first_steps(task: Task, workspace: Workspace, facts: frozenset[Atom] | 
     for candidate in list(reversed(different.values()))[:MOST_PLANNED]:
         goal = candidate.skill.action.precondition
         found = find_plan(domain, workspace.types, facts, goal, candidate.binding)
-        if isinstance(found, Plan) and found.steps:
-            plans.append(([_text(step, workspace) for step in found.steps], candidate))
+        if isinstance(found, tuple) and found:
+            plans.append(([_text(step, workspace) for step in found], candidate))
     if not plans:
         return task
     steps, last = min(plans, key=lambda plan: len(plan[0]))

@@ -6,7 +6,7 @@ import random
 
 from sqrp_cli.logic.domain import Condition
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import Plan, Planner, find_plan
+from sqrp_cli.logic.planner import Planner, find_plan
 from sqrp_cli.logic.unified_planner import engine_planner
 from tests.benchmarks.table import cpu_milliseconds, print_table
 from tests.logic.planning import TOWERS, goal_towers, towers
@@ -36,4 +36,4 @@ def plan(runs: int) -> None:
 def _cells(planner: Planner, facts: frozenset[Atom], goal: Condition, runs: int) -> list[str]:
     found = planner(TOWERS, OBJECTS, facts, goal, {})
     time = cpu_milliseconds(lambda: planner(TOWERS, OBJECTS, facts, goal, {}), runs)
-    return [f"{time:.0f}", str(len(found.steps)) if isinstance(found, Plan) else "none"]
+    return [f"{time:.0f}", str(len(found)) if isinstance(found, tuple) else "none"]

@@ -11,7 +11,7 @@ from pathlib import Path
 from sqrp_cli.logic.domain import Compound, Condition, Domain, Holds
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
-from sqrp_cli.logic.planner import Plan, PlanningResult
+from sqrp_cli.logic.planner import PlanningResult
 from sqrp_cli.logic.planning_task import PlanStep
 
 Facts = frozenset[tuple[str, ...]]
@@ -103,9 +103,9 @@ def words(facts: frozenset[Atom]) -> Facts:
 def assert_reaches(
     result: PlanningResult, domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition
 ) -> None:
-    assert isinstance(result, Plan)
+    assert isinstance(result, tuple)
     simulator, state = Simulator(domain, objects), words(facts)
-    for step in result.steps:
+    for step in result:
         state = simulator.act(step, state)
     assert simulator.true(goal, {}, state)
 

@@ -14,8 +14,8 @@ from sqrp_cli.logic.conditions import GroundCondition, Joined, ground_condition,
 from sqrp_cli.logic.domain import Compound, Condition, Domain, Holds, Parameter
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl_parser import parse_domain
-from sqrp_cli.logic.planner import GaveUp, find_plan
-from sqrp_cli.logic.planning_task import Budget
+from sqrp_cli.logic.planner import find_plan
+from sqrp_cli.logic.planning_task import Budget, GaveUp
 
 NEEDS = "(:requirements :negative-preconditions :universal-preconditions)"
 FIFTEEN = " ".join(f"?p{number}" for number in range(15))
