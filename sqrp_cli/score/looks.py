@@ -15,7 +15,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.score.compute import Job, Workers, packed
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
-from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged, verdicts_of
+from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged_way, verdicts_of
 from sqrp_cli.study.assessment import planned_motion
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
@@ -29,8 +29,8 @@ def verdicts_as_text(
     motion = feasible_motion(cell, candidate, cell.initial_world)
     if isinstance(motion, Infeasible):
         raise ValueError(f"{candidate.name} was feasible a moment ago")
-    scene = planned_motion(cell, candidate, cell.initial_world, motion)
-    way = replace(judged(cell, task, candidate, scene), samples=samples)
+    planned = planned_motion(cell, candidate, cell.initial_world, motion)
+    way = replace(judged_way(cell, task, candidate, planned), samples=samples)
     return as_line(verdicts_of(cell, way, places))
 
 
@@ -41,7 +41,7 @@ def cluster_verdicts(
     bytes_of, jobs = packed(workspace), list[Job]()
     for way, places in batches:
         work = partial(verdicts_as_text, task=way.task, samples=way.samples, places=places)
-        jobs.append(Job(*bytes_of, seed, way.scene.candidate, work))
+        jobs.append(Job(*bytes_of, seed, way.planned.candidate, work))
     with interrupts_later(second_raises=True) as interrupted:
         for index, answer in cluster(jobs, interrupted):
             if not isinstance(answer, str):
@@ -58,7 +58,7 @@ def kept_verdicts(
     """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
     missing: list[tuple[int, str]] = []
     for number, (judged_way, installations) in enumerate(batches):
-        way, samples, places = judged_way.scene.candidate, judged_way.samples, []
+        way, samples, places = judged_way.planned.candidate, judged_way.samples, []
         for one in installations:
             lens, own = one.lens, one.lens.image.intrinsics()
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]

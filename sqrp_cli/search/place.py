@@ -37,7 +37,7 @@ from sqrp_cli.search.placing_result import (
     PlaceDocument,
     proof_in_words,
 )
-from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged, touching_pairs, verdicts_of
+from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
 from sqrp_cli.study.assessment import Analysis, Observed, with_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
@@ -107,7 +107,7 @@ class CameraPlacer:
             return self._document(None, met=False, reason=why)
         table.judge()
         self._until, goal = monotonic() + self._seconds, wanted.goal
-        if goal is not None and goal.delay is not None and any(way.scene.faults for way in table.ways):
+        if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
             lenses = [*self.question.mounts.lenses, *(table.options[option].lens for option in table.kept)]
             if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
                 return self._closest()  # a frame and the latency alone take longer
@@ -249,7 +249,11 @@ class CameraPlacer:
                 lambda: self._refined(result, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
-        found |= {"cameras": cameras, "candidates": self._judged(cell, problem, selection, studies), "cell": cell}
+        found |= {
+            "cameras": cameras,
+            "candidates": self._placed_candidates(cell, problem, selection, studies),
+            "cell": cell,
+        }
         fewer = len(selection.options) - 1
         if fewer >= max(1, wanted.at_least(len(table.kept))):
             aside = replace(result.requirements, goal=None, most=fewer)
@@ -367,11 +371,11 @@ class CameraPlacer:
         old, new = (wanted.value(map(_BOTH, some), table.weights) for some in (before, after))
         return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, studies)
 
-    def _judged(
+    def _placed_candidates(
         self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Analysis]
     ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
-        question, table, all_judged = self.question, self.table, list[PlacedCandidate]()
+        question, table, placed = self.question, self.table, list[PlacedCandidate]()
         places = [table.spots[problem.site[option]] for option in selection.options]
         for number, found in zip(selection.ways, studies, strict=True):
             way, old, taken = table.ways[number], found.assessment(""), None
@@ -388,18 +392,18 @@ class CameraPlacer:
                 worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
                 late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
                 swept = False
-                if places and taken.study.motion is not way.scene.motion:
-                    other = judged(question.cell, way.task, way.candidate, taken.study)
+                if places and taken.study.motion is not way.planned.motion:
+                    other = judged_way(question.cell, way.task, way.candidate, taken.study)
                     swept = bool(blocked(question.cell, other.swept, places).any())
                 found = found if worse or late or swept else taken.study
-            named = with_branch(question.cell, way.scene) if question.fastest else found.candidate
+            named = with_branch(question.cell, way.planned) if question.fastest else found.candidate
             figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
             about = {"task": way.task, "candidate": way.candidate.name, "found": figures}
             about["ranked"] = AdvisedFigures.of(ranked) if others and ranked is not None else None
-            all_judged.append(from_fields(PlacedCandidate, figures, **about))
-        return tuple(all_judged)
+            placed.append(from_fields(PlacedCandidate, figures, **about))
+        return tuple(placed)
 
 
 def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Sequence[int]) -> tuple[Installation, ...]:
@@ -416,11 +420,11 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
         """The quality that counts first, then the mean, of what each camera sees of each way."""
         pairs: list[tuple[float | None, float | None]] = []
         for number, way in enumerate(ways):
-            scene, (sample, _), state = way.scene, way.items, np.any(way.required, axis=1)
+            planned, (sample, _), state = way.planned, way.items, np.any(way.required, axis=1)
             covered = sum(of_camera[number].astype(np.int64) for of_camera in each) >= way.needed
             state[sample[~covered]] = False
             steps = np.where(state[1:] & state[:-1], way.samples.steps, 0.0)
-            parts = ((steps[scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (steps, scene.T))
+            parts = ((steps[planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (steps, planned.T))
             q_eoi, q_avg = (float(part.sum() / total) if total > 0 else None for part, total in parts)
             pairs.append((q_eoi, q_avg))
         each_objective = (wanted, replace(wanted, objective="mean"))

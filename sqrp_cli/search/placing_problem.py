@@ -207,7 +207,7 @@ def covered_way(
     sees: which options see which items, shape (options, items). responses: of the options, shape (options,), and each
     once, fastest first [s]. spare: so many cameras may fail, and all that counts as seen is seen still.
     """
-    scene, samples, targets = way.scene, way.samples, way.scene.targets
+    planned, samples, targets = way.planned, way.samples, way.planned.targets
     item = np.full((len(samples), len(targets)), NEVER)
     item[way.items] = np.arange(len(way.needed))
     piece, t = samples.piece.tolist(), samples.t.tolist()
@@ -225,14 +225,14 @@ def covered_way(
         if columns and t[last] > t[first]:
             key = rows.hardest(row((first, last), column, np.inf) for column in columns)
             step, (of_interest, seconds) = t[last] - t[first], groups.get(key, (0.0, 0.0))
-            groups[key] = of_interest + step * scene.stage.pieces[piece[first]].of_interest, seconds + step
-    begin, (asked, watched), faults = np.array([t[first] for first, _ in spans]), watched_faults(scene), []
+            groups[key] = of_interest + step * planned.stage.pieces[piece[first]].of_interest, seconds + step
+    begin, (asked, watched), faults = np.array([t[first] for first, _ in spans]), watched_faults(planned), []
     for fault in watched:
         alone = [asked[columns[0]] for columns in fault.columns if len(columns) == 1]
-        known = [targets.index(one) for one in alone if one in targets and not is_lost_by_fingers(scene.stage, fault)]
+        known = [targets.index(one) for one in alone if one in targets and not is_lost_by_fingers(planned.stage, fault)]
         for interval in fault.intervals:
             late = [span for span in spans if t[span[1]] >= interval.start - 1e-12]
-            shown = [span for span in late if fault.counts_in(scene.stage.pieces[piece[span[0]]])]
+            shown = [span for span in late if fault.counts_in(planned.stage.pieces[piece[span[0]]])]
             needed = [
                 [
                     rows.hardest(row(span, column, tier) for column in known if item[span[0], column] != NEVER)
@@ -250,7 +250,7 @@ def covered_way(
                 )
             )
     seen = {key: times for key, times in groups.items() if NEVER not in key}
-    return CoveredWay((scene.T_eoi, scene.T), seen, tuple(faults))
+    return CoveredWay((planned.T_eoi, planned.T), seen, tuple(faults))
 
 
 def obstacle(problem: Problem, requirements: Requirements, *, blind: bool) -> str:

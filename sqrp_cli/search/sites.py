@@ -24,7 +24,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.ranking import compared_time
 from sqrp_cli.study.sampling import Adaptive, first_samples
-from sqrp_cli.study.timeline import PlannedMotion, SampledScene
+from sqrp_cli.study.timeline import PlannedMotion, SampledMotion
 from sqrp_cli.task.task import Candidate
 
 EVERY = 3  # of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged
@@ -33,7 +33,7 @@ _PLACES_TOGETHER = 400_000  # places to compare with a solid at once, counted in
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class JudgedWay(SampledScene):
+class JudgedWay(SampledMotion):
     """A way of a candidate with the samples in which mounts are judged."""
 
     task: str  # as it was asked for
@@ -49,32 +49,32 @@ class JudgedWay(SampledScene):
     @cached_property
     def needed(self) -> Indices:
         """How many cameras must see each item, shape (n,)."""
-        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items[1]]
+        return np.array([target.cameras for target in self.planned.targets], dtype=np.int64)[self.items[1]]
 
 
-def judged(cell: Cell, task: str, candidate: Candidate, scene: PlannedMotion) -> JudgedWay:
+def judged_way(cell: Cell, task: str, candidate: Candidate, planned: PlannedMotion) -> JudgedWay:
     """A way with some of its first samples."""
-    samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+    samples = first_samples(Adaptive(), planned.stage, Observer((), cell.observer.solids), planned.targets)
     ends = samples.ends
     number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
     rows = np.flatnonzero(ends | (number % EVERY == 0))
-    swept = scene.stage.states(samples)
-    return JudgedWay(scene, samples.some(rows), task=task, candidate=candidate, swept=swept)
+    swept = planned.stage.states(samples)
+    return JudgedWay(planned, samples.some(rows), task=task, candidate=candidate, swept=swept)
 
 
-def varied(scenes: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
+def varied(motions: Sequence[PlannedMotion]) -> tuple[list[PlannedMotion], PlannedMotion]:
     """Some of the ways of a candidate: the fastest, that of the first grip, then that of each other branch of the arm.
 
     That of the first grip, which is named, too, is the way with `--ways fastest`: so a choice among them is never worse
     than without a choice of ways.
     """
-    ordered = sorted(scenes, key=lambda scene: compared_time(scene.motion.time))
-    ways = [scene.candidate for scene in (scenes[0], *ordered)]
+    ordered = sorted(motions, key=lambda planned: compared_time(planned.motion.time))
+    ways = [planned.candidate for planned in (motions[0], *ordered)]
     first_grip, *grips = ({k: v for k, v in way.parameters.items() if k not in way.branch} for way in ways)
     first = ordered[grips.index(first_grip)]
     branches: dict[str, PlannedMotion] = {}
-    for scene in ordered:
-        branches.setdefault(repr(sorted(scene.candidate.branch.items())), scene)
+    for planned in ordered:
+        branches.setdefault(repr(sorted(planned.candidate.branch.items())), planned)
     return list(dict.fromkeys([ordered[0], first, *branches.values()]))[:MOST_WAYS], first
 
 
@@ -82,7 +82,7 @@ def middle_of(ways: Sequence[JudgedWay]) -> Array:
     """The middle of all that has to be seen in some ways, in whole millimetres, shape (3,) [m]."""
     points = [np.zeros((0, 3))]
     for way in ways:
-        for column, target in enumerate(way.scene.targets):
+        for column, target in enumerate(way.planned.targets):
             rows = np.flatnonzero(way.required[:, column])
             for box in target.boxes:
                 poses = way.states.box_poses(box)
@@ -158,7 +158,9 @@ def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> M
         poses = {id(places[row].X_FC): places[row].X_FC for row in rows}
         lenses = {id(places[row].lens): places[row] for row in rows}
         cameras = [one.camera(one.lens.name) for one in lenses.values()]
-        found = cell.observer.seen_from(cameras, np.stack([*poses.values()]), way.scene.targets, way.states, *way.items)
+        found = cell.observer.seen_from(
+            cameras, np.stack([*poses.values()]), way.planned.targets, way.states, *way.items
+        )
         of_lens, of_pose = ({key: number for number, key in enumerate(known)} for known in (lenses, poses))
         sees[rows] = [found[of_lens[id(places[row].lens)], of_pose[id(places[row].X_FC)]] for row in rows]
     return sees
@@ -210,7 +212,7 @@ def hidden_by(way: JudgedWay, spot: Spot, other: Spot) -> Mask:
         places = X_WF[:, :3, :3] @ one.position + X_WF[:, :3, 3]
         at.append(places[sample if one.frame != WORLD else np.zeros_like(sample)])
     ball, eye = at
-    for column, entry in enumerate(way.scene.targets):
+    for column, entry in enumerate(way.planned.targets):
         rows = np.flatnonzero(target == column)
         for box in entry.boxes:
             poses = way.states.box_poses(box)

@@ -27,7 +27,7 @@ from sqrp_cli.search.sites import (
     blocked,
     hidden_by,
     installations_at,
-    judged,
+    judged_way,
     local_verdicts,
     middle_of,
     touching_pairs,
@@ -93,23 +93,23 @@ class VisibilityTable:
         goal, aimed_at = question.requirements.goal, list[JudgedWay]()
         with self._progress("Planning", len(found)) as advance:
             for task, candidate in found:
-                scenes = (
+                motions = (
                     impossible_start(cell, candidate, world)
                     or self.plans.of(cell, candidate, world, fastest=question.fastest)[1]
                 )
                 advance(1)
-                if goal is not None and goal.time is not None and not isinstance(scenes, Infeasible):
-                    _, scenes = TimeLimit(goal.time).within(scenes)
-                    self.too_slow |= isinstance(scenes, Infeasible)
-                if isinstance(scenes, Infeasible):
-                    self.infeasible.append((task.text, CandidateResult.infeasible(candidate, scenes.reasons)))
+                if goal is not None and goal.time is not None and not isinstance(motions, Infeasible):
+                    _, motions = TimeLimit(goal.time).within(motions)
+                    self.too_slow |= isinstance(motions, Infeasible)
+                if isinstance(motions, Infeasible):
+                    self.infeasible.append((task.text, CandidateResult.infeasible(candidate, motions.reasons)))
                     continue
-                (first, *others), of_first_grip = varied(scenes)
+                (first, *others), of_first_grip = varied(motions)
                 self.candidates.append((len(self.ways),))
-                self.ways.append(judged(cell, task.text, candidate, first))
+                self.ways.append(judged_way(cell, task.text, candidate, first))
                 self.others.append(others)
                 same = of_first_grip is first  # what is aimed at does not depend on a choice of ways
-                aimed_at.append(self.ways[-1] if same else judged(cell, task.text, candidate, of_first_grip))
+                aimed_at.append(self.ways[-1] if same else judged_way(cell, task.text, candidate, of_first_grip))
         tasks, stated = [way.task for way in self.ways], question.mounts.weights
         self.weights = np.array([stated.get(task, 1.0) / tasks.count(task) for task in tasks])
         mounted, middle, middles = len(self.spots), middle_of(aimed_at), [middle_of([way]) for way in aimed_at]
@@ -138,7 +138,7 @@ class VisibilityTable:
         for number, more in enumerate(self.others if others else ()):
             first = self.ways[self.candidates[number][0]]
             self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(more)))
-            self.ways += [judged(self.question.cell, first.task, first.candidate, scene) for scene in more]
+            self.ways += [judged_way(self.question.cell, first.task, first.candidate, planned) for planned in more]
             self.others[number] = []
         ways = self.ways[len(self.sees) :]
         self.sees += self._verdicts(ways)
@@ -153,7 +153,7 @@ class VisibilityTable:
                 response = min((camera.response for camera in cameras), default=0.0)
                 for start in range(0, len(cameras), _TOGETHER):
                     some = replace(observer, cameras=tuple(cameras[start : start + _TOGETHER]))
-                    delays[start : start + _TOGETHER] = least_fault_delays(way.scene, some, response)
+                    delays[start : start + _TOGETHER] = least_fault_delays(way.planned, some, response)
             self._least_delays.append(delays)
 
     def problem(self, failure_tolerance: int) -> Problem:
@@ -162,12 +162,12 @@ class VisibilityTable:
         # samples counts as half of it is seen for each end that is. 0 where an option is in the way.
         each = []
         for way, sees, shut in zip(self.ways, self.sees, self._shut, strict=True):
-            (sample, _), scene = way.items, way.scene
+            (sample, _), planned = way.items, way.planned
             covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
             for item in range(len(sample)):
                 covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
             seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
-            parts = [(seen[:, scene.stage.of_interest(way.samples)[:-1]], scene.T_eoi), (seen, scene.T)]
+            parts = [(seen[:, planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (seen, planned.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
             quality = np.mean(known, axis=0) if known else np.ones(len(sees))
             each.append(np.where(np.append(shut, np.zeros(len(self.kept), dtype=bool))[self.site], 0.0, quality))
@@ -213,11 +213,11 @@ class VisibilityTable:
 
     def watched(self, cameras: Iterable[Camera], ways: Sequence[int], spare: int = 0) -> list[Observed]:
         """What cameras see of ways, exactly; spare: counted is only what so many more cameras see than is needed."""
-        scenes = [self.ways[number].scene for number in ways]
+        motions = [self.ways[number].planned for number in ways]
         if spare:
-            more = [[replace(one, cameras=one.cameras + spare) for one in scene.targets] for scene in scenes]
-            scenes = [replace(scene, targets=tuple(of_one)) for scene, of_one in zip(scenes, more, strict=True)]
-        return all_observed(self.cell_with(cameras), scenes, self.question.sampling, full=False)
+            more = [[replace(one, cameras=one.cameras + spare) for one in planned.targets] for planned in motions]
+            motions = [replace(planned, targets=tuple(of_one)) for planned, of_one in zip(motions, more, strict=True)]
+        return all_observed(self.cell_with(cameras), motions, self.question.sampling, full=False)
 
     def add_samples(self, number: int, found: Observed) -> bool:
         """Add samples to a way where cameras gain or lose sight between those it has; whether there are any."""
@@ -269,7 +269,7 @@ class VisibilityTable:
                     yield UnseenTarget(
                         task=way.task,
                         candidate=way.candidate.name,
-                        literal=str(way.scene.targets[target].atom),
+                        literal=str(way.planned.targets[target].atom),
                         time=float(way.samples.t[sample]),
                         seen_by=len(set(self.site[usable][sees[:, item]].tolist())),
                         needed=int(needed[item]),

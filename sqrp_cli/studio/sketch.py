@@ -20,7 +20,7 @@ from sqrp_cli.study.blind_spans import by_name
 from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
-from sqrp_cli.study.timeline import PlannedMotion, SampledScene, Timeline
+from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline
 from sqrp_cli.study.whole_study import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
@@ -48,25 +48,25 @@ class CoverageShown(Qualities):
 
 
 @dataclass(frozen=True, eq=False)
-class Sketch(SampledScene):
+class Sketch(SampledMotion):
     """A motion, with what every camera sees of it at fixed times."""
 
     cell: Cell
 
     @classmethod
-    def of(cls, cell: Cell, scene: PlannedMotion) -> Sketch:
+    def of(cls, cell: Cell, planned: PlannedMotion) -> Sketch:
         """The sketch of a motion in a cell."""
-        step = FixedStep(max(SHORTEST, scene.motion.time / MOST))
-        return cls(scene, first_samples(step, scene.stage, cell.observer, scene.targets), cell)
+        step = FixedStep(max(SHORTEST, planned.motion.time / MOST))
+        return cls(planned, first_samples(step, planned.stage, cell.observer, planned.targets), cell)
 
     @cached_property
     def matrix(self) -> Matrix:
         """The verdicts of all cameras of its own cell."""
-        return self.cell.observer.verdicts(self.scene.targets, self.states, shares=False)
+        return self.cell.observer.verdicts(self.planned.targets, self.states, shares=False)
 
     def seen_by(self, cell: Cell, camera: str | None = None) -> CoverageShown:
         """What the cameras of a cell see. camera: the only one that is not as in the sketch's own cell."""
-        cameras, targets = cell.observer.cameras, self.scene.targets
+        cameras, targets = cell.observer.cameras, self.planned.targets
         names = [one.name for one in cameras]
         matrix = self.matrix
         if camera is not None:
@@ -82,7 +82,7 @@ class Sketch(SampledScene):
             matrix = cell.observer.verdicts(targets, self.states, shares=False)
         responses = np.array([one.response for one in cameras])
         observation = observation_of(matrix, responses, targets, self.required)
-        timeline = Timeline(self.scene, self.samples, observation)
+        timeline = Timeline(self.planned, self.samples, observation)
         table: dict[Verdict, int] = {}
         atoms = {}
         for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
@@ -105,8 +105,8 @@ def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> Covera
     """What is seen of the steps of a task, which follow each other without a pause; atoms are called as pages do."""
     if len(parts) == 1:
         return parts[0]
-    scenes = [sketch.scene for sketch in sketches]
-    starts = accumulate((sketch.scene.motion.time for sketch in sketches[:-1]), initial=0.0)
+    motions = [sketch.planned for sketch in sketches]
+    starts = accumulate((sketch.planned.motion.time for sketch in sketches[:-1]), initial=0.0)
     verdicts: list[Verdict] = []
     atoms: dict[str, Mapping[str, Any]] = {}
     before, count = 0, sum(len(part.t) for part in parts)
@@ -126,8 +126,8 @@ def joined(sketches: Sequence[Sketch], parts: Sequence[CoverageShown]) -> Covera
         covered=[value for part in parts for value in part.covered],
         verdicts=verdicts,
         atoms=atoms,
-        q_avg=mean_quality([(part.q_avg, scene.T) for part, scene in zip(parts, scenes, strict=True)]),
-        q_eoi=mean_quality([(part.q_eoi, scene.T_eoi) for part, scene in zip(parts, scenes, strict=True)]),
+        q_avg=mean_quality([(part.q_avg, planned.T) for part, planned in zip(parts, motions, strict=True)]),
+        q_eoi=mean_quality([(part.q_eoi, planned.T_eoi) for part, planned in zip(parts, motions, strict=True)]),
         blind=sum(part.blind for part in parts),
     )
 

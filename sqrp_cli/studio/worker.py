@@ -315,13 +315,13 @@ class _Worker:
             self.say("sketch", name=self._chosen, seen=seen, was=was, number=number)
             return
         cell = Cell.load(workspace, self.seed)
-        alone = sketches_of(cell, [sketches[0].scene.candidate])
+        alone = sketches_of(cell, [sketches[0].planned.candidate])
         if isinstance(alone, Infeasible):
             self.say("sketch", name=self._chosen, reasons=alone.reasons, number=number)
             return
         (found,) = alone
         # Where everything is at the instants of the sketch: poses (m, 4, 4) or (1, 4, 4), as they change.
-        stage, samples, X_WF = found.scene.stage, found.samples, found.states.X_WF
+        stage, samples, X_WF = found.planned.stage, found.samples, found.states.X_WF
         values, poses = [cell.model.joint_values(row) for row in stage.positions(samples)], {}
         for name in (name for name in workspace.objects if name in X_WF):
             X = X_WF[name]

@@ -116,21 +116,21 @@ class Timeline:
 
 
 @dataclass(frozen=True, eq=False)
-class SampledScene:
+class SampledMotion:
     """A planned motion at m samples, where all cameras look."""
 
-    scene: PlannedMotion
+    planned: PlannedMotion
     samples: Samples
 
     @cached_property
     def states(self) -> SceneStates:
         """Where everything is in the samples."""
-        return self.scene.stage.states(self.samples)
+        return self.planned.stage.states(self.samples)
 
     @cached_property
     def required(self) -> Mask:
         """Whether a state holds the atom of each target, shape (m, targets)."""
-        return self.scene.stage.requires(self.scene.targets, self.samples)
+        return self.planned.stage.requires(self.planned.targets, self.samples)
 
 
 def observe(

@@ -72,22 +72,22 @@ class BruteForce:
 
     def __init__(self, placed: CameraPlacer, number: int = 0):
         self.way = placed.table.ways[number]
-        scene = self.way.scene
+        planned = self.way.planned
         cameras = [placed.table.camera_at(option) for option in range(len(placed.table.options))]
         observer = Observer(tuple(cameras), placed.question.cell.observer.solids)
-        self.samples = first_samples(FixedStep(0.004), scene.stage, observer, scene.targets)
-        matrix = observer.verdicts(scene.targets, scene.stage.states(self.samples), shares=False)
+        self.samples = first_samples(FixedStep(0.004), planned.stage, observer, planned.targets)
+        matrix = observer.verdicts(planned.targets, planned.stage.states(self.samples), shares=False)
         self.sees = np.stack([sees_all(boxes) for boxes in matrix])  # targets, samples, cameras
-        self.required = scene.stage.requires(scene.targets, self.samples)
+        self.required = planned.stage.requires(planned.targets, self.samples)
 
     def qualities(self, chosen, spare: int = 0) -> tuple[float, ...]:
         """Q_eoi, if it is defined, and Q_avg."""
-        scene, samples, covered = self.way.scene, self.samples, self.required.any(axis=1)
-        for target, sees, required in zip(scene.targets, self.sees, self.required.T, strict=True):
+        planned, samples, covered = self.way.planned, self.samples, self.required.any(axis=1)
+        for target, sees, required in zip(planned.targets, self.sees, self.required.T, strict=True):
             covered = covered & ((sees[:, list(chosen)].sum(axis=1) >= target.cameras + spare) | ~required)
         steps = np.diff(samples.t) * (covered[1:] & covered[:-1] & (np.diff(samples.piece) == 0))
-        interesting = np.array([scene.stage.pieces[p].of_interest for p in samples.piece[:-1]])
-        parts = ((steps[interesting], scene.T_eoi), (steps, scene.T))
+        interesting = np.array([planned.stage.pieces[p].of_interest for p in samples.piece[:-1]])
+        parts = ((steps[interesting], planned.T_eoi), (steps, planned.T))
         return tuple(float(part.sum() / total) for part, total in parts if total > 0)
 
     def least(self, count: int) -> float:
@@ -116,7 +116,7 @@ def test_the_objective_is_the_exact_figure_of_the_chosen_cameras_at_their_mounts
     names = [option.spot.name for option in asked.table.options]
     chosen = [cameras[names.index(placed.place.spot.name.removesuffix(", moved"))] for placed in found.cameras]
     (way,) = asked.table.ways
-    seen = observed(asked.table.cell_with(chosen), way.scene, Adaptive(), full=False).assessment("")
+    seen = observed(asked.table.cell_with(chosen), way.planned, Adaptive(), full=False).assessment("")
     assert found.objective == pytest.approx(min(seen.q_eoi, seen.q_avg), abs=1e-12)
     (candidate,) = found.candidates
     assert min(candidate.found.q_eoi, candidate.found.q_avg) >= found.objective
@@ -133,7 +133,7 @@ def test_a_goal_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_
     assert found.objective == pytest.approx(brute.least(2), abs=1e-3)
     assert found.unseen
     for unseen in found.unseen:
-        target = [str(t.atom) for t in brute.way.scene.targets].index(unseen.literal)
+        target = [str(t.atom) for t in brute.way.planned.targets].index(unseen.literal)
         sample = int(np.argmin(np.abs(brute.samples.t - unseen.time)))
         assert brute.sees[target][sample - 1 : sample + 2].sum(axis=1).min() < unseen.needed
 
@@ -254,7 +254,7 @@ def delays(cell, tmp_path_factory) -> tuple[CameraPlacer, dict[tuple[int, ...], 
     exact = {}
     for pair in pairs:
         cell = asked.table.cell_with(map(asked.table.camera_at, pair))
-        exact[pair] = observed(cell, asked.table.ways[0].scene, Adaptive(), full=False).assessment("").latest
+        exact[pair] = observed(cell, asked.table.ways[0].planned, Adaptive(), full=False).assessment("").latest
     return asked, exact
 
 
@@ -316,28 +316,28 @@ def test_six_cameras_see_what_a_renderer_shows(cell, tmp_path: Path) -> None:
     asked = placer(cell, tmp_path, SIX, Requirements(most=2))
     asked.place()
     (way,), (sees,) = asked.table.ways, asked.table.sees
-    scene, states = way.scene, way.states
+    planned, states = way.planned, way.states
     objects = cell.workspace.objects
-    carried = scene.candidate.binding["object"]
+    carried = planned.candidate.binding["object"]
     others = ((obj, part) for name, obj in objects.items() if name != carried for part in obj.parts)
     fixed = [replace(part, parent="world", X_PG=obj.X_WO @ part.X_PG) for obj, part in others]
     (held,) = objects[carried].parts
     stage = MujocoScene(cell.workspace.robot, fixed, held, RESOLUTION)
-    q = scene.stage.positions(way.samples)
-    boxes = [box for target in scene.targets for box in target.boxes]
-    assert len(boxes) == len(scene.targets)
+    q = planned.stage.positions(way.samples)
+    boxes = [box for target in planned.targets for box in target.boxes]
+    assert len(boxes) == len(planned.targets)
     agree: list[bool] = []
     shown = 0
     for option, there in enumerate(asked.table.options):
         camera = there.camera("here")
         sample, target = way.items
         (within,) = cell.cell.observer.seen_from(
-            [camera], there.X_FC[None], scene.targets, states, sample, target, limits_only=True
+            [camera], there.X_FC[None], planned.targets, states, sample, target, limits_only=True
         )[0]
         assert not sees[option][~within].any()
         for item in np.flatnonzero(within).tolist():
             state, box = int(sample[item]), boxes[int(target[item])]
-            stage.move(dict(zip(scene.motion.joint_names, q[state], strict=True)))
+            stage.move(dict(zip(planned.motion.joint_names, q[state], strict=True)))
             stage.place(held.parent, _at(states.X_WF[carried], state))
             stage.show([i for i, name in enumerate(stage.names) if name in box.encloses])
             share = _share(stage, there.X_FC, _at(states.box_poses(box), state), box)
@@ -370,7 +370,7 @@ LENSES = [
     for gain in (1.0, 0.4, 2.0, 60.0, None)
 ]
 WAY = SimpleNamespace(
-    scene=SimpleNamespace(targets=[SimpleNamespace(boxes=(CUBE,))]),
+    planned=SimpleNamespace(targets=[SimpleNamespace(boxes=(CUBE,))]),
     states=STATES,
     items=(np.array([0]), np.array([0])),
     needed=np.array([1]),
