@@ -57,16 +57,16 @@ def kept_verdicts(
 ) -> Iterator[tuple[int, Mask]]:
     """See `sites.Verdicts`: what a folder keeps, and what is computed for it. Raises InputError as `Results`."""
     missing: list[tuple[int, str]] = []
-    for number, (judged_way, installations) in enumerate(batches):
-        way, samples, places = judged_way.planned.candidate, judged_way.samples, []
+    for number, (way, installations) in enumerate(batches):
+        chosen, samples, places = way.planned.candidate, way.samples, []
         for one in installations:
             lens, own = one.lens, one.lens.image.intrinsics()
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
             said = [lens.name, *size, own.matrix.tolist(), *distortion, sensing]
             places.append([one.spot.frame, one.X_FC.tolist(), said])
-        vias = {name: via.tolist() for name, via in way.vias.items()}
-        motion = [way.skill.name, dict(way.binding), dict(way.values), dict(way.branch), vias]
+        vias = {name: via.tolist() for name, via in chosen.vias.items()}
+        motion = [chosen.skill.name, dict(chosen.binding), dict(chosen.values), dict(chosen.branch), vias]
         key = key_of("place", workspace.digest, seed, motion, samples.piece.tolist(), samples.t.tolist(), places)
         try:
             yield number, _mask_in(results.get(key) or "", batches[number])

@@ -24,8 +24,8 @@ from sqrp_cli.search.question import (
     Question,
     Start,
     Tried,
+    analysed_again,
     figures_of,
-    whole_observed_again,
 )
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.in_the_way import hidden_views, to_move
@@ -182,7 +182,7 @@ def _advice(start: Start, met: Tried) -> AdviceFound:
                 if change.camera is None:
                     after = whole_study(question.cell, way, world, sampling, full=False)
                 elif isinstance(before, WholeAnalysis):
-                    after = whole_observed_again(cell, before, sampling)
+                    after = analysed_again(cell, before, sampling)
                 pairs.append((figures_of(way, before), figures_of(way, after)))
             effects.append(TaskEffect.of(text, pairs))
     worse = tuple(one.task for one in effects if any(candidate.worse for candidate in one.candidates))

@@ -19,7 +19,7 @@ from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.search.advice_result import Margin
 from sqrp_cli.search.aiming import Aim, free_for_cameras, looking_at, turned, whole_millimetres
 from sqrp_cli.search.bound import CameraBound
-from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, whole_observed_again
+from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, analysed_again
 from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.timeline import observe
@@ -102,7 +102,7 @@ class CameraMove:
         views = LENS_STEP * step * numbers[np.argsort(abs(numbers), kind="stable")][1:, None]
         return np.array_split(views, range(5, len(views), 5))  # few at once: all that pass are decided
 
-    def cameras(self, vectors: Array) -> tuple[list[Camera], Array]:
+    def lenses_and_poses(self, vectors: Array) -> tuple[list[Camera], Array]:
         """Lenses and poses in the frame that carries it, (p, 4, 4), for vectors (p, d); one kind has one only."""
         eye = self.camera.X_FC[:3, 3]
         if self.kind == "lens":
@@ -120,7 +120,7 @@ class CameraMove:
             views = field_of_view(self.camera) + vectors[:, 0]
             passes = np.array((views >= NARROWEST - 1e-9) & (views <= WIDEST + 1e-9))
         if passes.any():
-            lenses, X_FC = self.cameras(vectors[passes])
+            lenses, X_FC = self.lenses_and_poses(vectors[passes])
             passes[passes] = self.bound.passes(lenses, X_FC)
             if self.kind != "lens":
                 passes[passes] = self._free(X_FC[passes])
@@ -188,17 +188,19 @@ class CameraMove:
     def analysed(self, change: ProposedChange) -> WholeAnalysis:
         """The same motion with the changed camera."""
         question = self.start.question
-        return whole_observed_again(change.in_cell(question.cell), self.start.motion, question.sampling)
+        return analysed_again(change.in_cell(question.cell), self.start.feasible_analysis, question.sampling)
 
     def nearest(self) -> Array | None:
         """See `least`: by the share of some samples that are covered."""
         vectors = np.concatenate(list(self.outward(self.bounds.reaches[-1], 3 if self.kind == "lens" else 4)))
         vectors = vectors[:: max(1, len(vectors) // _COMPARED_POSES)]
         if self.kind != "lens":
-            vectors = vectors[self._free(self.cameras(vectors)[1])]
+            vectors = vectors[self._free(self.lenses_and_poses(vectors)[1])]
         if not len(vectors):
             return None
-        nearest: Array = vectors[int(np.argmax(self.bound.covered(*self.cameras(vectors), every=True).mean(axis=1)))]
+        nearest: Array = vectors[
+            int(np.argmax(self.bound.covered(*self.lenses_and_poses(vectors), every=True).mean(axis=1)))
+        ]
         return nearest
 
 

@@ -18,7 +18,7 @@ from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.study.assessment import Analysis, observed
+from sqrp_cli.study.assessment import Analysis, analysed
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -128,9 +128,9 @@ def figures_of(way: Candidate, found: WholeAnalysis | Infeasible) -> CandidateRe
     return found.assessment if isinstance(found, WholeAnalysis) else CandidateResult.infeasible(way, found.reasons)
 
 
-def whole_observed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
+def analysed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
     """The same motion observed by the cameras of another cell. full: with the verdicts of every camera."""
-    return replace(found, steps=tuple(observed(cell, one, sampling, full=full) for one in found.steps))
+    return replace(found, steps=tuple(analysed(cell, one, sampling, full=full) for one in found.steps))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +177,7 @@ class Question:
         if not self.goal.met(found.assessment):
             return False
         cell = self.cell if change is None else change.in_cell(self.cell)
-        return self.goal.met(whole_observed_again(cell, found, self.sampling, full=True).assessment)
+        return self.goal.met(analysed_again(cell, found, self.sampling, full=True).assessment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +193,9 @@ class Start:
         return whole_study(asked.cell, asked.way, asked.world, asked.sampling, full=True)
 
     @property
-    def motion(self) -> WholeAnalysis:
-        """The same for changes of cameras, which are searched for only where the way can be done."""
-        assert isinstance(self.analysis, WholeAnalysis)  # noqa: S101 - otherwise no camera can help
+    def feasible_analysis(self) -> WholeAnalysis:
+        """The same where the way can be done: else no change of a camera is searched for."""
+        assert isinstance(self.analysis, WholeAnalysis)  # noqa: S101 - see `advise._why_not`
         return self.analysis
 
     @cached_property
@@ -205,9 +205,9 @@ class Start:
         Those take a fraction of the whole motion's time.
         """
         if not self.question.goal.only_events:
-            return self.motion.steps
+            return self.feasible_analysis.steps
         found = []
-        for step in (step for step in self.motion.steps if step.T_eoi):
+        for step in (step for step in self.feasible_analysis.steps if step.T_eoi):
             pieces = [piece for piece in step.stage.pieces if piece.of_interest]
             only = replace(step, stage=Stage(step.stage.model, step.motion, pieces, step.world.X_WO), faults={})
             timeline = observe(only, self.question.cell.observer, self.question.sampling, full=False)
@@ -217,7 +217,7 @@ class Start:
     @cached_property
     def swept(self) -> list[SceneStates]:
         """Where everything is during each of its steps: cameras must not be in the way."""
-        return [step.stage.states(step.timeline.samples) for step in self.motion.steps]
+        return [step.stage.states(step.timeline.samples) for step in self.feasible_analysis.steps]
 
     @cached_property
     def tasks(self) -> list[tuple[str, list[AnalysedWay]]]:

@@ -135,7 +135,7 @@ def analyse(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, 
     motion = feasible_motion(cell, candidate, world)
     if isinstance(motion, Infeasible):
         return motion
-    return observed(cell, planned_motion(cell, candidate, world, motion), sampling, full=full)
+    return analysed(cell, planned_motion(cell, candidate, world, motion), sampling, full=full)
 
 
 def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> PlannedMotion:
@@ -158,7 +158,7 @@ def planned_motion(cell: Cell, candidate: Candidate, world: World, motion: Motio
     )
 
 
-def observed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
+def analysed(cell: Cell, planned: PlannedMotion, sampling: Sampling, *, full: bool) -> Analysis:
     """What the cameras of a cell see of a motion, whatever others see of it; see `analyse`."""
     return with_delays(cell, all_observed(cell, [planned], sampling, full=full), sampling)[0]
 
@@ -171,7 +171,7 @@ def all_observed(
     full: bool,
     bars: Array | None = None,
 ) -> list[Observed]:
-    """As `observed` of each of several motions, without delays. bars: see `observe`."""
+    """What the cameras of a cell see of each of several motions; nothing of delays yet. bars: see `observe`."""
     for planned in motions:
         count = 0.0  # of the adaptive one, which bounds itself
         if isinstance(sampling, FixedCount):

@@ -14,7 +14,7 @@ from sqrp_cli.geometry import displacement
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
-from sqrp_cli.search.question import ProposedChange, whole_observed_again
+from sqrp_cli.search.question import ProposedChange, analysed_again
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
 from sqrp_cli.task.task import read_task
@@ -118,5 +118,5 @@ def test_what_meets_a_goal_about_all_steps_passes_the_bound(cell: OpenCell, advi
     for X_FC, passed in zip(poses, passes, strict=True):
         moved = replace(camera, X_FC=X_FC)
         change = ProposedChange(kind="position", target="left", size=0.0, unit="m", camera=moved)
-        met = wanted.met(whole_observed_again(change.in_cell(cell.cell), studied, Adaptive()).assessment)
+        met = wanted.met(analysed_again(change.in_cell(cell.cell), studied, Adaptive()).assessment)
         assert passed or not met

@@ -11,7 +11,7 @@ from sqrp_cli.geometry import displacement
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
-from sqrp_cli.search.question import ProposedChange, whole_observed_again
+from sqrp_cli.search.question import ProposedChange, analysed_again
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -51,7 +51,7 @@ def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateRe
         ProposedChange(kind="position", target=entry.name, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
         for X_FC in poses
     ]
-    return entry.name, poses, [whole_observed_again(one.in_cell(cell), studied, SAMPLING).assessment for one in changes]
+    return entry.name, poses, [analysed_again(one.in_cell(cell), studied, SAMPLING).assessment for one in changes]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
-from sqrp_cli.study.assessment import Analysis, analyse, observed, planned_motion
+from sqrp_cli.study.assessment import Analysis, analyse, analysed, planned_motion
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
@@ -73,13 +73,13 @@ class Compared:
                 others[space.primitive] = trajectory
         motion = with_trajectories(cell, direct, others)
         scene = planned_motion(cell, direct.candidate, direct.world, motion)
-        return observed(cell, scene, Adaptive(), full=False)
+        return analysed(cell, scene, Adaptive(), full=False)
 
     def off(self, calibration: Calibration, draw: int) -> Compared:
         """The same motions, seen by cameras that are off."""
         cell = replace(self.cell, observer=perturbed(self.cell.observer, calibration, draw))
-        moved = Compared(cell, self.candidate, observed(cell, self.seen, Adaptive(), full=False))
-        moved.__dict__["direct"] = observed(cell, self.direct, Adaptive(), full=False)
+        moved = Compared(cell, self.candidate, analysed(cell, self.seen, Adaptive(), full=False))
+        moved.__dict__["direct"] = analysed(cell, self.direct, Adaptive(), full=False)
         return moved
 
 

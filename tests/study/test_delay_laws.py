@@ -13,7 +13,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import drop_detection
-from sqrp_cli.study.assessment import Analysis, observed
+from sqrp_cli.study.assessment import Analysis, analysed
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
@@ -86,7 +86,7 @@ def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Analys
         for name in sorted(others - handled - {"world", "table"})[:4]:
             solids = tuple(one for one in cell.observer.solids if one.part.parent != name)
             freer = replace(cell, observer=replace(cell.observer, solids=solids))
-            for fault, less in figures(observed(freer, study, Adaptive(), full=False)).items():
+            for fault, less in figures(analysed(freer, study, Adaptive(), full=False)).items():
                 more = with_all[fault]
                 assert less.unseen <= more.unseen + 1e-6
                 if more.delay_worst is not None and more.delay_mean is not None:
@@ -101,7 +101,7 @@ def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
     drops, falling = [], drop_detection._falling
     monkeypatch.setattr(drop_detection, "_falling", lambda *a: drops.append(falling(*a)) or drops[-1])
     for study in studied[1]:
-        observed(studied[0], study, Adaptive(), full=False)
+        analysed(studied[0], study, Adaptive(), full=False)
     assert drops
     for drop in drops:
         assert drop[2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
@@ -121,6 +121,6 @@ def test_no_drop_between_those_followed_is_shown_later_than_promised(
     cell = Cell.load(load_workspace(folder))
     (study,) = _studies(cell, "pickup g3", 1)
     monkeypatch.setattr(drop_detection, "_STEP", 0.01)
-    (promised,), (true,) = study.onsets["slip"], observed(cell, study, Adaptive(), full=False).onsets["slip"]
+    (promised,), (true,) = study.onsets["slip"], analysed(cell, study, Adaptive(), full=False).onsets["slip"]
     x = np.linspace(promised.x[0], promised.x[-1], 400)
     assert (np.interp(x, promised.x, promised.shown) >= np.interp(x, true.x, true.shown) - 0.02).all()

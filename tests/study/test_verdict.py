@@ -17,7 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Analysis, analyse, observed
+from sqrp_cli.study.assessment import Analysis, analyse, analysed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
@@ -169,7 +169,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
     for name, (camera, near, far) in product(names, ((c, *r) for c in CAMERAS for r in RANGES)):
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
-        found = observed(before, studies[name], Adaptive(), full=False)
+        found = analysed(before, studies[name], Adaptive(), full=False)
         if (rows := longest_blind(found)) is None:
             continue
         stretch = explain_stretch(before, found, rows)
@@ -190,7 +190,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         said.add(words[1] if words[1] == "turn" else words[5])
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
         after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
-        again = observed(after, studies[name], Adaptive(), full=False).timeline
+        again = analysed(after, studies[name], Adaptive(), full=False).timeline
         column = [target.atom for target in again.request.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
         lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside
