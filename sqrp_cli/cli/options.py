@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.ask.api.cell import OpenCell
 from sqrp_cli.ask.api.program import OpenProgram
@@ -17,18 +17,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 
-class Patches(NamedTuple):
-    """The patches that a command writes."""
+PatchingCommand = Literal["advise", "audit", "calibrate", "place", "score"]
+_PATCHES: Mapping[PatchingCommand, str] = {
+    "advise": "# A change that `sqrp advise` found",
+    "audit": "# Cameras as `sqrp audit` found them",
+    "calibrate": "# Curves that `sqrp calibrate` found",
+    "place": "# Cameras that `sqrp place` found",
+    "score": "# The best variant that `sqrp score --vary` found",
+}
+"""By the commands that write patches, how these begin; `patch` and `git apply` skip it."""
 
-    mark: str
-    """How they begin; `patch` and `git apply` skip it."""
-    whose: str  # as messages call them
 
-    def write(self, path: Path, patch: str) -> None:
-        """Write one."""
-        from sqrp_cli.platform.files import write_atomically
+def write_patch(path: Path, command: PatchingCommand, patch: str) -> None:
+    """Write the patch that a command found."""
+    from sqrp_cli.platform.files import write_atomically
 
-        write_atomically(path, f"{self.mark}\n{patch}")
+    write_atomically(path, f"{_PATCHES[command]}\n{patch}")
 
 
 _OWN = {
@@ -43,11 +47,11 @@ _OWN = {
 """By the options that write files: what those are, and how they begin."""
 
 
-def check_outputs(outputs: Mapping[str, Path | None], patches: Patches | None = None) -> None:
+def check_outputs(outputs: Mapping[str, Path | None], patch_of: PatchingCommand | None = None) -> None:
     """Raises InputError, before anything is computed, for files, by their options, that cannot be written.
 
-    Nor is one that is there already and that something else wrote, or is none of these: it is left as it is. patches:
-    of which that of --patch is to be one.
+    Nor is one that is there already and that something else wrote, or is none of these: it is left as it is. patch_of:
+    the command that writes --patch.
     """
     from sqrp_cli.platform.files import check_distinct, check_writable
 
@@ -57,8 +61,9 @@ def check_outputs(outputs: Mapping[str, Path | None], patches: Patches | None = 
             continue
         check_writable(path)
         what, begin = _OWN.get(option, ("", b""))
-        if option == "--patch" and patches is not None:
-            what, begin = f"patch {patches.whose}", re.escape(patches.mark.encode())
+        if option == "--patch" and patch_of is not None:
+            what = "patch that --vary wrote" if patch_of == "score" else f"patch of `sqrp {patch_of}`"
+            begin = re.escape(_PATCHES[patch_of].encode())
         if begin and path.is_file():
             with path.open("rb") as file:
                 first = file.read(1000)
@@ -84,15 +89,15 @@ def open_to_write(
     seed: int,
     read: Iterable[Path | None],
     outputs: Mapping[str, Path | None],
-    patches: Patches | None = None,
+    patch_of: PatchingCommand | None = None,
 ) -> OpenCell:
     """As `open_with_warnings`, once the files that are written are checked; read: other files that the command reads.
 
-    outputs, patches: see `check_outputs`. Raises InputError where a file that is read would be written, too.
+    outputs, patch_of: see `check_outputs`. Raises InputError where a file that is read would be written, too.
     """
     from sqrp_cli.platform.files import check_not_read
 
-    check_outputs(outputs, patches)
+    check_outputs(outputs, patch_of)
     cell = open_with_warnings(workspace, seed)
     check_not_read(outputs.values(), [*read, *cell.files])
     return cell

@@ -20,13 +20,13 @@ from sqrp_cli.ask.api.program import DEFAULT_RUNS, LoggedRun, audited, cameras_p
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command, line
 from sqrp_cli.cli.options import (
-    Patches,
     answer,
     check_excluded,
     check_needed,
     check_outputs,
     open_with_warnings,
     read_program,
+    write_patch,
 )
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, bad_input, bad_option
 
@@ -321,9 +321,6 @@ def _cell(
     return ExitCode.OK
 
 
-CAMERAS = Patches("# Cameras as `sqrp audit` found them", "of `sqrp audit`")
-
-
 @command("audit", requests.AuditRequest)
 def _audit(
     ask: requests.AuditRequest,
@@ -343,20 +340,17 @@ def _audit(
         raise bad_option("this is a recording; expected a program here", Place(program), mend=mend)
     check_packages()
     opened = read_program(program)
-    check_outputs({"--patch": patch}, CAMERAS)
+    check_outputs({"--patch": patch}, "audit")
     check_not_read([patch], opened.files)
     found = audited(opened, ask.but(progress=progress))
     answer(replace(found, written=patch is not None), as_json=json)
     if patch is not None:
         if content := cameras_patch(opened.workspace, found.cameras):
-            CAMERAS.write(patch, content)
+            write_patch(patch, "audit", content)
             note(f"to have the poses: {to_apply(patch, opened.workspace.whole_file.file)}")
         else:
             note(f"of no camera is it known that it has moved, so {patch} is not written")
     return ExitCode.OK if found.passed else ExitCode.NONE_FEASIBLE
-
-
-CURVES = Patches("# Curves that `sqrp calibrate` found", "of `sqrp calibrate`")
 
 
 @command("calibrate", requests.CalibrateRequest)
@@ -370,11 +364,11 @@ def _calibrate(
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.show.terminal.console import note, progress
 
-    check_outputs({"--patch": patch}, CURVES)
+    check_outputs({"--patch": patch}, "calibrate")
     found = learned(ask.but(progress=progress))
     if patch is not None:
         check_not_read([patch], found.cell.files)
-        CURVES.write(patch, found.patch)
+        write_patch(patch, "calibrate", found.patch)
         note(f"to have the curves: {to_apply(patch, found.cell.workspace.whole_file.file)}")
     answer(found, as_json=json)
     return ExitCode.OK

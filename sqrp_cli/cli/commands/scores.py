@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.ask import requests, values
 from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import command
-from sqrp_cli.cli.options import Patches, answer, check_needed, check_outputs, given, page_is_written
+from sqrp_cli.cli.options import answer, check_needed, check_outputs, given, page_is_written, write_patch
 from sqrp_cli.cli.watch import watched
 from sqrp_cli.errors import ExitCode, InputError, Problem, bad_option
 from sqrp_cli.platform.files import check_not_read
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sqrp_cli.score.result import Scorecard
     from sqrp_cli.score.score import ScoredCell
 
-PATCHES = Patches("# The best variant that `sqrp score --vary` found", "that --vary wrote")
 
 ALLOW: Any = option(
     "--allow POINTS", "What may get worse: points of Q, percent of times.", values.number(0.0), default=0.5
@@ -225,7 +224,7 @@ def _vary(
         raise bad_option(f"--vary is about one workspace, found {names}")
     name = short_names(files)[files[0]]
     patch = patch or Path(f"{name}-best.patch")
-    check_outputs({"--patch": patch}, PATCHES)
+    check_outputs({"--patch": patch}, "score")
     with progress("Reading variants", len(drawn) + 1) as advance:
         document, read = read_variants(files[0], drawn, advance)
     with open_computer(means) as computer:
@@ -242,7 +241,7 @@ def _vary(
     if why := _why_nothing(*(variant.findings for variant in found.variants)):
         raise InputError(*why)
     if content := found.best_patch:
-        PATCHES.write(patch, content)
+        write_patch(patch, "score", content)
         found = replace(found, patch=str(patch))
     answer(replace(found, workspace=name), as_json=as_json)
     return _exit_code(found.variants[0].findings)

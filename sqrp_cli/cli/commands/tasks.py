@@ -16,13 +16,13 @@ from sqrp_cli.ask.request import argument, flag, option
 from sqrp_cli.cli.command import ParsedCommand, UsageError, command
 from sqrp_cli.cli.completion import example_task
 from sqrp_cli.cli.options import (
-    Patches,
     answer,
     check_excluded,
     check_needed,
     open_to_write,
     open_with_warnings,
     page_is_written,
+    write_patch,
 )
 from sqrp_cli.cli.watch import last_shown, watched
 from sqrp_cli.errors import ExitCode, InputError, bad_input, bad_option, first_names, nearest
@@ -309,9 +309,6 @@ def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, seve
             note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
 
 
-ADVICE = Patches("# A change that `sqrp advise` found", "of `sqrp advise`")
-
-
 @command("advise", requests.AdviseRequest)
 def _advise(
     ask: requests.AdviseRequest,
@@ -329,7 +326,7 @@ def _advise(
     from sqrp_cli.show.terminal.console import note, print_problems, progress
 
     workspace, after = start_of(workspace, ask.after)
-    cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report}, ADVICE)
+    cell = open_to_write(workspace, seed, [after], {"--patch": patch, "--report": report}, "advise")
     print_problems(cell_warnings(cell.cell))
     found = advised(cell, ask.but(after=after, progress=progress))
     interrupted = bool(found.interrupted)
@@ -363,13 +360,10 @@ def write_change(found: AdviceDocument, path: Path, number: int | None, patch: P
     if found.patched(chosen) == found.session.file.content:  # refuses a number that none has
         return f"change {chosen} is in {path} already; nothing was written"
     if patch is not None:
-        ADVICE.write(patch, found.advice[chosen - 1].patch)
+        write_patch(patch, "advise", found.advice[chosen - 1].patch)
         return f"change {chosen} is in {patch}"
     found.apply(chosen)
     return f"change {chosen} is in {path} now"
-
-
-PLACEMENT = Patches("# Cameras that `sqrp place` found", "of `sqrp place`")
 
 
 @command("place", requests.PlaceRequest)
@@ -394,11 +388,11 @@ def _place(
         named = ", ".join(map(str, patches))
         raise bad_option(f"--patch is given {len(patches)} times: {named}", mend="name one file")
     patch = patches[0] if patches else None
-    cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report}, PLACEMENT)
+    cell = open_to_write(workspace, seed, [ask.mounts], {"--patch": patch, "--report": report}, "place")
     with connected(cluster, note, tls) as workers:
         found = placed(cell, ask.but(progress=progress), workers, bounds_told())
     if patch is not None and found.patch:
-        PLACEMENT.write(patch, found.patch)
+        write_patch(patch, "place", found.patch)
         note(f"the patch is in {patch}")
     interrupted = bool(found.interrupted)
     if report is not None and not interrupted:
