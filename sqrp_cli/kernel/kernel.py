@@ -42,6 +42,25 @@ BOX = np.dtype(
 LIGHT = np.dtype([("kind", "f8"), ("intensity", "f8"), ("heading", "f8", 3), ("position", "f8", 3), ("cosine", "f8")])
 """A light: see `Light` in `scene.hpp`."""
 
+_REQUEST = np.dtype(
+    [
+        ("solid_count", "i8"), ("solids", "u8"), ("solid_frame", "u8"), ("solid_part", "u8"), ("is_scenery", "u8"),
+        ("X_WF", "u8"), ("pose_count", "u8"), ("box_count", "i8"), ("boxes", "u8"), ("opaque", "u8"), ("alike", "u8"),
+        ("own", "u8"), ("camera_count", "i8"), ("cameras", "u8"), ("light_count", "i8"), ("lights", "u8"),
+    ]
+)  # fmt: skip
+"""Counts and addresses of all that a call is about: see `Request` in `scene.hpp`."""
+
+_COLLISIONS = np.dtype(
+    [
+        ("joints", "i8"), ("driven", "i8"), ("arm", "i8"), ("spine_joints", "i8"), ("bodies", "i8"), ("pairs", "i8"),
+        ("parents", "u8"), ("turns", "u8"), ("axes", "u8"), ("terms", "u8"), ("ratios", "u8"), ("offsets", "u8"),
+        ("radii", "u8"), ("spine", "u8"), ("solids", "u8"), ("frame", "u8"), ("depth", "u8"), ("rods_from", "u8"),
+        ("rods", "u8"), ("X_FP", "u8"), ("inner", "u8"), ("outer", "u8"), ("clearance", "u8"),
+    ]
+)  # fmt: skip
+"""Counts and addresses of what may collide: see `Collisions` in `collision.hpp`."""
+
 MOST_LIGHTS = 8
 """Of a call."""
 
@@ -57,17 +76,6 @@ class Form(IntEnum):
     SPHERE = 2
     CYLINDER = 3
     CAPSULE = 4
-
-
-class _Request(ctypes.Structure):
-    """`Request` in `scene.hpp`."""
-
-    _fields_ = (
-        ("solid_count", c_int64), ("solids", c_void_p), ("solid_frame", c_void_p), ("solid_part", c_void_p),
-        ("is_scenery", c_void_p), ("X_WF", c_void_p), ("pose_count", c_void_p), ("box_count", c_int64),
-        ("boxes", c_void_p), ("opaque", c_void_p), ("alike", c_void_p), ("own", c_void_p), ("camera_count", c_int64),
-        ("cameras", c_void_p), ("light_count", c_int64), ("lights", c_void_p),
-    )  # fmt: skip
 
 
 class Solid:
@@ -111,19 +119,6 @@ class Solid:
         figures = map(ctypes.c_double, (within, enough))
         found: float = measure(c_void_p(self.address), c_void_p(other.address), _at(X_AB), *figures)
         return found if found <= within + 1e-9 else None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SolidTable:
-    """s solids of a call."""
-
-    solids: Sequence[Solid]
-    frame: Indices
-    """Of each one's parent, by number, shape (s,)."""
-    part: Indices
-    """Pieces of one number are named together, shape (s,)."""
-    is_scenery: Mask
-    """Whether its colour is known, so that it can be behind a box, shape (s,)."""
 
 
 class Items(NamedTuple):
@@ -185,18 +180,6 @@ def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -
     return X_WJ
 
 
-class _Collisions(ctypes.Structure):
-    """`Collisions` in `collision.hpp`."""
-
-    _fields_ = (
-        ("joints", c_int64), ("driven", c_int64), ("arm", c_int64), ("spine_joints", c_int64), ("bodies", c_int64),
-        ("pairs", c_int64), ("parents", c_void_p), ("turns", c_void_p), ("axes", c_void_p), ("terms", c_void_p),
-        ("ratios", c_void_p), ("offsets", c_void_p), ("radii", c_void_p), ("spine", c_void_p), ("solids", c_void_p),
-        ("frame", c_void_p), ("depth", c_void_p), ("rods_from", c_void_p), ("rods", c_void_p), ("X_FP", c_void_p),
-        ("inner", c_void_p), ("outer", c_void_p), ("clearance", c_void_p),
-    )  # fmt: skip
-
-
 class Collisions:
     """Solids on and around an arm, and pairs of them that must not touch."""
 
@@ -224,10 +207,9 @@ class Collisions:
         self.pairs, self.arm = len(arrays["inner"]), len(arrays["radii"])
         self.driven = arrays["ratios"].shape[1]
         self._kept = [solids, arrays]
-        self._scene = _Collisions(
-            joints=joints, driven=self.driven, arm=self.arm, spine_joints=len(arrays["spine"]), bodies=bodies,
-            pairs=self.pairs, **{name: array.ctypes.data for name, array in arrays.items()},
-        )  # fmt: skip
+        counts = {"joints": joints, "spine_joints": len(arrays["spine"]), "bodies": bodies, "pairs": self.pairs}
+        counts |= {"driven": self.driven, "arm": self.arm}
+        self._scene = _record(_COLLISIONS, counts | {name: array.ctypes.data for name, array in arrays.items()})
 
     def touching(self, q: Array, *, every: bool) -> Mask:
         """Which pairs are closer than their clearance at m positions of the driven joints (m, d), shape (m, pairs).
@@ -235,16 +217,14 @@ class Collisions:
         every: whether all are found, or only the last one at each position.
         """
         q, found = self._positions(q), np.zeros((len(q), self.pairs), dtype=np.uint8)
-        library.load().collisions_touching(
-            ctypes.byref(self._scene), _at(q), c_int64(len(q)), c_int64(every), _at(found)
-        )
+        library.load().collisions_touching(_at(self._scene), _at(q), c_int64(len(q)), c_int64(every), _at(found))
         return found.view(bool)
 
     def motion_bounds(self, q: Array, variation: Array) -> Array:
         """How far each pair can move against each other around q (d,), where the arm's joints differ by (n,) [m]."""
         (q,), bounds = self._positions(q[None]), np.zeros(self.pairs)
         change = _reals(variation)
-        library.load().collisions_bounds(ctypes.byref(self._scene), _at(q), _at(change), _at(bounds))
+        library.load().collisions_bounds(_at(self._scene), _at(q), _at(change), _at(bounds))
         return bounds
 
     def first_contact(
@@ -269,7 +249,7 @@ class Collisions:
         at, search = ctypes.c_double(), library.load().collisions_first
         search.restype = c_int64
         found: int = search(
-            ctypes.byref(self._scene), c_int64(pieces), c_int64(terms - 1), *map(_at, (*arrays, fingers)),
+            _at(self._scene), c_int64(pieces), c_int64(terms - 1), *map(_at, (*arrays, fingers)),
             ctypes.c_double(resolution), ctypes.byref(at),
         )  # fmt: skip
         return None if found < 0 else (found, at.value)
@@ -284,37 +264,50 @@ class Collisions:
 class Scene:
     """Solids, boxes, cameras and lights, wherever their frames are: what many requests have in common."""
 
-    def __init__(self, solids: SolidTable, *, boxes: Record, masks: Mask, cameras: Record, lights: Record) -> None:
+    def __init__(
+        self,
+        solids: Sequence[Solid],
+        *,
+        frame: Indices,
+        part: Indices,
+        is_scenery: Mask,
+        boxes: Record,
+        masks: Mask,
+        cameras: Record,
+        lights: Record,
+    ) -> None:
         """boxes, cameras, lights: records of these types, shape (b,), (c,) and (l,).
 
+        Of each of the s solids: frame, that of its parent, by number, shape (s,); part, a number that pieces share
+        which are named together, (s,); is_scenery, whether its colour is known, so that it can be behind a box, (s,).
         masks: whether each solid can hide each box, looks like what it seeks, and is what it seeks, shape (3, s, b).
         Raises ValueError for shapes that do not fit, and for NAN.
         """
-        s, b = len(solids.solids), len(boxes)
+        s, b = len(solids), len(boxes)
         if masks.shape != (3, s, b):
             raise ValueError(f"masks of {s} solids and {b} boxes must have the shape (3, {s}, {b})")
         opaque, alike, own = map(_flags, masks)
-        if not all(len(column) == s for column in (solids.frame, solids.part, solids.is_scenery)):
+        if not all(len(column) == s for column in (frame, part, is_scenery)):
             raise ValueError(f"columns of {s} solids must have as many rows")
         if len(lights) > MOST_LIGHTS:
             raise ValueError(f"found {len(lights)} lights, expected at most {MOST_LIGHTS}")
         for name, records, kind in (("box", boxes, BOX), ("camera", cameras, CAMERA), ("light", lights, LIGHT)):
             if records.dtype != kind or np.isnan(np.ascontiguousarray(records).view(float)).any():
                 raise ValueError(f"a {name} has a figure that is none")
-        frames = np.concatenate([solids.frame, boxes["frame"], cameras["frame"]])
+        frames = np.concatenate([frame, boxes["frame"], cameras["frame"]])
         if frames.min(initial=0) < 0:
             raise ValueError("the number of a frame is negative")
         self.frames, self.cameras, self.boxes = int(frames.max(initial=-1)) + 1, len(cameras), b
-        self._kept: list[object] = [solids.solids]
+        self._kept: list[object] = [solids]
         self.fields = {
             "solid_count": s, "box_count": b, "camera_count": len(cameras), "light_count": len(lights),
-            "solids": self._keep(np.array([solid.address for solid in solids.solids], dtype=np.uint64)),
-            "solid_frame": self._keep(_whole(solids.frame)), "solid_part": self._keep(_whole(solids.part)),
-            "is_scenery": self._keep(_flags(solids.is_scenery)), "boxes": self._keep(np.ascontiguousarray(boxes)),
+            "solids": self._keep(np.array([solid.address for solid in solids], dtype=np.uint64)),
+            "solid_frame": self._keep(_whole(frame)), "solid_part": self._keep(_whole(part)),
+            "is_scenery": self._keep(_flags(is_scenery)), "boxes": self._keep(np.ascontiguousarray(boxes)),
             "cameras": self._keep(np.ascontiguousarray(cameras)), "lights": self._keep(np.ascontiguousarray(lights)),
             "opaque": self._keep(opaque), "alike": self._keep(alike), "own": self._keep(own),
         }  # fmt: skip
-        """Those of `_Request` that do not depend on states."""
+        """Those of `_REQUEST` that do not depend on states."""
 
     def _keep(self, array: NDArray[Any]) -> int:
         self._kept.append(array)
@@ -345,7 +338,7 @@ class Request:
         self._places[still] = resting.ctypes.data + np.arange(len(resting)) * resting[:1].nbytes
         self._places[~still] = [X.ctypes.data for X in moving]
         at, counts = self._places.ctypes.data, self._count.ctypes.data
-        self._request = _Request(X_WF=at, pose_count=counts, **scene.fields)
+        self._request = _record(_REQUEST, {"X_WF": at, "pose_count": counts, **scene.fields})
 
     def cover(
         self,
@@ -433,7 +426,7 @@ class Request:
 
     def _call(self, name: str, *arguments: int | NDArray[Any] | None) -> None:
         given = [_at(one) if isinstance(one, np.ndarray) else one for one in arguments]
-        getattr(library.load(), name)(ctypes.byref(self._request), *given)
+        getattr(library.load(), name)(_at(self._request), *given)
 
     def _looks(self, box: Indices, state: Indices) -> tuple[Indices, Indices]:
         items = self._checked(Items(state, box, np.ones(len(box), dtype=np.int64)))
@@ -449,6 +442,11 @@ class Request:
         if len(state) and not (first.min() >= 0 and count.min() >= 1 and (first + count).max() <= self._scene.boxes):
             raise ValueError(f"a box is none of {self._scene.boxes}")
         return Items(state, first, count)
+
+
+def _record(kind: np.dtype[np.void], fields: Mapping[str, int]) -> Record:
+    """One record of counts and addresses. Raises KeyError for a field that is missing."""
+    return np.array(tuple(fields[name] for name in kind.fields or ()), dtype=kind)
 
 
 def _at(array: NDArray[Any]) -> c_void_p:

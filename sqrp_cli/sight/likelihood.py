@@ -18,13 +18,6 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
 
 
-class Shutter(NamedTuple):
-    """m states when a shutter opens, and when it closes."""
-
-    opens: SceneStates
-    closes: SceneStates
-
-
 class BoxLikelihood(NamedTuple):
     """How likely c cameras see a box in m states."""
 
@@ -36,11 +29,11 @@ class BoxLikelihood(NamedTuple):
 
 
 def likelihoods(
-    observer: Observer, targets: Sequence[Target], states: SceneStates, shutters: Mapping[float, Shutter]
+    observer: Observer, targets: Sequence[Target], states: SceneStates, shutters: Mapping[float, Sequence[SceneStates]]
 ) -> list[list[BoxLikelihood]]:
     """How likely each camera sees each box of each target.
 
-    shutters: the states in which the shutter opens and closes, by the time between [s]; none for 0.
+    shutters: the states in which a shutter opens and those in which it closes, by the time between [s]; none for 0.
     """
     gated = [
         replace(target, boxes=tuple(replace(box, limits=box.limits.hard_limits) for box in target.boxes))

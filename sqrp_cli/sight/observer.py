@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +30,6 @@ def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
     """Whether each camera sees all boxes of a target, shape (m, c)."""
     sees: Mask = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
     return sees
-
-
-@dataclass(frozen=True, eq=False)
-class CoveredStates:
-    """Whether a target is covered in m states, and the response of the cameras."""
-
-    covered: Mask
-    """Shape (m,)."""
-    response: Array
-    """The k-th smallest response among the cameras that cover it, NaN if uncovered, shape (m,) [s]."""
-
-
-class BoxViews(NamedTuple):
-    """v views of a box by a camera in a state, by index, shape (v,) each."""
-
-    box: Indices
-    camera: Indices
-    state: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +74,12 @@ class Observer:
 
     def coverage(
         self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices], loss: Loss | None = None
-    ) -> tuple[CoveredStates, ...]:
-        """Whether each target is covered in its states `rows`, testing no more cameras than needed.
+    ) -> list[Array]:
+        """The response of the cameras that cover each target in its m states `rows`, NaN where none do, (m,) [s].
 
-        Cameras with the fastest response come first, so the result is the response of the best k cameras. loss: after
-        which nothing more is looked at, and counts as uncovered, unless there is a memory.
+        It is the k-th smallest one of a camera that sees the target. No more cameras are tested than needed: those with
+        the fastest response come first. loss: after which nothing more is looked at, and counts as uncovered, unless
+        there is a memory.
         """
         counts = list(map(len, rows))
         needed = np.repeat([target.cameras for target in targets], counts)
@@ -126,19 +108,19 @@ class Observer:
         for tier in self._tiers:
             seen += (sights[tier] == SEEN).sum(axis=0)
             response[(seen >= needed) & np.isnan(response)] = self.cameras[tier[0]].response
-        of_targets = np.split(response, np.cumsum(counts)[:-1]) if counts else []
-        return tuple(CoveredStates(~np.isnan(of_target), of_target) for of_target in of_targets)
+        return np.split(response, np.cumsum(counts)[:-1]) if counts else []
 
     def occluders(
-        self, boxes: Sequence[SoughtBox], states: SceneStates, views: BoxViews
+        self, boxes: Sequence[SoughtBox], states: SceneStates, box: Indices, camera: Indices, state: Indices
     ) -> list[tuple[HidingPart, ...]]:
-        """Which parts hide how much of the boxes in views, largest share first, ties by name; for each view.
+        """Which parts hide how much of boxes in v views, largest share first, ties by name; for each view.
 
+        box, camera, state: what is seen by which one when, by index, shape (v,) each.
         All corners of the boxes must lie in front of the cameras. The shares of a view add up to what is not visible.
         """
         names = self._scene.parts
         request = self._scene.request(self.projections, boxes, states)
-        shares, alone = request.occluders(views.box, views.camera, views.state, len(names))
+        shares, alone = request.occluders(box, camera, state, len(names))
         found = []
         for first, only in zip(shares, alone, strict=True):
             some = [

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from math import cos
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +35,16 @@ _KEPT = 16
 """Combinations of cameras and boxes whose records are kept, as they are asked for again and again."""
 
 
-class ShrunkBox(NamedTuple):
-    """A box without its skin."""
-
-    half_size: Array
-    """Half its extents, shape (3,) [m]."""
-    offset: Array
-    """Its centre in the frame of the whole box, shape (3,) [m]."""
-
-
-def shrink(size: Sequence[float], normal: Sequence[float] | None) -> ShrunkBox:
+def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:
     """A box of `size` [m] without its skin, so that a solid that only touches it does not hide it.
 
-    A side no thicker than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
+    Half its extents, and its centre in the frame of the whole box, shape (3,) each [m]. A side no thicker than twice
+    the skin keeps its thickness; the box then moves by the skin along its normal instead.
     """
     extents = np.asarray(size, dtype=float)
     thin = extents <= 2 * SKIN + _THIN
     offset = SKIN * np.asarray(normal, dtype=float) if thin.any() and normal is not None else np.zeros(3)
-    return ShrunkBox(half_size=0.5 * np.where(thin, extents, extents - 2 * SKIN), offset=offset)
+    return 0.5 * np.where(thin, extents, extents - 2 * SKIN), offset
 
 
 class SightScene:
@@ -66,8 +57,9 @@ class SightScene:
         self.parts: list[str] = sorted({solid.name for solid in solids})
         """The name of each part; all pieces of a link are one."""
         rank = {name: number for number, name in enumerate(self.parts)}
-        self._table = kernel.SolidTable(
-            solids=[solid.compiled for solid in solids],
+        self._with_solids = partial(
+            kernel.Scene,
+            [solid.compiled for solid in solids],
             frame=np.array([self._frames[parent] for parent in solids.parents], dtype=np.int64),
             part=np.array([rank[solid.name] for solid in solids], dtype=np.int64),
             is_scenery=np.array([solid.color is not None for solid in solids], dtype=bool),
@@ -97,8 +89,7 @@ class SightScene:
                 del self._cameras[old]
             self._cameras[cameras] = np.array(list(map(self._camera_record, cameras)), dtype=kernel.CAMERA)
         masks = np.array([self._mask(box) for box in boxes], dtype=bool).reshape(len(boxes), 3, len(self._solids))
-        return kernel.Scene(
-            self._table,
+        return self._with_solids(
             boxes=np.array([self._box_record(box) for box in boxes], dtype=kernel.BOX),
             masks=masks.transpose(1, 2, 0),
             cameras=self._cameras[cameras],

@@ -14,7 +14,6 @@ import numpy as np
 from sqrp_cli.geometry import Indices
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause, HidingPart
-from sqrp_cli.sight.observer import BoxViews
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.blind_spans import first_failing, sample_weights
 from sqrp_cli.study.result import HiddenTarget
@@ -47,12 +46,9 @@ def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) ->
     found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, len(views), _VIEWS):
         some = views[start : start + _VIEWS]
-        asked = BoxViews(
-            box=np.array([place[view[:2]] for view in some]),
-            camera=np.array([camera for *_, camera in some]),
-            state=np.array([row for *_, row, _ in some]),
-        )
-        found.update(zip(some, cell.observer.occluders(sought, states, asked), strict=True))
+        box = np.array([place[view[:2]] for view in some])
+        camera, state = np.array([camera for *_, camera in some]), np.array([row for *_, row, _ in some])
+        found.update(zip(some, cell.observer.occluders(sought, states, box, camera, state), strict=True))
     return found
 
 

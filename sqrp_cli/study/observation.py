@@ -110,7 +110,7 @@ def look_at(
         loss = None if bars is None else Loss(np.stack([steps, steps * stage.of_interest(samples)], axis=1), bars)
         seen = observer.coverage(targets, stage.states(samples, q), rows, loss)
         for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
-            found.covered[at, column], found.response[at, column] = of_target.covered, of_target.response
+            found.covered[at, column], found.response[at, column] = ~np.isnan(of_target), of_target
     return found
 
 

@@ -13,8 +13,9 @@ from sqrp_cli.figures import Qualities
 from sqrp_cli.geometry import Array, displacement
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.sight.likelihood import BoxLikelihood, Shutter, at_least, likelihoods
+from sqrp_cli.sight.likelihood import BoxLikelihood, at_least, likelihoods
 from sqrp_cli.sight.observer import Observer, sees_all
+from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.study.assessment import Analysis
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
@@ -92,10 +93,10 @@ def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
     # Where everything is as shutters open and close, but within the primitive of each sample.
     spans = [(one.start, one.end) for one in stage.motion.primitives]
     start, end = np.array([spans[piece.primitive] for piece in stage.pieces])[samples.piece].T
-    shutters = dict[float, Shutter]()
+    shutters = dict[float, list[SceneStates]]()
     for exposure in {camera.exposure for camera in cell.observer.cameras} - {0.0}:
         times = (np.clip(samples.t + part * exposure, start, end) for part in (-0.5, 0.5))
-        shutters[exposure] = Shutter(*(stage.states(replace(samples, t=t)) for t in times))
+        shutters[exposure] = [stage.states(replace(samples, t=t)) for t in times]
     boxes = likelihoods(cell.observer, analysis.targets, stage.states(samples), shutters)
     # All boxes of a target must be seen by the same camera.
     seen = [np.prod([box.probability for box in of_target], axis=0) for of_target in boxes]

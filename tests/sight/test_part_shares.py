@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.shapes import Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxViews, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solid, load_solids
 from tests.sight.views import box_part, look, make_box, make_camera, make_detector
@@ -18,7 +18,7 @@ from tests.sight.views import box_part, look, make_box, make_camera, make_detect
 BOX = make_box((0.1, 0.1, 0.002), normal=(0.0, 0.0, 1.0), detector=make_detector(0.9))
 """Thin, so that its silhouette is that of its face at the depth 1 m."""
 HALF_RAY = 0.5 / 32
-ONE = BoxViews(*(np.zeros(1, dtype=np.int64) for _ in range(3)))
+ONE = np.zeros(1, dtype=np.int64)
 
 
 def plate(name: str, depth: float, start: float, end: float) -> Part:
@@ -31,7 +31,7 @@ def hiding(*plates: Part, names: dict[str, str] | None = None) -> dict[str, tupl
     """Share and share alone of the plates that hide something of the box."""
     camera = make_camera(look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     observer = Observer((camera,), tuple(load_solid(one, (names or {}).get(one.name, one.name)) for one in plates))
-    (parts,) = observer.occluders([BOX], SceneStates(1, {"world": pose()[None]}), ONE)
+    (parts,) = observer.occluders([BOX], SceneStates(1, {"world": pose()[None]}), ONE, ONE, ONE)
     assert [(-one.share, one.name) for one in parts] == sorted((-one.share, one.name) for one in parts)
     return {part.name: (part.share, part.alone) for part in parts}
 

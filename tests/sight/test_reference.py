@@ -14,7 +14,7 @@ from sqrp_cli.geometry import pose
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.sight.limits import SIDES, Cause
-from sqrp_cli.sight.observer import BoxViews, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solid
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -129,8 +129,7 @@ def differences(seed: int, counts: Counter[str]) -> list[str]:
                 if not (same and close):
                     different.append(f"{where}: {said}, kernel {cause} {named} {figure} {visible}")
                 if cause is Cause.HIDDEN:
-                    view = BoxViews(*np.array([[0], [number], [state]]))
-                    (hiding,) = observer.occluders([box], states, view)
+                    (hiding,) = observer.occluders([box], states, *np.array([[0], [number], [state]]))
                     shares, expected = {one.name: (one.share, one.alone) for one in hiding}, reference.parts(scene)
                     counts["parts"] += len(shares)
                     if any(shares.get(name, (0, 0)) != pytest.approx(expected[name], abs=0.005) for name in expected):

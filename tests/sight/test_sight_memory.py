@@ -40,7 +40,7 @@ def lit(watch: Watch) -> Observer:
 
 def answers(observer: Observer, watch: Watch, rows: np.ndarray) -> tuple[list[bool], list[float]]:
     (found,) = observer.coverage([watch.target], watch.states, [rows])
-    return found.covered.tolist(), np.nan_to_num(found.response, nan=-1.0).tolist()
+    return (~np.isnan(found)).tolist(), np.nan_to_num(found, nan=-1.0).tolist()
 
 
 @few

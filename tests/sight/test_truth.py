@@ -25,7 +25,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.sight.observer import BoxViews, Observer
+from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -217,10 +217,8 @@ class Comparison:
         for number, box in enumerate(self.scene.boxes):
             cause = self.verdicts[1.0][number].cause
             camera, state = np.nonzero(((cause == Cause.NONE) | (cause == Cause.HIDDEN)).T)
-            views = BoxViews(box=np.zeros(len(state), dtype=np.int64), camera=camera, state=state)
-            for at, parts in zip(
-                zip(state, camera, strict=True), self.observer.occluders([box], self.states, views), strict=True
-            ):
+            hiding = self.observer.occluders([box], self.states, np.zeros_like(state), camera, state)
+            for at, parts in zip(zip(state, camera, strict=True), hiding, strict=True):
                 shares: dict[str, float] = {}
                 for part in parts:
                     shares[names[part.name]] = shares.get(names[part.name], 0.0) + part.share

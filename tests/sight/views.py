@@ -88,8 +88,8 @@ def look(
     states = SceneStates(max(map(len, poses.values())), poses)
     observer, target = Observer((camera,), tuple(solids), lights or {}), Target(Atom("seen"), 1, (box,))
     ((found,),) = observer.verdicts([target], states)
-    (covered,) = observer.coverage([target], states, [np.arange(states.count)])
-    assert covered.covered.tolist() == (found.cause[:, 0] == Cause.NONE).tolist()
+    (response,) = observer.coverage([target], states, [np.arange(states.count)])
+    assert (~np.isnan(response)).tolist() == (found.cause[:, 0] == Cause.NONE).tolist()
     return found
 
 

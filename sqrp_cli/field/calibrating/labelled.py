@@ -42,7 +42,7 @@ from sqrp_cli.run.perception.detections import BelievedState, CellModel, Detecti
 from sqrp_cli.run.perception.image_detector import DetectorPool
 from sqrp_cli.run.record.images import LONGEST_NAME, file_in, table_rows
 from sqrp_cli.run.robot_body import RobotBody
-from sqrp_cli.sight.likelihood import Shutter, likelihoods
+from sqrp_cli.sight.likelihood import likelihoods
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.targets import SoughtBox, Target
@@ -260,7 +260,7 @@ def _of_camera(
         targets.append(Target(Atom.of(name), stated.cameras, tuple(boxes)))
         open_boxes = (replace(box, limits=replace(box.limits, curve=_EVERY_TERM)) for box in boxes)
         unlimited.append(replace(targets[-1], boxes=tuple(open_boxes)))
-    shutters = {camera.exposure: Shutter(opens, closes)} if camera.exposure else {}
+    shutters = {camera.exposure: (opens, closes)} if camera.exposure else {}
     free = likelihoods(observer, unlimited, states, shutters)
     limited = observer.verdicts(targets, states, shares=False)
     pose = np.array([image.pose for image in images])
