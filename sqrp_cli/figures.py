@@ -21,7 +21,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-ROUNDING = 1e-9  # by how much a quality may fall short of a threshold: sums of times are rounded
+ROUNDING = 1e-9  # by how much a quality, or a time [s], may miss a threshold: both come of sums of times
 
 
 def falls_short(quality: float, least: float) -> bool:

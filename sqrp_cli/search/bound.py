@@ -33,15 +33,11 @@ class CameraBound:
         cell: Cell,
         steps: Sequence[Analysis],
         goal: Goal,
-        camera: Camera,
         index: int | None,
         samples: Sequence[Samples] | None = None,
     ) -> None:
-        """index: of the camera in the cell; None if it would be a further one. samples: of each step, by default some.
-
-        Raises ValueError for a camera of another frame than it has in the cell.
-        """
-        self._about = cell, steps, goal, camera, index
+        """index: of the camera in the cell; None for a further one. samples: of each step, by default some."""
+        self._cell, self._steps, self._goal, self._index = cell, steps, goal, index
         if samples is None:
             every = [(step, step.timeline.samples) for step in steps]
             samples = [some.some(_thinned(some, _wanted(goal, step, some))) for step, some in every]
@@ -66,10 +62,10 @@ class CameraBound:
             after = np.append(some.steps, 0.0)[: len(some)]
             monitored.append(after)
             interesting.append(np.where(step.stage.of_interest(some), after, 0.0))
-            for fault, literals in step.faults.items() if goal.delay is not None else ():
+            for fault, atoms in step.faults.items() if goal.delay is not None else ():
                 at = np.flatnonzero(_inside(step, fault, some))
                 if len(at):  # where other literals are required, too, nothing follows about this fault
-                    unknown = np.asarray(np.delete(required[at], literals, axis=1).any(axis=1))
+                    unknown = np.asarray(np.delete(required[at], atoms, axis=1).any(axis=1))
                     self._faults.append((at + row, some.t[at], unknown))
             row, column = row + len(some), column + len(step.targets)
         self._hopeless, self._row, self._target = map(np.concatenate, (lost, rows, columns))
@@ -89,10 +85,9 @@ class CameraBound:
 
     def sharper(self, timelines: Sequence[Timeline]) -> CameraBound:
         """With samples at which other timelines of the same motions, one of each step, are not covered; or itself."""
-        cell, steps, goal, camera, index = self._about
         joined = []
-        for step, samples, timeline in zip(steps, self.samples, timelines, strict=True):
-            wanted = _wanted(goal, step, timeline.samples)
+        for step, samples, timeline in zip(self._steps, self.samples, timelines, strict=True):
+            wanted = _wanted(self._goal, step, timeline.samples)
             lost = wanted[~timeline.covered[wanted]]
             found = timeline.samples.some(_thinned(timeline.samples, lost, MOST_SAMPLES // 4))
             known = set(zip(samples.piece.tolist(), samples.t.tolist(), strict=True))
@@ -100,7 +95,7 @@ class CameraBound:
             added = found.some(np.array([pair not in known for pair in pairs], dtype=bool))
             joined.append(samples.joined(added)[0])
         same = sum(map(len, joined)) == len(self._hopeless)
-        return self if same else CameraBound(cell, steps, goal, camera, index, joined)
+        return self if same else CameraBound(self._cell, self._steps, self._goal, self._index, joined)
 
     @property
     def corners(self) -> Array:
@@ -133,7 +128,7 @@ class CameraBound:
         """
         decisive = None if every else self._decisive[self._row]
         items = self.targets, self.states, self._row, self._target
-        sees = self._about[0].observer.seen_from(lenses, X_FC, *items, decisive=decisive, limits_only=limits_only)
+        sees = self._cell.observer.seen_from(lenses, X_FC, *items, decisive=decisive, limits_only=limits_only)
         covered = np.tile(~self._hopeless, (len(lenses) * len(X_FC), 1))
         pose, item = np.nonzero(~sees.reshape(len(covered), len(self._row)))  # no column where the others see all
         covered[pose, self._row[item]] = False
@@ -151,7 +146,7 @@ class CameraBound:
             seen = covered[:, at] | unknown
             begins = ~seen & np.pad(seen, ((0, 0), (1, 0)), constant_values=True)[:, :-1]
             since = np.maximum.accumulate(np.where(begins, t, -np.inf), axis=1)
-            good &= np.where(seen, 0.0, t - since).max(axis=1) <= (self._about[2].delay or 0.0) + 1e-9
+            good &= np.where(seen, 0.0, t - since).max(axis=1) <= (self._goal.delay or 0.0) + 1e-9
         return good
 
 

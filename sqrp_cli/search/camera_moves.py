@@ -73,7 +73,7 @@ class CameraMove:
         """What the camera must see; sharper with each change that does not do."""
         question, name = self.start.question, self.camera.name
         index = next((n for n, known in enumerate(question.cell.workspace.cameras) if known == name), None)
-        return CameraBound(question.cell, self.start.about, question.goal, self.camera, index)
+        return CameraBound(question.cell, self.start.about, question.goal, index)
 
     @cached_property
     def aim(self) -> Aim:

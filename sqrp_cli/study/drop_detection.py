@@ -162,9 +162,9 @@ def onset(
     found = _shown(stage, observer, literals, targets, interval)
     if found is None:
         return Onset.at_once(interval.start, interval.end)
-    x, each, late, usual = found
+    x, each, slowest_of_all, usual = found
     slowest = each.max(axis=0, initial=-np.inf)
-    slowest = np.where(slowest < 0, late, slowest)  # where no camera judges it, none says so at once
+    slowest = np.where(slowest < 0, slowest_of_all, slowest)  # where no camera judges it, none says so at once
     fingers, closing = stage.model.fingers, 0.0  # how long they take to close behind what they lose [s]
     if fingers.joints:  # the windows are those of closed fingers
         start = stage.positions(stage.samples_at(np.array([interval.start])))[0, len(stage.model.arm) :]
@@ -245,19 +245,20 @@ def _shown(
     drops = _Drops(name, t, times, states, free)
     judges, seen = _judges(stage, observer, drops, [*left, *reached], places)
     some = np.any(list(judges.values()), axis=0)
-    late, until, since, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
+    alone, until, since, *there = _first_shown(stage, observer, drops, some, left[0], seen, reached)
     x, judge = t, np.any([judges[box] for box in left], axis=0)
-    surely = np.where(judge, late, -np.inf)
+    judging = np.where(judge, alone, -np.inf)
     usual = majority_time(np.where(judge, until, -np.inf), np.where(judge, since, np.inf), needed[left[0]])
     for (box, X_WB), shown in zip(reached.items(), there, strict=True):
         half, judge = 0.5 * np.array(box.size), judges[box]
         x = np.maximum(x, t + _first((half[:, None, None] - np.abs(_in_box(X_WB, free))).min(axis=0)))
-        late, surely = np.maximum(late, shown), np.maximum(surely, np.where(judge, shown, -np.inf))
+        alone, judging = np.maximum(alone, shown), np.maximum(judging, np.where(judge, shown, -np.inf))
         until, since = (np.where(judge, shown, other) for other in (-np.inf, np.inf))
         usual = np.maximum(usual, majority_time(until, since, needed[box]))
     latest = stage.motion.time + _NEVER
-    x, late, usual = (np.minimum(one, latest) for one in (x, late.max(axis=0, initial=-np.inf), usual))
-    return x, np.minimum(surely, latest), late, usual
+    slowest_of_all = alone.max(axis=0, initial=-np.inf)
+    x, judging, slowest_of_all, usual = (np.minimum(one, latest) for one in (x, judging, slowest_of_all, usual))
+    return x, judging, slowest_of_all, usual
 
 
 class _Drops(NamedTuple):
@@ -352,16 +353,16 @@ def _judges(
     some, cameras = drops.times[drops.times <= drops.t[-1] + _SOON + drops.t[1] - drops.t[0]], observer.cameras
     lost, others = stage.once_lost(), [one.part.name for one in observer.solids if one.color is not None]
     judged_at, seen = dict[SoughtBox, Mask](), dict[SoughtBox, Mask]()
-    for asked, states, found in ((boxes, drops.states, judged_at), (places, lost.states(lost.samples_at(some)), seen)):
-        robot_alone = found is judged_at
-        through = others if robot_alone else ()
+    once_lost = lost.states(lost.samples_at(some))
+    for asked, states, robot_alone in ((boxes, drops.states, True), (places, once_lost, False)):
+        found, through = (judged_at, others) if robot_alone else (seen, ())
         own = [replace(box, limits=box.limits.judging).seen_through(through) for box in asked]
         found |= {box: np.zeros((len(some), len(cameras)), dtype=bool) for box in asked}
         if asked and cameras:
             targets, rows = [Target(Atom(box.name), 1, (box,)) for box in own], [np.arange(len(some))] * len(own)
             verdicts = observer.verdicts(targets, states, rows=rows, shares=robot_alone, culprits=False)
             for box, one, (verdict,) in zip(asked, own, verdicts, strict=True):
-                found[box] = judged(one, verdict, cameras, states) if robot_alone else verdict.cause == Cause.NONE
+                found[box] = may_judge(one, verdict, cameras, states) if robot_alone else verdict.cause == Cause.NONE
     first, last = (np.searchsorted(some, edge) for edge in (drops.t, drops.t + _SOON))
     windows = [slice(max(i - 1, 0), j + 1) for i, j in zip(first, last, strict=True)]
     return {box: np.transpose([one[window].any(axis=0) for window in windows]) for box, one in judged_at.items()}, seen
@@ -462,8 +463,8 @@ def _height(observer: Observer, stage: Stage, name: str, X_WO: Array) -> Array:
     return height
 
 
-def judged(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
-    """Whether each of c cameras judges a box, though something may hide a little more than allowed, shape (n, c)."""
+def may_judge(box: SoughtBox, seen: BoxVerdicts, cameras: Sequence[Camera], states: SceneStates) -> Mask:
+    """Whether each of c cameras may judge a box, though something may hide a little more than allowed, shape (n, c)."""
     least = np.full(seen.cause.shape, box.limits.min_visible)
     if box.limits.kind == "color":
         eyes = np.stack(np.broadcast_arrays(*(states.camera_poses(camera)[: len(least), :3, 3] for camera in cameras)))

@@ -100,9 +100,10 @@ def all_fault_windows(
     """
     several = len({(camera.rate, camera.lag) for camera in observer.cameras}) > 1
     targets, faults = watched_faults(planned)
-    lost = [fault for fault in faults if is_lost_by_fingers(planned.stage, fault)]
+    by_fingers = [fault for fault in faults if is_lost_by_fingers(planned.stage, fault)]
+    others = [fault for fault in faults if fault not in by_fingers]
     found: dict[str, tuple[Window, ...]] = {}
-    for stage, some in ((planned.stage.once_lost(), lost), (planned.stage, [one for one in faults if one not in lost])):
+    for stage, some, closed in ((planned.stage.once_lost(), by_fingers, True), (planned.stage, others, False)):
         # Does the timeline lack anything that images are asked for?
         atoms = {literal.atom for fault in some for literal in fault.literals}
         beyond = any(
@@ -111,9 +112,7 @@ def all_fault_windows(
             for piece in planned.stage.pieces
         )
         seen = timeline
-        if some and (
-            some is lost or beyond or targets != planned.targets or (several and not timeline.observation.matrix)
-        ):
+        if some and (closed or beyond or targets != planned.targets or (several and not timeline.observation.matrix)):
             pieces = []
             for piece in stage.pieces:  # with the opposite of a fault's literals, where formulas do not ask for it
                 more = [lit.negated() for fault in some if fault.is_left_alone_in(piece) for lit in fault.literals]

@@ -14,7 +14,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, bad_option
-from sqrp_cli.figures import Qualities
+from sqrp_cli.figures import ROUNDING, Qualities
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
@@ -29,9 +29,6 @@ from sqrp_cli.study.timeline import PlannedMotion
 from sqrp_cli.task.feasibility import feasible_motion, impossible_start
 from sqrp_cli.task.grips import first_grip, grips
 from sqrp_cli.task.task import Candidate
-
-ROUNDING = 1e-9
-"""By how much a way may exceed a limit, because times are sums [s]."""
 
 
 @dataclass(frozen=True)
@@ -119,8 +116,8 @@ def find_way(
         from sqrp_cli.study.seen_ways import blind_ends, seen_ways
 
         direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
-        first = wanted.by == "q_eoi"
-        watched = [*direct, *seen_ways(cell, motions, sampling, longest=longest, interest_first=first)]
+        interest_first = wanted.by == "q_eoi"
+        watched = [*direct, *seen_ways(cell, motions, sampling, longest=longest, interest_first=interest_first)]
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
     studies = with_delays(cell, watched, sampling)
@@ -172,8 +169,8 @@ def studied_ways(
         from sqrp_cli.study.seen_ways import seen_ways
 
         watched = [replace(one, candidate=one.candidate.with_paths({})) for one in watched]
-        for first in (True, False):
-            watched += seen_ways(cell, allowed, sampling, longest=longest, interest_first=first)
+        for interest_first in (True, False):
+            watched += seen_ways(cell, allowed, sampling, longest=longest, interest_first=interest_first)
     for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
         if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
@@ -217,8 +214,8 @@ Planned = tuple[int, Sequence[PlannedMotion] | Infeasible]
 class Plans:
     """The planned ways of candidates in one world, for cells that differ in their cameras only."""
 
-    sights: tuple[Cell, Sampling] | None = None
-    """The cell and the sampling for which it is kept what is seen of the ways, if it is."""
+    watched_by: tuple[Cell, Sampling] | None = None
+    """The one cell, with its cameras, and the sampling for which what is seen of the ways is kept; None: it is not."""
     _known: dict[tuple[int, bool], tuple[Candidate, Planned]] = field(default_factory=dict)
     _seen: dict[int, Observed] = field(default_factory=dict)
 
@@ -227,11 +224,11 @@ class Plans:
     ) -> list[Observed]:
         """What is seen of some of the planned ways; observed at the first time, if that is kept.
 
-        contending: whether others than `contenders` may be left at fewer samples, if nothing is kept. Such a way is
-        looked at no closer once all that it may still be found to see is no more than a way sees that takes no longer:
-        then it is no contender, neither by what is known of it nor by what it would be found to see.
+        contending: whether only `contenders` need exact figures, if nothing is kept. The fastest ways are looked at
+        first. Another one is looked at no closer once all that it may still be found to see is no more than a way sees
+        that takes no longer: then it is no contender, by its figures so far or by exact ones.
         """
-        if self.sights is not None and self.sights[0] is cell and self.sights[1] == sampling:
+        if self.watched_by is not None and self.watched_by[0] is cell and self.watched_by[1] == sampling:
             missing = [one for one in motions if id(one) not in self._seen]
             self._seen |= zip(map(id, missing), all_observed(cell, missing, sampling, full=False), strict=True)
             return [self._seen[id(one)] for one in motions]

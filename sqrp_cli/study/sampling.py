@@ -117,19 +117,19 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
             of_frames[frame].append(some if X_FP is None else transform(X_FP, some))
     joined = {name: np.concatenate(some) for name, some in of_frames.items()}
     tracked = {name: np.append(some, np.ones((len(some), 1)), axis=1) for name, some in joined.items()}
-    for index, moved in _steps(stage, tracked, t).items():
+    for index, moved in _movements(stage, tracked, t).items():
         # About `_SPACING` is moved between two instants at most, and no more time passes than allowed.
         most = longest if index in asked and not primitives[index].trajectory.stands else np.inf
         passed = np.concatenate([[0.0], np.cumsum(np.maximum(moved / _SPACING, np.diff(t[index]) / most))])
         even = np.linspace(0.0, passed[-1], max(1, int(np.ceil(passed[-1]))) + 1)
         t[index] = np.interp(even, passed, t[index]) if passed[-1] else t[index][[0, -1]]
-    for index, moved in _steps(stage, tracked, t).items():
+    for index, moved in _movements(stage, tracked, t).items():
         wide = np.flatnonzero(moved > MAX_MOTION)
         t[index] = np.insert(t[index], wide + 1, 0.5 * (t[index][wide] + t[index][wide + 1]))
     return [t.get(index, np.array([primitive.start])) for index, primitive in enumerate(primitives)]
 
 
-def _steps(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Array]) -> dict[int, Array]:
+def _movements(stage: Stage, tracked: Mapping[str, Array], instants: Mapping[int, Array]) -> dict[int, Array]:
     """Movement of the fastest tracked point from each instant of a primitive to the next [m].
 
     tracked: points of each frame before a column of ones, shape (k, 4). instants: of primitives, by their index [s].

@@ -12,6 +12,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
+from sqrp_cli.figures import ROUNDING
 from sqrp_cli.geometry import Array
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.ground_primitives import ground_primitives
@@ -120,9 +121,6 @@ LEVEL = 0.02
 
 GLANCE_STEP = 0.4
 """Time between the looks that tell direct ways apart [s]."""
-
-ROUNDING = 1e-9
-"""By how much a way may exceed the longest time, because times are sums [s]."""
 
 LEFT = 6
 """Paths of each move that are left in the end."""

@@ -64,9 +64,9 @@ class Stage:
         X_WO: Mapping[str, Array],
         carried: Sequence[str] | None = None,
     ) -> None:
-        """X_WO: known poses of objects at the start of the motion, shape (4, 4). carried: that lie elsewhere than then.
+        """X_WO: known poses of objects at the start of the motion, by name, shape (4, 4).
 
-        carried are by default what the tool holds at some time.
+        carried: names of the objects that do not stay there, by default of all that the tool holds at some time.
         """
         self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
         self._primitive = np.array([piece.primitive for piece in self.pieces])
@@ -80,8 +80,8 @@ class Stage:
     def once_lost(self, closed: float = 1.0) -> Stage:
         """The motion of a tool that has lost what it should hold.
 
-        The part lies where it stood or, if the tool held it from the start, is to stand. closed: by which share of the
-        way that they have left the fingers have closed.
+        The part lies where it stood or, if the tool held it from the start, where it is to stand. closed: how far the
+        fingers have closed behind it, as a share of the way that is left to them.
         """
         motion, from_start = self.motion, self.motion.primitives[0].held
         lies = {name: (motion.final.X_WO if name == from_start else self.X_WO)[name] for name in self.carried}

@@ -143,9 +143,11 @@ def observe(
 ) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
-    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well. bars: times
-    [s], shape (b, 2); where as much as in a row is surely lost, of all and of the events of interest, no more is looked
-    at, and what was not looked at counts as lost.
+    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
+
+    bars: what another motion loses, a row for each: for how long its state is not covered, in all and in the events of
+    interest, shape (b, 2) [s]. Once this one surely loses as much as a row in both, it is not looked at any further,
+    and what was not looked at counts as lost.
     """
     stage, targets = request.stage, request.targets
     samples = first_samples(sampling, stage, observer, targets)
@@ -205,8 +207,8 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     rows = np.flatnonzero(ratio > 1 + 1e-9)
     if not len(rows):
         return None
-    ways = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
-    _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
+    choices = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
+    _, parts = min(choices, key=lambda one: one[0] * (_LOOK + int(one[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
     return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row

@@ -232,14 +232,14 @@ def explain_stretch(cell: Cell, analysis: Analysis, rows: Indices) -> BlindStret
 
     Where that one is lost for a part of the run only, the stretch is the longest such part.
     """
-    loss, timeline = _worst_loss(cell, analysis, rows), analysis.timeline
+    loss, timeline = _worst_lost(cell, analysis, rows), analysis.timeline
     if not loss.lost.all():
         samples, target = timeline.samples.some(rows), loss.target
         (boxes,) = cell.observer.verdicts([target], analysis.stage.states(samples), shares=False, culprits=False)
         lost = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, loss.column] & lost)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
-        loss = _worst_loss(cell, analysis, rows)
+        loss = _worst_lost(cell, analysis, rows)
     names = [camera.name for camera in cell.observer.cameras]
     sees = sees_all(loss.boxes) & timeline.observation.required[loss.look, loss.column][:, None]
     start, end = np.flatnonzero(loss.few)[[0, -1]].tolist()
@@ -281,7 +281,7 @@ def explain_stretch(cell: Cell, analysis: Analysis, rows: Indices) -> BlindStret
     )
 
 
-class _Loss(NamedTuple):
+class _LostTarget(NamedTuple):
     """A target that is not covered in a run of samples, looked at in a few of them."""
 
     column: int
@@ -297,7 +297,7 @@ class _Loss(NamedTuple):
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_loss(cell: Cell, analysis: Analysis, rows: Indices) -> _Loss:
+def _worst_lost(cell: Cell, analysis: Analysis, rows: Indices) -> _LostTarget:
     """The target that is lost in most of a few samples of a run."""
     count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
@@ -311,12 +311,12 @@ def _worst_loss(cell: Cell, analysis: Analysis, rows: Indices) -> _Loss:
         (boxes,) = cell.observer.verdicts([target], states, shares=False)
         lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
         inside = np.isin(look, few)
-        losses.append(_Loss(column, target, look, inside, boxes, lost[inside]))
+        losses.append(_LostTarget(column, target, look, inside, boxes, lost[inside]))
     return max(losses, key=lambda loss: loss.lost.sum())
 
 
 def _least_change(
-    cell: Cell, analysis: Analysis, loss: _Loss, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, analysis: Analysis, loss: _LostTarget, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 

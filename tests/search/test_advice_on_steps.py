@@ -111,7 +111,7 @@ def test_the_nearest_way_says_what_each_step_does_and_its_task_has_it_alone(
 def test_what_meets_a_goal_about_all_steps_passes_the_bound(cell: OpenCell, advice: AdviceDocument, goal: str) -> None:
     studied, wanted, rng = whole(cell, advice), read_goal(goal), np.random.default_rng(len(goal))
     camera = cell.workspace.cameras["left"]
-    bound = CameraBound(cell.cell, studied.steps, wanted, camera, 0)
+    bound = CameraBound(cell.cell, studied.steps, wanted, 0)
     poses = np.array([camera.X_FC @ displacement(*(0.08 * rng.normal(size=(2, 3)))) for _ in range(12)])
     passes = bound.passes([camera], poses)
     assert 0 < passes.sum() < len(poses)

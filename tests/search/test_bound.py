@@ -61,7 +61,7 @@ def test_what_meets_a_goal_passes_the_look(cell, studied, elsewhere, goal):
     camera, poses, found = elsewhere
     wanted, index = read_goal(goal), list(cell.workspace.cameras).index(camera)
     entry = cell.workspace.cameras[camera]
-    bound = CameraBound(cell, studied.steps, wanted, entry, index)
+    bound = CameraBound(cell, studied.steps, wanted, index)
     for figures, passes in zip(found, bound.passes([entry], poses), strict=True):
         assert passes or not wanted.met(figures)
 
@@ -69,16 +69,16 @@ def test_what_meets_a_goal_passes_the_look(cell, studied, elsewhere, goal):
 @pytest.mark.parametrize("goal", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
 def test_some_poses_pass_and_some_do_not(cell, studied, goal):
     entry = cell.workspace.cameras["cam2"]
-    bound = CameraBound(cell, studied.steps, read_goal(goal), entry, 1)
+    bound = CameraBound(cell, studied.steps, read_goal(goal), 1)
     passes = bound.passes([entry], moved(entry, np.random.default_rng(0), 100))
     assert 0 < passes.sum() < 100
 
 
 def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
-    entry, steps = cell.workspace.cameras["cam2"], studied.steps
-    whole = CameraBound(cell, steps, read_goal("q_eoi 100 %"), entry, 1)
+    steps = studied.steps
+    whole = CameraBound(cell, steps, read_goal("q_eoi 100 %"), 1)
     (samples,) = whole.samples
-    few = CameraBound(cell, steps, read_goal("q_eoi 100 %"), entry, 1, [Samples(samples.piece[:1], samples.t[:1])])
+    few = CameraBound(cell, steps, read_goal("q_eoi 100 %"), 1, [Samples(samples.piece[:1], samples.t[:1])])
     (sharper,) = few.sharper([step.timeline for step in steps]).samples
     assert len(sharper) > 1
     assert np.all(np.diff(sharper.piece) >= 0)
@@ -87,15 +87,15 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
 @pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
-    scene = CameraBound(cell, studied.steps, read_goal("q_avg 100 %"), entry, 0)
-    target, state = (axis.reshape(-1) for axis in np.indices((len(scene.targets), len(scene.samples[0]))))
-    items, poses = (scene.targets, scene.states, state, target), moved(entry, rng, 6)
+    bound = CameraBound(cell, studied.steps, read_goal("q_avg 100 %"), 0)
+    target, state = (axis.reshape(-1) for axis in np.indices((len(bound.targets), len(bound.samples[0]))))
+    items, poses = (bound.targets, bound.states, state, target), moved(entry, rng, 6)
     (sees,) = cell.observer.seen_from([entry], poses, *items)
     decisive = rng.random(len(state)) < 0.05
     (given_up,) = cell.observer.seen_from([entry], poses, *items, decisive=decisive)
     missed = np.cumsum(decisive & ~sees, axis=1) - (decisive & ~sees) > 0  # a decisive item before it is not seen
     np.testing.assert_array_equal(given_up, sees & ~missed)
     observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
-    matrix = observer.verdicts(scene.targets, scene.states)
+    matrix = observer.verdicts(bound.targets, bound.states)
     expected = np.concatenate([sees_all(boxes) for boxes in matrix])
     np.testing.assert_array_equal(sees, expected.T)

@@ -23,7 +23,7 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox
 from sqrp_cli.skill.target_box import TargetBox
-from sqrp_cli.study.drop_detection import SURE, USUAL, SeenOffset, judged, majority_time
+from sqrp_cli.study.drop_detection import SURE, USUAL, SeenOffset, majority_time, may_judge
 from tests.run.cell.scenes import camera, thing
 
 Size = tuple[float, float, float]
@@ -163,7 +163,7 @@ def test_cameras_count_that_judge_a_part_though_too_much_is_hidden(size: Size, m
         cause = Cause.HIDDEN if visible < box.limits.min_visible else Cause.NONE
         one = np.ones((1, 1))
         verdicts = BoxVerdicts((cause * one).astype(np.int8), one.astype(int), one, visible * one)
-        assert judged(box, verdicts, [NEAR], states).all()
+        assert may_judge(box, verdicts, [NEAR], states).all()
         uncovered += visible < min_visible
     assert uncovered
 
