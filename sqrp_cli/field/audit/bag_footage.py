@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, bad_option, expected_names, first_names
-from sqrp_cli.field.audit.footage import FolderFootage, Frame, ImageFiles, planned_at
+from sqrp_cli.field.audit.footage import FolderFootage, Frame, planned_at
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import TimeInterval
 from sqrp_cli.program.record import Program, Step
@@ -306,7 +306,5 @@ def _best_start(
     return start, float(shares[best]), starts[good[fresh]].tolist()
 
 
-ImageSource: TypeAlias = ImageFiles | BagFootage
-"""Where images come from: `images` reads those of some frames."""
 Footage: TypeAlias = FolderFootage | BagFootage
 """A recording of a program's run."""

@@ -5,7 +5,8 @@ There are two clocks to keep apart: that of the robot, on which the joints are k
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,23 +39,21 @@ _APART = 1000.0
 """Time between the steps of a folder of frames, whose times are those of the step [s]."""
 
 
-@dataclass(eq=False)
-class ImageFiles:
-    """PNG files of a folder, by the numbers of their frames."""
-
-    path: Path
-    workspace: Workspace
-    files: Sequence[Path]
-
-    def images(self, frames: Sequence[Frame]) -> Iterator[tuple[Frame, CameraImage]]:
-        """The images of some frames, in their order. Raises InputError for one that cannot be used."""
-        for frame in frames:
-            camera = self.workspace.cameras[frame.camera]
-            image = read_png(self.files[frame.number], PixelSize(camera.width, camera.height), camera.name)
-            yield frame, CameraImage(camera.name, frame.t, image)
+Images = Callable[[Sequence[Frame]], Iterator[tuple[Frame, CameraImage]]]
+"""Reads the images of some frames. Raises InputError for one that cannot be used."""
 
 
-class FolderFootage(ImageFiles):
+def read_files(
+    workspace: Workspace, files: Sequence[Path], frames: Sequence[Frame]
+) -> Iterator[tuple[Frame, CameraImage]]:
+    """The images of some frames, in their order; files: PNG, by the numbers of frames. Raises as `Images` does."""
+    for frame in frames:
+        camera = workspace.cameras[frame.camera]
+        image = read_png(files[frame.number], PixelSize(camera.width, camera.height), camera.name)
+        yield frame, CameraImage(camera.name, frame.t, image)
+
+
+class FolderFootage:
     """A folder of frames, whose times are those of the program: the robot is taken to be where the program wants it."""
 
     other_topics: Sequence[str] = ()
@@ -65,8 +64,8 @@ class FolderFootage(ImageFiles):
     def __init__(self, program: Program, workspace: Workspace, folder: Path) -> None:
         """Raises InputError for a folder that cannot be used."""
         entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
-        super().__init__(folder, workspace, [file for _, file, _, _ in entries])
-        self._program, self.damaged = program, dict[int, str]()
+        self.images: Images = partial(read_files, workspace, [file for _, file, _, _ in entries])
+        self.path, self._program, self.damaged = folder, program, dict[int, str]()
         """What is wrong with damaged images that `images` has left out so far, by their place in the recording."""
         self.recorded: Collection[str] = {camera for camera, *_ in entries}
         """Cameras of the workspace that it has images of."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input
-from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
-from sqrp_cli.field.audit.footage import FARTHEST, Frame
+from sqrp_cli.field.audit.bag_footage import Footage
+from sqrp_cli.field.audit.footage import FARTHEST, Frame, Images
 from sqrp_cli.field.audit.report import AuditDocument, AuditedCamera, MaybeLost
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
@@ -53,7 +54,7 @@ def audit(
             pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open))
             frames, found = frames_of(footage, index, step, offsets), list[tuple[float, Detection]]()
             believed = partial(believed_in, step, footage.starts[index], nominal, footage)
-            for frame, detection in detected(pool, footage, frames, believed):
+            for frame, detection in detected(pool, footage.path, footage.images, frames, believed):
                 image_done()
                 found.append((frames[frame], detection))
             check, may_be_lost = _compared(index, nominal, list(workspace.cameras), found)
@@ -137,12 +138,19 @@ def believed_in(step: Step, start: float, nominal: NominalStep, footage: Footage
 
 
 def detected(
-    pool: DetectorPool, source: ImageSource, frames: Mapping[Frame, Known], believed: Callable[[Known], BelievedState]
+    pool: DetectorPool,
+    path: Path,
+    images: Images,
+    frames: Mapping[Frame, Known],
+    believed: Callable[[Known], BelievedState],
 ) -> Iterator[tuple[Frame, Detection]]:
-    """What images show, in order; believed: by what is known of each. Raises InputError for one that is broken."""
+    """What images of a recording show, in order; believed: by what is known of each.
+
+    Raises InputError for one that is broken.
+    """
     waiting: deque[Frame] = deque()
     try:
-        for frame, image in source.images(list(frames)):
+        for frame, image in images(list(frames)):
             pool.submit(image, believed(frames[frame]))
             waiting.append(frame)
             if len(waiting) > AHEAD:
@@ -150,4 +158,4 @@ def detected(
                 yield first, pool.collect(first.camera)
         yield from ((frame, pool.collect(frame.camera)) for frame in waiting)
     except Stopped as error:
-        raise bad_input("perception", str(error), Place(source.path)) from error
+        raise bad_input("perception", str(error), Place(path)) from error

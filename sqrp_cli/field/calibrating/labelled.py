@@ -23,8 +23,8 @@ import numpy as np
 from sqrp_cli.camera.detector import COEFFICIENTS, Curve
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Place, bad_input, expected_names
-from sqrp_cli.field.audit.bag_footage import Footage, ImageSource
-from sqrp_cli.field.audit.footage import Frame, ImageFiles
+from sqrp_cli.field.audit.bag_footage import Footage
+from sqrp_cli.field.audit.footage import Frame, Images, read_files
 from sqrp_cli.field.audit.frame_audit import believed_in, detected, frames_of
 from sqrp_cli.field.calibrating.fit import DetectorLooks
 from sqrp_cli.files.entries import from_fields
@@ -80,7 +80,8 @@ class LabelledImage:
 class LabelledImages:
     """Images in which the same is looked for, in the order in which they were taken."""
 
-    source: ImageSource
+    path: Path  # of the recording, or of the folder of files
+    read: Images
     sought: DetectionTargets
     images: list[LabelledImage]
 
@@ -106,7 +107,7 @@ def of_program(program: Program, workspace: Workspace, footage: Footage) -> Iter
             images.append(LabelledImage(frame=frame, holds=holds, pose=first + int(t / SAME_POSE), **here))
         first += int(step.time / SAME_POSE) + 1
         sought = DetectionTargets(dict(step.targets), step.before.X_WO, nominal.when_open)
-        yield LabelledImages(footage, sought, images)
+        yield LabelledImages(footage.path, footage.images, sought, images)
 
 
 def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
@@ -116,7 +117,7 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
     """
     by_file = groupby(read_labels(folder, workspace), lambda label: (label.camera, label.file))
     of_images = [list(labels) for _, labels in by_file]
-    source = ImageFiles(folder, workspace, [labels[0].file for labels in of_images])
+    read = partial(read_files, workspace, [labels[0].file for labels in of_images])
     resting, numbered = workspace.stated_world, []
     for number, labels in enumerate(of_images):
         targets, states, camera = {}, [], workspace.cameras[labels[0].camera]
@@ -144,7 +145,7 @@ def of_labels(workspace: Workspace, folder: Path) -> Iterator[LabelledImages]:
         numbered.append((targets, image))
     for _, found in groupby(numbered, lambda one: tuple(one[0])):
         alike, images = zip(*found, strict=True)
-        yield LabelledImages(source, DetectionTargets(alike[0], {}, {}), list(images))
+        yield LabelledImages(folder, read, DetectionTargets(alike[0], {}, {}), list(images))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,7 +225,7 @@ def look_at_frames(
             pool.watch(together.sought)
             images = {image.frame: image for image in together.images}
             shown: list[tuple[LabelledImage, Detection]] = []
-            for frame, detection in detected(pool, together.source, images, attrgetter("believed")):
+            for frame, detection in detected(pool, together.path, together.read, images, attrgetter("believed")):
                 shown.append((images[frame], detection))
                 image_done()
             for name in workspace.cameras:
