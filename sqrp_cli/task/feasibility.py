@@ -8,7 +8,6 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, plan_motion
-from sqrp_cli.records import dataclass
 from sqrp_cli.task.task import Candidate, read_task
 
 
@@ -41,23 +40,12 @@ MOST_WAYS = 4
 """Most candidates of a task that are tried to find a feasible one; ranking tries all."""
 
 
-@dataclass(frozen=True)
-class Possibility:
-    """A task for one binding of objects."""
+def possibilities(cell: Cell, world: World) -> Iterator[tuple[Candidate, bool, Motion | Infeasible]]:
+    """Every skill with every binding to different objects, in the order of the workspace: the first candidate of each.
 
-    task: str
-    skill: str
-    """Its name."""
-    time: float | None
-    """Duration of its first feasible candidate [s]; None if none was found."""
-    allowed: bool
-    """Whether its precondition holds."""
-    reason: str
-    """Why it is infeasible; empty if it is feasible."""
-
-
-def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
-    """Every skill with every binding to different objects, in the order of the workspace."""
+    With whether its precondition holds; and the motion of the first candidate that can be done, or why the very first
+    cannot.
+    """
     for skill in cell.workspace.skills:
         ways: dict[tuple[str, ...], list[Candidate]] = {}
         try:
@@ -69,13 +57,10 @@ def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
             if len(set(objects)) == len(objects):
                 ways.setdefault(objects, []).append(candidate)
         for found in ways.values():
-            unmet = unmet_preconditions(cell, found[0], world)
-            time, reasons = None, list(unmet)
-            for way in () if unmet else found[:MOST_WAYS]:
-                motion = feasible_motion(cell, way, world)
+            unmet = found[0].lacks(cell.workspace, world.facts)
+            first = motion = feasible_motion(cell, found[0], world)
+            for way in () if unmet else found[1:MOST_WAYS]:
                 if not isinstance(motion, Infeasible):
-                    time, reasons = motion.time, [""]
                     break
-                reasons += motion.reasons
-            task = found[0].task
-            yield Possibility(task=task, skill=skill, time=time, allowed=not unmet, reason=reasons[0])
+                motion = feasible_motion(cell, way, world)
+            yield found[0], not unmet, first if isinstance(motion, Infeasible) else motion

@@ -9,7 +9,7 @@ from sqrp_cli.ask.api.session import ChosenStep, Session, add_steps, assess, cho
 from sqrp_cli.ask.requests import RankRequest
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.cli.options import open_with_warnings
-from sqrp_cli.errors import ExitCode, InputError, Place, bad_input
+from sqrp_cli.errors import ExitCode, Infeasible, InputError, Place, bad_input
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import check_writable
 from sqrp_cli.program.file import new_program
@@ -20,7 +20,7 @@ from sqrp_cli.show.terminal.cell_tables import print_suggested
 from sqrp_cli.show.terminal.console import Column, ask, note, print_problems, print_table, progress, say
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.task.feasibility import Possibility, possibilities
+from sqrp_cli.task.feasibility import possibilities
 from sqrp_cli.task.task import Task, read_task
 
 CORES = os.cpu_count() or 1
@@ -82,7 +82,7 @@ def _next_steps(cell: Cell, program: Program) -> list[ChosenStep] | None:
             say(f"There is no number {answer}; the numbers are those of the table above.")
             continue
         try:
-            task = read_task(doable[int(answer) - 1].task if answer.isdecimal() else answer, workspace)
+            task = read_task(doable[int(answer) - 1] if answer.isdecimal() else answer, workspace)
         except InputError as error:
             print_problems(error.problems)
             continue
@@ -93,28 +93,29 @@ def _next_steps(cell: Cell, program: Program) -> list[ChosenStep] | None:
     return None
 
 
-def _show_possibilities(cell: Cell, world: World) -> list[Possibility]:
-    """Print what can be done now, and why the rest cannot; returns the former."""
+def _show_possibilities(cell: Cell, world: World) -> list[str]:
+    """Print what can be done now, and why the rest cannot; returns the tasks of the former."""
     with progress("Looking for what can be done", None) as advance:
         found = []
         for possibility in possibilities(cell, world):
             found.append(possibility)
             advance()
-    doable = [possibility for possibility in found if possibility.time is not None]
+    doable = [(one.task, motion.time) for one, _, motion in found if not isinstance(motion, Infeasible)]
     if doable:
-        rows = [(str(number), p.task, f"{p.time:.1f}") for number, p in enumerate(doable, 1)]
+        rows = [(str(number), task, f"{time:.1f}") for number, (task, time) in enumerate(doable, 1)]
         print_table([Column("#", right=True), Column("can be done now"), Column("time [s]", right=True)], rows)
     else:
         say("Nothing can be done now.")
-    for possibility in found:
-        if possibility.allowed and possibility.time is None:
-            say(f"not {possibility.task}: {possibility.reason}")
+    impossible = [(one, allowed, why.reasons[0]) for one, allowed, why in found if isinstance(why, Infeasible)]
+    for one, allowed, reason in impossible:
+        if allowed:
+            say(f"not {one.task}: {reason}")
     for skill in cell.workspace.skills:
-        barred = [p for p in found if p.skill == skill and not p.allowed]
+        barred = [(one.task, why) for one, allowed, why in impossible if one.skill.name == skill and not allowed]
         if barred:
             more = f" (and {len(barred) - 1} more like it)" if len(barred) > 1 else ""
-            say(f"not {barred[0].task}: {barred[0].reason}{more}")
-    return doable
+            say(f"not {barred[0][0]}: {barred[0][1]}{more}")
+    return [task for task, _ in doable]
 
 
 def _chosen_way(task: Task, assignment: RankJob) -> list[ChosenStep]:
