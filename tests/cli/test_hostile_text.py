@@ -25,7 +25,7 @@ from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.file import load_program, save_program
 from sqrp_cli.run.record.events import VERSION, ShownAtom, event
-from sqrp_cli.run.record.log import LogWriter, read_log
+from sqrp_cli.run.record.log import read_log, written_log
 from sqrp_cli.score.ci_files import _text as in_markdown
 from sqrp_cli.show.terminal import console
 from sqrp_cli.show.terminal.run_view import live_view
@@ -126,8 +126,8 @@ def test_markdown_shows_a_text_as_it_is(text):
 @given(texts)
 def test_a_log_is_read_as_it_was_written(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("log") / "log"
-    writer = LogWriter(path, event("run", 0.0, sqrp_log=VERSION, workspace=text, cameras=[], digest=""))
-    writer.close()
+    with written_log(path, event("run", 0.0, sqrp_log=VERSION, workspace=text, cameras=[], digest="")):
+        pass
     (header,) = read_log(path)
     assert header.workspace == text
 

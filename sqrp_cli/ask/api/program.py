@@ -257,7 +257,8 @@ class OpenProgram:
         from sqrp_cli.ask.api.run_results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.program.file import made_for, save_program
-        from sqrp_cli.run.record.log import LogWriter
+        from sqrp_cli.run.record.events import event
+        from sqrp_cli.run.record.log import written_log
         from sqrp_cli.show.pages.run_page import RunCell
 
         ask.check_names()
@@ -273,19 +274,19 @@ class OpenProgram:
         events: list[Event] = []
         with ExitStack() as closing:  # closes the others even if one fails to close
             recorder, gallery = _recorders(workspace, ask, screen, closing)
-            writer = None
+            logged = None
             if ask.log is not None:
-                writer = LogWriter(ask.log, header(self.program, workspace, self.seed, injected))
-                closing.callback(writer.close)
+                begin = header(self.program, workspace, self.seed, injected)
+                logged = closing.enter_context(written_log(ask.log, begin))
             heard: list[Listener] = [
-                one for one in (writer, *ask.listeners, events.append, recorder) if one is not None
+                one for one in (logged, *ask.listeners, events.append, recorder) if one is not None
             ]
-            states = ask.witnessed or writer is not None or recorder is not None
+            states = ask.witnessed or logged is not None or recorder is not None
             if ask.frames is not None:
                 save_program(made_for(self.program, ask.frames / PROGRAM, workspace), ask.frames / PROGRAM)
             report = perform(Recording(heard, gallery, states=states, spectator=spectator))
-            if writer is not None:
-                writer.close(report)
+            if logged is not None:
+                logged(event("report", report.time, report=report))
         happened = Counter(event.fault for event in events if event.event == "injected")
         return SimulatedRun(
             **vars(report),

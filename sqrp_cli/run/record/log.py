@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from sqrp_cli.files.units import LARGEST
 from sqrp_cli.geometry import Array
 from sqrp_cli.platform.files import naming
 from sqrp_cli.records import dataclass
-from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, event
+from sqrp_cli.run.record.events import KINDS, VERSION, WHOLE_STATE, Event, Listener, event
 from sqrp_cli.run.record.report import Confusion, RunReport
 
 MAX_BYTES = 200_000_000
@@ -31,27 +32,25 @@ SLACK = 0.01
 """Largest step back between events [s], since the simulation's clock is discrete."""
 
 
-class LogWriter:
-    """Writes the events of a run as they happen."""
+@contextmanager
+def written_log(path: Path, header: Event) -> Iterator[Listener]:
+    """A log of a run, which what happens is given to as it happens. Raises InputError where it cannot be written.
 
-    def __init__(self, path: Path, header: Event) -> None:
-        """header: what was run and how."""
-        self._path = path
-        with naming(path):  # line by line, so that nothing is lost where a run is interrupted
-            self._file = path.open("w", encoding="utf-8", buffering=1)
-        self(header)
+    header: what was run and how.
+    """
+    with naming(path):  # line by line, so that nothing is lost where a run is interrupted
+        file = path.open("w", encoding="utf-8", buffering=1)
 
-    def __call__(self, happened: Event) -> None:
-        """Write an event. Raises InputError where that is not possible."""
-        with naming(self._path):
-            self._file.write(json.dumps(happened.line(), allow_nan=False) + "\n")
+    def write(happened: Event) -> None:
+        with naming(path):
+            file.write(json.dumps(happened.line(), allow_nan=False) + "\n")
 
-    def close(self, report: RunReport | None = None) -> None:
-        """Write nothing more, but for the report of a run that has ended."""
-        if report is not None:
-            self(event("report", report.time, report=report))
-        with naming(self._path):
-            self._file.close()
+    try:
+        write(header)
+        yield write
+    finally:
+        with naming(path):
+            file.close()
 
 
 def read_log(path: Path) -> Iterator[Event]:

@@ -13,7 +13,7 @@ import pytest
 from sqrp_cli.run.cell import requirements
 from sqrp_cli.run.cell.requirements import check_simulator
 from sqrp_cli.run.record.events import VERSION, event
-from sqrp_cli.run.record.log import LogWriter
+from sqrp_cli.run.record.log import written_log
 from sqrp_cli.run.record.report import RunReport
 from tests.cells import ROOT, refused
 
@@ -105,8 +105,8 @@ def test_without_the_extra_only_what_needs_it_says_so(
     tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
 ) -> None:
     log = tmp_path / "log"
-    writer = LogWriter(log, event("run", 0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
-    writer.close(RunReport())
+    with written_log(log, event("run", 0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[])) as write:
+        write(event("report", 0.0, report=RunReport()))
     command = [sys.executable, "-c", WITHOUT_EXTRA, *(word.format(log=log) for word in words)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == exit_code, done.stderr

@@ -17,7 +17,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.run.ground_truth import changes
 from sqrp_cli.run.record.events import KINDS, MODELS, VERSION, AskedBox, Event, ProgramStep, ShownAtom, event
 from sqrp_cli.run.record.images import read_frames
-from sqrp_cli.run.record.log import LogWriter, Track, read_log
+from sqrp_cli.run.record.log import Track, read_log, written_log
 from sqrp_cli.run.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.show.documents.schemas import schema_of
 from sqrp_cli.show.pages.run_page import RunCell, write_run
@@ -64,11 +64,10 @@ RUN = [
 def test_a_run_with_all_kinds_of_events_is_read_from_its_log_as_it_was_written_at_once(tmp_path: Path) -> None:
     assert {type(one) for one in RUN} == set(MODELS)
     path = tmp_path / "log"
-    writer = LogWriter(path, RUN[0])
-    for number, one in enumerate(RUN[1:-1], 1):
-        writer(one)
-        assert len(list(read_log(path))) == number + 1
-    writer.close(REPORT)
+    with written_log(path, RUN[0]) as write:
+        for number, one in enumerate(RUN[1:], 1):
+            write(one)
+            assert len(list(read_log(path))) == number + 1
     assert list(read_log(path)) == RUN
     assert ["camera" in fault for fault in RUN[-1].line()["faults"]] == [False, True]
     assert path.read_text(encoding="utf-8").splitlines() == [json.dumps(one.line()) for one in read_log(path)]
