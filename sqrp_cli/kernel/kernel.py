@@ -154,17 +154,6 @@ class BoxVerdicts:
     """The visible share of the silhouette, NAN where an earlier limit failed or it was not measured."""
 
 
-class Aspects(NamedTuple):
-    """How c cameras face n boxes, arrays of shape (c, n)."""
-
-    distance: Array
-    """From camera to box centre [m]."""
-    incidence: Array
-    """Angle between the box's normal and the direction to the camera; 0 without a normal [rad]."""
-    size: Array
-    """Square root of the area of the outline of its corners; NAN behind a camera [pixels]."""
-
-
 def joint_poses(parents: Indices, turns: Mask, terms: Array, positions: Array) -> Array:
     """World poses (N, m, 4, 4) of N joints at m positions (m, N) [rad or m]; see `JointTree` for the other arrays."""
     terms, positions = _reals(terms), _reals(positions)
@@ -385,13 +374,18 @@ class Request:
         self._call("judge", len(box), box, state, cause, *asked, None)
         return BoxVerdicts(cause.T, by.T, figure.T, visible.T)
 
-    def measure(self, box: Indices, state: Indices) -> Aspects:
-        """How all cameras face boxes in states, shape (n,) each."""
+    def measure(self, box: Indices, state: Indices) -> Array:
+        """How all cameras face boxes in states, shape (n,) each: distance, incidence and size, shape (3, c, n).
+
+        The distance is that from camera to box centre [m], the incidence the angle between the box's normal and the
+        direction to the camera, 0 without a normal [rad], the size the square root of the area of the outline of the
+        box's corners, NAN behind a camera [pixels].
+        """
         box, state = self._looks(box, state)
         shape = self._scene.cameras, len(box)
         cause, by, figure, facing = np.empty(shape, np.int8), None, np.empty(shape), np.empty((3, *shape))
         self._call("judge", len(box), box, state, cause, by, figure, None, facing)
-        return Aspects(*facing)
+        return facing
 
     def occluders(self, box: Indices, camera: Indices, state: Indices, parts: int) -> tuple[Array, Array]:
         """How much of boxes each of some parts hides from cameras: as the first, and as the only one, (n, parts) each.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,7 +11,6 @@ import numpy as np
 from sqrp_cli.camera.detector import BoxSights
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.kernel.kernel import Aspects
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.scene_states import SceneStates
@@ -40,13 +39,13 @@ def likelihoods(
         for target in targets
     ]
     every = [box for target in targets for box in target.boxes]
-    facing = (np.split(values.T, len(every)) for values in (observer.aspects(every, states) if every else ()))
-    aspects = map(Aspects, *facing) if every else iter(())
+    aspects: Iterator[Array] = iter(observer.aspects(every, states)) if every else iter(())
     found: list[list[BoxLikelihood]] = []
     for target, boxes in zip(targets, observer.verdicts(gated, states, culprits=False), strict=True):
         found.append([])
         for box, verdicts in zip(target.boxes, boxes, strict=True):
-            passed, curve, faced = verdicts.cause == Cause.NONE, box.limits.curve, next(aspects)
+            passed, curve = verdicts.cause == Cause.NONE, box.limits.curve
+            distance, incidence, size = next(aspects)
             if curve is None:
                 found[-1].append(BoxLikelihood(passed.astype(float), None))
                 continue
@@ -61,7 +60,7 @@ def likelihoods(
                     before = (np.where([True, True, False], p, np.where(p[:, 2:] > 0, p, 1.0)) for p in centers)
                     first, last = (Projection(camera).pixels(points)[0] for points in before)
                     blur[:, column] = np.hypot(*(last - first).T)
-            seen = np.stack([faced.size, faced.incidence, faced.distance, verdicts.visible, blur])
+            seen = np.stack([size, incidence, distance, verdicts.visible, blur])
             sights = np.where(passed, seen, np.nan)
             found[-1].append(BoxLikelihood(np.where(passed, curve.probability(sights), 0.0), sights))
     return found

@@ -16,7 +16,7 @@ from sqrp_cli.camera.camera import Camera
 from sqrp_cli.camera.light import Light
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.geometry import Array, Indices, Mask
-from sqrp_cli.kernel.kernel import Aspects, BoxVerdicts, Items, Loss
+from sqrp_cli.kernel.kernel import BoxVerdicts, Items, Loss
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import Cause, HidingPart
 from sqrp_cli.sight.scene_states import SceneStates
@@ -130,13 +130,14 @@ class Observer:
             found.append(tuple(sorted(some, key=lambda one: (-one.share, one.name))))
         return found
 
-    def aspects(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Aspects:
-        """How every camera faces boxes.
+    def aspects(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Array:
+        """How every camera faces b boxes: distance [m], incidence [rad] and size [pixels], shape (b, 3, m, c).
 
-        Arrays of shape (c, boxes * m): all m states of the first box, then of the next.
+        See `Request.measure`.
         """
         box, state = np.repeat(np.arange(len(boxes)), states.count), np.tile(np.arange(states.count), len(boxes))
-        return self._scene.request(self.projections, boxes, states).measure(box, state)
+        found = self._scene.request(self.projections, boxes, states).measure(box, state)
+        return found.reshape(3, len(self.cameras), len(boxes), states.count).transpose(2, 0, 3, 1)
 
     def seen_from(
         self,
