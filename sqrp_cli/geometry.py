@@ -63,6 +63,11 @@ def check_finite(what: str, *figures: ArrayLike | None) -> None:
             raise ValueError(f"a figure of {what} is not finite: {figure}")
 
 
+def finite_or_none(value: float) -> float | None:
+    """A figure as documents have it: None for one that is infinite or not a number."""
+    return float(value) if np.isfinite(value) else None
+
+
 def inverse(X_AB: Array) -> Array:
     """X_BA of X_AB, shape (..., 4, 4)."""
     R_BA = X_AB[..., :3, :3].swapaxes(-1, -2)

@@ -265,7 +265,7 @@ def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
         return f"No camera can be chosen: {found.reason}."
     if not found.cameras and not found.proven:
         return f"No choice of {mounts} was found, and that there is none is not proven."
-    number, which = in_words(len(found.cameras)), f"{found.by} Q"
+    number, which = count_in_words(len(found.cameras)), f"{found.by} Q"
     about, several = f"these {found.compared.ways} ways", found.compared.ways > 1
     if fastest:
         about = "the way of each candidate with --ways fastest" if several else "the way with --ways fastest"
@@ -292,11 +292,11 @@ def proof_in_words(found: PlaceDocument, *, fastest: bool) -> str:
     elif str(found.want) and found.met and found.fewest is not None and 1 < found.fewest == len(found.cameras):
         sentences.append(f"Fewer than {number} do not reach {found.want} in {about}.")
     if found.fewer is not None:
-        fewer = in_words(found.fewer.cameras)
+        fewer = count_in_words(found.fewer.cameras)
         sentences.append(f"With {fewer}, in {about}, it is at most {100 * (found.fewer.bound or 0.0):.1f} %.")
     return " ".join(sentences)
 
 
-def in_words(count: int) -> str:
+def count_in_words(count: int) -> str:
     """A number as text, such as `two`."""
     return _COUNTS[count] if count < len(_COUNTS) else str(count)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sqrp_cli.search.placing_result import PlaceDocument, in_words
+from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 
 
 class PlacementWords(NamedTuple):
@@ -34,7 +34,7 @@ def placement_in_words(found: PlaceDocument) -> PlacementWords:
             "nearest is below."
         )
     elif found.fewest:
-        unmet = f"So many cameras do not reach {goal}; {in_words(found.fewest)} do:"
+        unmet = f"So many cameras do not reach {goal}; {count_in_words(found.fewest)} do:"
     elif found.too_slow:
         unmet = f"Not every candidate can be done within {goal.time:.4g} s, whatever the cameras."
     elif not found.proven:

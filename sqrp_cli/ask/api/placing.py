@@ -19,7 +19,7 @@ from sqrp_cli.search.goal import FewestPossible, Goal, read_goal
 from sqrp_cli.search.place import CameraPlacer
 from sqrp_cli.search.placing_problem import Requirements
 from sqrp_cli.search.placing_program import Watch, solver_library
-from sqrp_cli.search.placing_result import PlaceDocument, in_words
+from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 from sqrp_cli.search.sites import Verdicts, local_verdicts
 from sqrp_cli.search.visibility_table import PlaceQuestion
 from sqrp_cli.task.candidate import split_steps
@@ -97,7 +97,7 @@ def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, k
     most, name = max(needs, default=(0, ""), key=lambda one: one[0])
     least, floor = most - kept, None
     if least > 0:
-        reason = f"`{name}` needs {in_words(most)} at once"
+        reason = f"`{name}` needs {count_in_words(most)} at once"
         if request.cameras is not None and request.cameras < least:
             mend = f"{request.given('cameras', least)}, or leave the skill out of the workspace's `skills`"
             message = f"{reason}, and `sqrp check` refuses a cell with fewer; "
@@ -108,7 +108,7 @@ def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, k
     lens = min(one.price for one in mounts.lenses)
     price = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
     if request.budget is not None and price > request.budget + 1e-9:
-        cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {in_words(count)} cameras cost"
+        cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {count_in_words(count)} cameras cost"
         message = f"{cameras} {price:g}, {request.called('budget')} is {request.budget:g}"
         raise bad_option(message, mend=request.given("budget", f"{price:.15g}"))
     if request.cameras is not None and request.cameras + kept <= request.survive:

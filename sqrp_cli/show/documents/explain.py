@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from sqrp_cli.camera.camera import assumed_latency
 from sqrp_cli.camera.detector import COEFFICIENTS
 from sqrp_cli.files.entries import from_fields
-from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.geometry import Array, box_corners, finite_or_none, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import (
     BoxCoverage,
@@ -109,7 +107,7 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
                 str(literal): seen[column[literal.atom]][row]
                 for literal in study.stage.pieces[int(samples.piece[row])].literals
             },
-            expected=_known(expected.states[row]) if expected is not None else None,
+            expected=finite_or_none(expected.states[row]) if expected is not None else None,
         )
         for row in range(len(samples))
     ]
@@ -135,14 +133,14 @@ def _coverage(
         found = None if expected is None else expected.boxes[column][number]
         sight = None
         if found is not None and found.sights is not None:
-            values = dict(zip(COEFFICIENTS, map(_known, found.sights[:, row, camera]), strict=True))
+            values = dict(zip(COEFFICIENTS, map(finite_or_none, found.sights[:, row, camera]), strict=True))
             sight = BoxSight(probability=float(found.probability[row, camera]), **values)
         parts = None if views is None else views.get((column, number, row, camera))
         return BoxVerdict(
             covered=cause is Cause.NONE,
             cause=cause.label,
             by=by_name(cell, cause, int(boxes.by[row, camera])),
-            visible=_known(visible),
+            visible=finite_or_none(visible),
             hidden_by=parts,
             sight=sight,
         )
@@ -172,7 +170,3 @@ def _coverage(
             )
         )
     return found
-
-
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)

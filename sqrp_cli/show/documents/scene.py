@@ -13,6 +13,7 @@ from sqrp_cli.camera.detector import Curve, DetectorKind, marker_range
 from sqrp_cli.cell.mesh import mesh_unit
 from sqrp_cli.document import LEFT_OUT, Pose, Record, WorkspaceDocument, how_many
 from sqrp_cli.files.entries import from_fields
+from sqrp_cli.geometry import finite_or_none
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.robot import RobotTraits
@@ -291,7 +292,11 @@ def _robot(cell: Cell) -> RobotScene:
         tool=tool,
         joints={
             name: from_fields(
-                JointScene, one, lower=_finite(one.lower), upper=_finite(one.upper), slides=not turns[name]
+                JointScene,
+                one,
+                lower=finite_or_none(one.lower),
+                upper=finite_or_none(one.upper),
+                slides=not turns[name],
             )
             for name, one in own.limits.items()
         },
@@ -316,7 +321,7 @@ def _camera(cell: Cell, one: Camera) -> CameraScene:
         D=[0.0] * 5 if straight else one.distortion.tolist(),
         frame=frame,
         pose=X_FC.tolist(),
-        far=_finite(one.far),
+        far=finite_or_none(one.far),
         exposure=one.exposure or None,
     )
 
@@ -343,7 +348,3 @@ def _opaque_parts(cell: Cell) -> list[OpaquePart]:
                 shown = {"shape": type(round_one).__name__.lower(), "size": [round_one.radius, round_one.length]}
         found.append(OpaquePart(name=part.name, parent=parent, **shown, pose=X_PG.tolist()))
     return found
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -171,24 +171,17 @@ FigureShown = tuple[str, str, str]
 
 @dataclass(frozen=True, eq=False)
 class PageRow:
-    """A row of the page's table, with what is shown when it is selected.
+    """A row of the page's table, with what is shown when it is selected."""
 
-    name: of the whole. mark: the row's beginning, such as a rank; labels: what sets it apart from the others, by title.
-    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of its
-    cell. detail: its `packed` `playback`; None without a motion.
-    figures: shown before the candidate's. retried: names of the
-    candidate's faults after which the robot tries again; only these have a time for it.
-    """
-
-    name: str
-    mark: str
-    labels: Mapping[str, str]
-    candidate: CandidateResult | None
-    reasons: Sequence[str]
-    scene: int | None
-    detail: str | None
-    figures: Sequence[FigureShown] = ()
-    retried: Collection[str] = ()
+    name: str  # of the whole
+    mark: str  # at the row's beginning, such as a rank
+    labels: Mapping[str, str]  # what sets it apart from the others, by title
+    candidate: CandidateResult | None  # its document in `rank --json`; None where there is none
+    reasons: Sequence[str]  # what is wrong
+    scene: int | None  # index of its cell among `PageContent.scenes`; None if that is not drawn
+    detail: str | None  # its `playback`; None without a motion
+    figures: Sequence[FigureShown] = ()  # shown before the candidate's
+    retried: Collection[str] = ()  # the candidate's faults after which the robot tries again
 
 
 CellScene = tuple["ShowDocument", str]

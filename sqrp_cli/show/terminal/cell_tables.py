@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.show.terminal.console import (
     SEVERITY_STYLES,
-    Cell,
     Column,
     Share,
     Styled,
+    TableCell,
     joined,
     numbers,
     plain,
@@ -209,7 +209,7 @@ def print_program(found: ProgramDocument) -> None:
     say(joined([(Path(found.program).name, "bold"), title]))
     if count:
         titles = ("start\n[s]", "time\n[s]", "Q_eoi [%]", "Q_avg [%]", "slowest\nalarm [s]")
-        rows: list[list[Cell]] = []
+        rows: list[list[TableCell]] = []
         for number, step in enumerate(found.steps, 1):
             figures = [Share(step.q_eoi), Share(step.q_avg), _slowest(step.faults.values())]
             rows.append([str(number), step.label, f"{step.start:.2f}", f"{step.time:.2f}", *figures])

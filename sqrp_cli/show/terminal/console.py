@@ -76,7 +76,7 @@ class Share:
     value: float | None
 
 
-Cell = Styled | Share  # what a table may hold
+TableCell = Styled | Share  # what a table may hold
 
 
 _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
@@ -124,7 +124,7 @@ def diagnostics() -> Console:
     return Console(stderr=True, highlight=False, emoji=False)
 
 
-def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> None:
+def print_table(columns: Sequence[Column], rows: Iterable[Sequence[TableCell]]) -> None:
     """A table without frames, two spaces between columns.
 
     If the terminal is too narrow, bars are left out and titles broken; if that is not enough, each row becomes a
@@ -154,13 +154,13 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         say(Text.assemble(*((name, ": " if pairs else "") if head.plain.strip() else ()), unbroken(pairs)), indent=2)
 
 
-def fits(columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> bool:
+def fits(columns: Sequence[Column], rows: Sequence[Sequence[TableCell]]) -> bool:
     """Whether the terminal is wide enough for these columns, bars left out, so that no row becomes a paragraph."""
     return _laid_out(columns, rows, narrow=True)[2] <= output().width
 
 
 def _laid_out(
-    columns: Sequence[Column], rows: Sequence[Sequence[Cell]], *, narrow: bool
+    columns: Sequence[Column], rows: Sequence[Sequence[TableCell]], *, narrow: bool
 ) -> tuple[list[str], list[list[Text]], int]:
     """Titles and cells of a table, and its least width.
 

@@ -8,9 +8,9 @@ from math import degrees
 
 from sqrp_cli.show import sentences
 from sqrp_cli.show.terminal.console import (
-    Cell,
     Column,
     Share,
+    TableCell,
     delay,
     fits,
     joined,
@@ -132,14 +132,14 @@ def print_ways(candidates: Iterable[CandidateResult]) -> None:
             print_table(columns, rows)
 
 
-_Figure = tuple[Column, Callable[[CandidateResult], Cell]]
+_Figure = tuple[Column, Callable[[CandidateResult], TableCell]]
 """A column with a figure of each feasible candidate."""
 
 
 def _figures(feasible: Sequence[CandidateResult]) -> list[_Figure]:
     """The columns after place and parameters: the way where there is a choice, qualities, time, delays of faults."""
 
-    def worst(one: CandidateResult, name: str, faults: Iterable[str], pattern: str = "{:.2f}") -> Cell:
+    def worst(one: CandidateResult, name: str, faults: Iterable[str], pattern: str = "{:.2f}") -> TableCell:
         """A figure of the worst of some faults, in red if one may never be noticed."""
         values = [getattr(one.faults[fault], name) for fault in faults]
         return plain("never" if None in values else pattern.format(max(values)), "red" if one.unseen else "")

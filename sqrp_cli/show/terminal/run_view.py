@@ -17,8 +17,8 @@ from sqrp_cli.run.record.events import Event, ShownAtom, listed
 from sqrp_cli.run.record.report import Confusion, Disagreement, Prediction, RunReport, SweepDocument
 from sqrp_cli.show.sentences import short_times
 from sqrp_cli.show.terminal.console import (
-    Cell,
     Column,
+    TableCell,
     fits,
     joined,
     live,
@@ -392,9 +392,9 @@ def print_audit(found: AuditDocument) -> None:
 def _print_cameras(cameras: Mapping[str, AuditedCamera], *, written: bool) -> None:
     """A row for each camera, and what is wrong with some. written: whether a patch is, for those that have moved."""
     titles = ("images", "clock [ms]", "turned [deg]", "shifted [mm]", "off by [px]")
-    rows: list[list[Cell]] = []
+    rows: list[list[TableCell]] = []
     for name, one in cameras.items():
-        cells: list[Cell] = ["-"] * 4
+        cells: list[TableCell] = ["-"] * 4
         if one.pose is not None:
             offset, error = one.clock.offset, one.clock.error
             clock = "-" if offset is None or error is None else f"{1e3 * offset:+z.1f} ±{1e3 * error:.1f}"

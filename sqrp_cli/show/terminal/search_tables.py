@@ -12,7 +12,7 @@ from sqrp_cli.figures import AdvisedFigures
 from sqrp_cli.score.result import Scorecard, Sweep, listed
 from sqrp_cli.search.advice_result import AdviceDocument
 from sqrp_cli.search.goal import MOTION, Goal, shown_size
-from sqrp_cli.search.placing_result import PlaceDocument, in_words
+from sqrp_cli.search.placing_result import PlaceDocument, count_in_words
 from sqrp_cli.show.placement_words import placement_in_words
 from sqrp_cli.show.sentences import KIND_WORDS
 from sqrp_cli.show.terminal.console import (
@@ -53,10 +53,10 @@ def print_advice(found: AdviceDocument, *, written: bool = False) -> None:
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {found.want}\n"]))
     command = _conclude(found, written=written)
     as_it_is = "Now, in its fastest way" if found.starts_fastest else "In its best way, as rank takes it"
-    say(f"{as_it_is}, it has {_figures(found.before, found.want)}.")
+    say(f"{as_it_is}, it has {_in_words(found.before, found.want)}.")
     if found.best is not None and not found.met:
         say(
-            f"The way that rank and score take meets the goal already, with {_figures(found.best, found.want)}; what "
+            f"The way that rank and score take meets the goal already, with {_in_words(found.best, found.want)}; what "
             "follows is for the motion of --ways fastest, which is planned without a look at the cameras."
         )
     if found.advice:
@@ -104,7 +104,7 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
         one = found.advice[number - 1]
         judged = " with --ways fastest" if found.ways == "fastest" else ""
         cost = "what it costs is said below" if one.worse else f"no task gets worse{judged}"
-        words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_figures(one, found.want)}"
+        words = f"{one.words[0].upper()}{one.words[1:]}: {found.candidate} then has {_in_words(one, found.want)}"
         say(f"{words}, and {cost}.")
         if one.unwritten:
             say(f"No patch: {one.unwritten}.")
@@ -113,7 +113,7 @@ def _conclude(found: AdviceDocument, *, written: bool) -> tuple[str, str] | None
     return None
 
 
-def _figures(found: AdvisedFigures, want: Goal) -> str:
+def _in_words(found: AdvisedFigures, want: Goal) -> str:
     """The figures of a candidate; how late faults are seen only where that is asked for."""
     if found.time is None:
         return "no feasible motion"
@@ -199,14 +199,14 @@ def _print_price(found: PlaceDocument) -> None:
         return
     more, dearer = len(found.cameras) - without.cameras, found.price - (without.price or 0.0)
     worse = without.objective - found.objective
-    costs = [f"{in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
+    costs = [f"{count_in_words(more)} more camera{'' if more == 1 else 's'}"] if more > 0 else []
     costs += [f"a price of {dearer:g}"] if dearer > 1e-9 else []
     costs += [f"{100 * worse:.1f} points of the {found.by} Q"] if worse > 5e-4 else []
     if costs:
-        have = f"{in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
+        have = f"{count_in_words(without.cameras)} with a {found.by} Q of {100 * without.objective:.1f} % would do"
         say(f"That costs {' and '.join(costs)}: if none could fail, {have}.")
     else:
-        say(f"That costs nothing: if none could fail, it would be {in_words(without.cameras)}, too.")
+        say(f"That costs nothing: if none could fail, it would be {count_in_words(without.cameras)}, too.")
 
 
 def print_scorecard(findings: Scorecard) -> None:
@@ -253,7 +253,7 @@ def print_scorecard(findings: Scorecard) -> None:
     if findings.results:
         say()
     if findings.results or findings.interrupted:
-        say(verdict(findings))
+        say(passed_in_words(findings))
 
 
 def print_difference(findings: Scorecard) -> None:
@@ -282,7 +282,7 @@ def print_difference(findings: Scorecard) -> None:
         say("Compared are the best ways of both versions; what changes by less than --allow is left out.")
 
 
-def verdict(findings: Scorecard) -> str:
+def passed_in_words(findings: Scorecard) -> str:
     """The sentence that ends a run."""
     total = len(findings.results) + (findings.unfinished or 0)
     of_all = f"of {total} task{'s' if total != 1 else ''}"

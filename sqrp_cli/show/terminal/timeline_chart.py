@@ -112,7 +112,6 @@ def _print_faults(found: CandidateResult) -> None:
 
 def print_comparison(found: ExplainedAll) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
-    done = [one.sampling for one in found.candidates if one.sampling is not None]
     feasible = [one for one in found.candidates if one.sampling is not None]
     longest = max((one.time or 0.0 for one in feasible), default=0.0)
     say(f"{'':{LABEL}}0{f'{longest:.1f} s':>{_width() - 1}}")
@@ -131,7 +130,7 @@ def print_comparison(found: ExplainedAll) -> None:
         say(plain(unbroken(f"{one.name} {one.does}" for one in feasible[0].primitives), "dim"))
     for one in feasible:
         say(f"\n{one.name}: {one.verdict}")
-    if done:
+    if done := [one.sampling for one in feasible if one.sampling is not None]:
         error = max((one.error for one in done if one.error is not None), default=None)
         gap = max((one.max_gap for one in done if one.max_gap is not None), default=None)
         say(plain(f"\n{accuracy(replace(done[0], error=error, max_gap=gap), feasible)}", "dim"))
