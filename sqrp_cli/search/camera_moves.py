@@ -73,7 +73,7 @@ class CameraMove:
         """What the camera must see; sharper with each change that does not do."""
         question, name = self.start.question, self.camera.name
         index = next((n for n, known in enumerate(question.cell.workspace.cameras) if known == name), None)
-        return CameraBound(question.cell, self.start.about, question.goal, index)
+        return CameraBound(question.cell, self.start.goal_steps, question.goal, index)
 
     @cached_property
     def aim(self) -> Aim:
@@ -175,7 +175,7 @@ class CameraMove:
             return False
         if goal.only_events:
             observer = change.in_cell(question.cell).observer
-            timelines = [observe(step, observer, question.sampling, full=False) for step in self.start.about]
+            timelines = [observe(step, observer, question.sampling, full=False) for step in self.start.goal_steps]
             quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.request.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
         else:

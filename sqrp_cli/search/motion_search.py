@@ -30,19 +30,19 @@ MOST_TOGETHER = 12
 def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
     """The fastest of all ways that meet the goal; of several steps, of combinations of their Pareto-optimal ways."""
     best, goal = question.best, question.goal
-    about = question.world, question.sampling
+    cell, world, sampling = question.cell, question.world, question.sampling
     if not best.feasible or not (best.ways or best.candidate.steps):
         return NoneMeets(f"none can be done: {'; '.join(best.reasons[:1])}")
     if best.candidate.steps:
         ways: Iterable[WholeAnalysis] = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
     else:
         limit = TimeLimit(inf if goal.time is None else goal.time)
-        cell, plans = question.cell, question.plans
-        found = studied_ways(cell, best.candidate, *about, limit=limit, worth=goal.may_be_met, plans=plans)
+        plans = question.plans
+        found = studied_ways(cell, best.candidate, world, sampling, limit=limit, worth=goal.may_be_met, plans=plans)
         ways = (WholeAnalysis(one.candidate, (one,)) for one in found)
     if best.ways is not None and best.ways.pareto:  # to be compared: some may take too long, or be seen too badly
         named = [best.way, *(with_way(best.candidate, figures) for figures in best.ways.pareto[1:])]
-        known = (whole_study(question.cell, way, *about, full=False) for way in named)
+        known = (whole_study(cell, way, world, sampling, full=False) for way in named)
         ways = chain(ways, (one for one in known if isinstance(one, WholeAnalysis)))
     near: list[Tried] = []
     for one in ways:

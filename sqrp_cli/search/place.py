@@ -94,10 +94,10 @@ class CameraPlacer:
 
     def place(self) -> PlaceDocument:
         """The best cameras for the tasks, with the fastest way of each candidate where no other can do better."""
-        found = self._place()
-        gap = found.bound - found.objective
-        found = replace(found, gap=gap if gap > ROUNDED else 0.0)
-        return replace(found, proof=proof_in_words(found, fastest=self.question.fastest))
+        document = self._place()
+        gap = document.bound - document.objective
+        document = replace(document, gap=gap if gap > ROUNDED else 0.0)
+        return replace(document, proof=proof_in_words(document, fastest=self.question.fastest))
 
     def _place(self) -> PlaceDocument:
         table, wanted = self.table, self.question.requirements
@@ -119,7 +119,7 @@ class CameraPlacer:
             and len(found.selection.options) <= wanted.at_least(len(table.kept))
         )
         if any(table.others) and not (self._stopped or monotonic() >= self._until or best_in_all):
-            table.judge(others=True)
+            table.judge(all_ways=True)
             found = self._search(wanted, known=found.selection)
         if found.selection is None and goal is not None and not self._stopped:
             if found.proven and wanted.most is not None:
@@ -173,9 +173,9 @@ class CameraPlacer:
                 grown, settled = table.add_hiding(selection), False
                 if grown:
                     break
-                value, found, late = self._exact(wanted, selection)
+                value, watched, late = self._exact(wanted, selection)
                 table.late |= late
-                seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in found)
+                seen = goal is None or all(replace(goal, delay=None).met(one.without_delays) for one in watched)
                 good = seen and not late
                 settled = good and problem.worth(wanted, selection)[0] - value <= ROUNDED
                 if settled or (good and (best is None or value > best.value)):
@@ -183,12 +183,12 @@ class CameraPlacer:
                         problem=problem,
                         requirements=wanted,
                         selection=selection,
-                        watched=found,
+                        watched=watched,
                         value=value,
                         fewest=program.fewest,
                     )
                 if not settled:
-                    added = [table.add_samples(*one) for one in zip(selection.ways, found, strict=True)]
+                    added = [table.add_samples(*one) for one in zip(selection.ways, watched, strict=True)]
                     grown = bool(late) or any(added)
                     break
             over = self._stopped or monotonic() >= self._until or number == rounds or not grown
@@ -204,14 +204,14 @@ class CameraPlacer:
         """The quality that counts first of a selection, its ways as they are seen, and those that are too late."""
         table, goal, late = self.table, wanted.goal, set[Late]()
         cameras = [table.camera_at(option) for option in (*selection.options, *table.kept)]
-        found = table.watched(cameras, selection.ways, wanted.failure_tolerance)
+        watched = table.watched(cameras, selection.ways, wanted.failure_tolerance)
         if goal is not None and goal.delay is not None:
             only = Goal(delay=goal.delay)
-            exact = with_delays(table.cell_with(cameras), found, self.question.sampling)
+            exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
             late = {(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
-        value = wanted.value([_BOTH(one.without_delays) for one in found], table.weights)
-        return value, found, late
+        value = wanted.value([_BOTH(one.without_delays) for one in watched], table.weights)
+        return value, watched, late
 
     def _unless_stopped(self, step: Callable[[], Found], otherwise: Found) -> Found:
         """What a further step finds; something else after Ctrl-C, and if it comes now: what was chosen is not lost."""
@@ -227,9 +227,9 @@ class CameraPlacer:
         """The chosen cameras with all that is said of them. blind: whether none would see anything that counts."""
         table, problem, selection = self.table, result.problem, result.selection
         wanted, stay = self.question.requirements, [table.camera_at(option) for option in table.kept]
-        found: dict[str, Any] = {"proven": result.proven, "objective": result.value, "bound": result.bound}
-        found["fewest"] = result.fewest if result.requirements.goal is not None else None
-        found["met"] = selection is not None and not table.too_slow
+        fields: dict[str, Any] = {"proven": result.proven, "objective": result.value, "bound": result.bound}
+        fields["fewest"] = result.fewest if result.requirements.goal is not None else None
+        fields["met"] = selection is not None and not table.too_slow
         if selection is None:
             firsts = [of_one[0] for of_one in table.candidates]
             cell = table.cell_with(stay)
@@ -239,7 +239,7 @@ class CameraPlacer:
                 about = {"task": way.task, "candidate": way.candidate.name, "found": one.assessment("")}
                 unseen.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
             why = obstacle(problem, wanted, blind=blind) if result.proven or blind else ""
-            return self._document(problem, **found, reason=why, candidates=unseen, cell=cell)
+            return self._document(problem, **fields, reason=why, candidates=unseen, cell=cell)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
@@ -249,7 +249,7 @@ class CameraPlacer:
                 lambda: self._refined(result, selection, cameras, stay, studies), (cameras, studies)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
-        found |= {
+        fields |= {
             "cameras": cameras,
             "candidates": self._placed_candidates(cell, problem, selection, studies),
             "cell": cell,
@@ -260,15 +260,15 @@ class CameraPlacer:
             less = self._unless_stopped(lambda: self._search(aside, rounds=ROUNDS_ASIDE, first_only=True), None)
             if less is not None and not self._stopped:
                 bound = max(less.value, less.bound)
-                found["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
+                fields["fewer"] = Alternative(cameras=fewer, objective=less.value, bound=bound)
         if spare:
             plain = replace(wanted, failure_tolerance=0)
             cheaper = self._unless_stopped(lambda: self._search(plain, rounds=ROUNDS_ASIDE), None)
             if cheaper is not None and cheaper.selection is not None:
                 options = cheaper.selection.options
                 price = float(cheaper.problem.price[list(options)].sum())
-                found["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
-        return self._document(problem, **found)
+                fields["without_spare"] = Alternative(cameras=len(options), price=price, objective=cheaper.value)
+        return self._document(problem, **fields)
 
     def _document(
         self,
@@ -277,7 +277,7 @@ class CameraPlacer:
         cameras: Sequence[CameraPlaced] = (),
         candidates: Sequence[PlacedCandidate] = (),
         cell: Cell | None = None,
-        **found: Any,  # noqa: ANN401 - of the fields of a document
+        **fields: Any,  # noqa: ANN401 - of the fields of a document
     ) -> PlaceDocument:
         """What is found. problem: the last one; None where no candidate can be done. cell: with the cameras."""
         question, table, wanted = self.question, self.table, self.question.requirements
@@ -324,7 +324,7 @@ class CameraPlacer:
             impossible=tuple(table.infeasible),
             seen=seen,
             shut=shut,
-            **found,
+            **fields,
         )
 
     def _cameras(self, result: SolveResult, selection: Selection) -> tuple[CameraPlaced, ...]:
@@ -377,14 +377,14 @@ class CameraPlacer:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
         question, table, placed = self.question, self.table, list[PlacedCandidate]()
         places = [table.spots[problem.site[option]] for option in selection.options]
-        for number, found in zip(selection.ways, studies, strict=True):
-            way, old, taken = table.ways[number], found.assessment(""), None
+        for number, study in zip(selection.ways, studies, strict=True):
+            way, old, taken = table.ways[number], study.assessment(""), None
             if not question.fastest:
                 all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (old.q_eoi, old.q_avg))
                 # Where all is seen no way that takes longer is better.
-                limit = TimeLimit(found.motion.time + _SAME_TIME) if all_seen and not way.candidate.open_paths else None
-                wanted = WantedWay(limit=limit)
-                taken = find_way(cell, way.candidate, question.world, question.sampling, wanted, table.plans)
+                limit = TimeLimit(study.motion.time + _SAME_TIME) if all_seen and not way.candidate.open_paths else None
+                asked = WantedWay(limit=limit)
+                taken = find_way(cell, way.candidate, question.world, question.sampling, asked, table.plans)
             ranked = taken.assessment if isinstance(taken, BestWay) else None
             if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
                 new = taken.assessment
@@ -395,9 +395,9 @@ class CameraPlacer:
                 if places and taken.study.motion is not way.planned.motion:
                     other = judged_way(question.cell, way.task, way.candidate, taken.study)
                     swept = bool(blocked(question.cell, other.swept, places).any())
-                found = found if worse or late or swept else taken.study
-            named = with_branch(question.cell, way.planned) if question.fastest else found.candidate
-            figures = replace(found.assessment(""), candidate=way.candidate, best_way=named)
+                study = study if worse or late or swept else taken.study
+            named = with_branch(question.cell, way.planned) if question.fastest else study.candidate
+            figures = replace(study.assessment(""), candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
             about = {"task": way.task, "candidate": way.candidate.name, "found": figures}

@@ -57,7 +57,7 @@ class Requirements:
 class FaultIntervals(NamedTuple):
     """The intervals of a way in which images may show a fault that happens in one interval of its formula."""
 
-    first: Array  # when a fault may happen that is the last to be seen: where intervals begin, shape (f,) [s]
+    first: Array  # the times at which a fault has longest to wait: where its interval or one of these begins, (f,) [s]
     begin: Array  # of the intervals that may show it, in order, shape (i,) [s]
     end: Array  # shape (i,) [s]
     rows: tuple[tuple[tuple[int, ...] | None, ...], ...]

@@ -199,7 +199,7 @@ class Start:
         return self.analysis
 
     @cached_property
-    def about(self) -> tuple[Analysis, ...]:
+    def goal_steps(self) -> tuple[Analysis, ...]:
         """The parts of its steps that the goal is about: the events of interest where that is all, else the whole.
 
         Those take a fraction of the whole motion's time.
@@ -223,7 +223,8 @@ class Start:
     def tasks(self) -> list[tuple[str, list[AnalysedWay]]]:
         """The tasks that a change of the cell may affect, with their ways as they are now."""
         asked = self.question
-        about, listed = (asked.world, asked.sampling), asked.listed()
-        return [
-            (text, [(way, whole_study(asked.cell, way, *about, full=False)) for way in ways]) for text, ways in listed
-        ]
+        found = list[tuple[str, list[AnalysedWay]]]()
+        for text, ways in asked.listed():
+            each = (whole_study(asked.cell, way, asked.world, asked.sampling, full=False) for way in ways)
+            found.append((text, list(zip(ways, each, strict=True))))
+        return found

@@ -130,12 +130,12 @@ class VisibilityTable:
             one: self.spots[other].name for one, other in touching_pairs(self.spots) if one < mounted <= other
         }
 
-    def judge(self, *, others: bool = False) -> None:
+    def judge(self, *, all_ways: bool = False) -> None:
         """Find out what is seen of the ways that nobody has looked at, and which sites are in their way.
 
-        others: let other ways be chosen, too.
+        all_ways: let all ways of the candidates be chosen, no longer only the first of each.
         """
-        for number, more in enumerate(self.others if others else ()):
+        for number, more in enumerate(self.others if all_ways else ()):
             first = self.ways[self.candidates[number][0]]
             self.candidates[number] += tuple(range(len(self.ways), len(self.ways) + len(more)))
             self.ways += [judged_way(self.question.cell, first.task, first.candidate, planned) for planned in more]

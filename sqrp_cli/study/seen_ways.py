@@ -78,7 +78,7 @@ def move_searches(cell: Cell, planned: PlannedMotion, names: Collection[str], sp
             longest=direct.duration + spare,
             seed=seed,
         )
-        seed += 1000
+        seed += 1000  # a search takes the next one for each evolution that it begins: moves have no draws in common
 
 
 def blind_ends(analysis: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
