@@ -21,6 +21,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose, tr
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.search.aiming import CAMERA_RADIUS, touched
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, half_extents, shrunk
 from sqrp_cli.sight.observer import Observer
@@ -178,8 +179,8 @@ def blind_cameras_on_links(cell: Cell) -> Iterator[Problem]:
             assert item.X_WO is not None  # noqa: S101 - shown objects have a pose
             for yaw in np.radians([0, 90, 180, 270]):
                 X_WT = item.X_WO @ side_pose(item.size, "+z") @ pose(axis_rotation(2, yaw), (0.0, 0.0, -0.1))
-                reached = known_solutions(model, X_WT, cell.seed, 1).solutions
-                poses.extend(model.link_poses(reached)[camera.frame] if len(reached) else ())
+                reached = known_solutions(model, X_WT, cell.seed, 1)
+                poses.extend(() if isinstance(reached, Unreachable) else model.link_poses(reached)[camera.frame])
         if (moves and len(poses) == 1) or any(sees_any(camera, X_WF @ camera.X_FC, points) for X_WF in poses):
             continue  # of an arm that reaches none of these places, home alone says nothing
         when = "at home, nor with the tool 10 cm before the top of an object" if moves else f"from `{camera.frame}`"

@@ -27,8 +27,9 @@ from sqrp_cli.motion.tool_path import (
 )
 from sqrp_cli.records import dataclass
 from sqrp_cli.robot.branches import branch_words, chosen_branches
-from sqrp_cli.robot.inverse_kinematics import IkResult, known_solutions
+from sqrp_cli.robot.inverse_kinematics import known_solutions
 from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.reach import Unreachable
 from sqrp_cli.skill.settings import MotionValue
 from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
@@ -91,8 +92,8 @@ class MotionProblem:
         furthest_first = sorted(self.failures, key=lambda failure: -failure[0])
         return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
 
-    def solutions(self, X_WT: Array) -> IkResult:
-        """The joint positions that bring the tool frame to a pose, shape (4, 4)."""
+    def solutions(self, X_WT: Array) -> Array | Unreachable:
+        """The joint positions that bring the tool frame to a pose, shape (4, 4), or why there are none."""
         return known_solutions(self.model, X_WT, self.seed, self.redundancy_samples)
 
     @cached_property
@@ -106,9 +107,11 @@ class MotionProblem:
         if move is None or move.home or not move.free:
             return ({},)
         # The words for what the move leaves free, or the numbers of solutions where these do not decide.
-        words = branch_words(self.model, self.solutions(move.X_end).solutions)
-        sensible = {name for found in words for name in found} & set(move.free)
-        named = [{move.free[name]: word for name, word in found.items() if name in sensible} for found in words]
+        if isinstance(found := self.solutions(move.X_end), Unreachable):
+            return ()
+        words = branch_words(self.model, found)
+        sensible = {name for of_one in words for name in of_one} & set(move.free)
+        named = [{move.free[name]: word for name, word in of_one.items() if name in sensible} for of_one in words]
         return [
             names if sensible and len(names) == len(sensible) else {f"{move.name}.solution": float(number)}
             for number, names in enumerate(named)
@@ -118,9 +121,9 @@ class MotionProblem:
         """The feasible ways through a section, free of contacts at the end of its joint move; None if there is none."""
         begun, names, branches = self._branches(section), self.names(section), list[tuple[_Begun, Array, Names]]()
         for branch, turns in zip(begun, self._turns(section, begun) if begun else (), strict=True):
-            name = names[0]
-            if len(names) > 1 and section.move is not None:
-                name = names[int((self.solutions(section.move.X_end).solutions == branch[0]).all(axis=1).argmax())]
+            name, move = names[0], section.move
+            if len(names) > 1 and move and isinstance(ends := self.solutions(move.X_end), np.ndarray):
+                name = names[int((ends == branch[0]).all(axis=1).argmax())]
             if len(turns):
                 branches.append((branch, turns, name))
         if not branches:
@@ -145,14 +148,15 @@ class MotionProblem:
         move, index = section.move, section.first - 1
         if move is None or move.home:
             ends = (self.q_start if move is None else self.model.home)[None]
+        elif isinstance(found := self.solutions(move.X_end), Unreachable):
+            self.out_of_reach = True
+            self.failures.append((index, f"{move.name} to `{move.to}`: {found}"))
+            return []
         else:
-            found = self.solutions(move.X_end)
-            ends = found.solutions[chosen_branches(self.model, found.solutions, move.branches)]
-            self.out_of_reach |= not len(found.solutions)
+            ends = found[chosen_branches(self.model, found, move.branches)]
             if not len(ends):
                 wanted = ", ".join(f"{name} {word}" for name, word in move.branches.items())
-                reason = found.reason or f"cannot be reached with {wanted}"
-                self.failures.append((index, f"{move.name} to `{move.to}`: {reason}"))
+                self.failures.append((index, f"{move.name} to `{move.to}`: cannot be reached with {wanted}"))
         if move is not None and len(ends):
             contacts = self.scenes[index].check_all(ends)
             for contact in filter(None, contacts):
@@ -187,8 +191,8 @@ class MotionProblem:
         for primitive in section.tied if len(ends) and not begun else ():
             for curve in primitive.curves:  # that the end of a line is out of reach is the most useful reason
                 reached = self.solutions(curve.X_end)
-                if not len(reached.solutions):
-                    self.failures.append((len(self.scenes), f"{primitive.name} to `{primitive.to}`: {reached.reason}"))
+                if isinstance(reached, Unreachable):
+                    self.failures.append((len(self.scenes), f"{primitive.name} to `{primitive.to}`: {reached}"))
         return begun
 
     def follow(

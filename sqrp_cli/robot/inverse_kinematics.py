@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from sqrp_cli.geometry import Array, Mask, inverse, read_only
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.kinematics import RobotModel
 from sqrp_cli.robot.reach import (
     FOLLOWED,
@@ -83,23 +82,11 @@ NEAR_SEED = 2e-2
 NOMINAL_OFFSET = 2e-3  # offsets between the axes of a calibrated arm below this count as zero [m]
 
 
-@dataclass(frozen=True, eq=False)
-class IkResult:
-    """Joint positions that bring the tool frame to a pose."""
-
-    solutions: Array
-    """One per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m].
-
-    Some may be within the limits again with whole turns added.
-    """
-    reason: Unreachable | None  # why there is no solution; None if there are some
-
-
-_known: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], IkResult]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[RobotModel, dict[tuple[bytes, int, int], Array | Unreachable]] = WeakKeyDictionary()
 """Results of robots still in use, the oldest first."""
 
 
-def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> IkResult:
+def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> Array | Unreachable:
     """The result of `all_solutions` for a pose X_WT, shape (4, 4), which is kept; read-only."""
     known, asked = _known.setdefault(model, {}), (X_WT.tobytes(), seed, redundancy_samples)
     if asked not in known:
@@ -111,9 +98,11 @@ def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_sample
 
 def all_solutions(
     model: RobotModel, X_WT: Array, seed: int = 0, redundancy_samples: int = REDUNDANCY_SAMPLES
-) -> IkResult:
-    """All branches that bring the tool frame to X_WT, shape (4, 4), within the joints' limits.
+) -> Array | Unreachable:
+    """Joint positions that bring the tool frame to X_WT, shape (4, 4), or why there are none.
 
+    One per branch, within the joints' limits, in lexicographic order, shape (k, n), k >= 1 [rad or m]. Some may be
+    within the limits again with whole turns added.
     Up to six joints: every isolated solution. Where the arm is singular and a curve of positions gives the same pose,
     its points nearest to home. At most `MOST_BRANCHES`.
     More than six joints: the branches with the redundant ones (`held_joints`) held at `redundancy_samples` positions:
@@ -123,7 +112,7 @@ def all_solutions(
     the arm can turn it, which must be within the model's `angle_tolerance` of the pose; see `misses`.
     """
     if beyond_reach(model, X_WT) > 0.0:
-        return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
+        return why_unreachable(model, X_WT)
     redundant = len(model.arm) > AXES_OF_A_POSE
     branches = _held_branches(model, X_WT, seed, redundancy_samples) if redundant else _branches(model, X_WT)
     inside = _within_limits(model, branches)
@@ -139,10 +128,10 @@ def all_solutions(
             inside = _at_limits(model, X_WT, found)
         if not redundant:
             break
-    if len(inside):
-        # In lexicographic order, in which values that differ only by rounding count as equal.
-        return IkResult(read_only(inside[np.lexsort(np.round(inside, 6).T[::-1])]), None)
-    return IkResult(read_only(inside), why_unreachable(model, X_WT, branches))
+    if not len(inside):
+        return why_unreachable(model, X_WT, branches)
+    # In lexicographic order, in which values that differ only by rounding count as equal.
+    return read_only(inside[np.lexsort(np.round(inside, 6).T[::-1])])
 
 
 def _held_branches(model: RobotModel, X_WT: Array, seed: int, count: int) -> Array:

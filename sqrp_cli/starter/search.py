@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, axis_rotation, cross, inverse, pose, transf
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.robot.reach import descend, halton, spread_starts
+from sqrp_cli.robot.reach import Unreachable, descend, halton, spread_starts
 from sqrp_cli.sight.solids import load_solids
 from sqrp_cli.starter.arm_guess import LEAST_SWING, ArmGuess
 from sqrp_cli.starter.layout import TASK, Cube, Layout, Point
@@ -177,7 +177,8 @@ def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout |
     model, tried, first = cell.model, 0, ""
     for X_WT, direction in _homes(model, reach, layout.directions, pose(position=(0.0, 0.0, layout.lift)) @ down):
         found = all_solutions(model, X_WT)
-        q = np.where(model.turns, np.radians(np.round(np.degrees(found.solutions))), np.round(found.solutions, 3))
+        q = np.empty((0, len(model.arm))) if isinstance(found, Unreachable) else found
+        q = np.where(model.turns, np.radians(np.round(np.degrees(q))), np.round(q, 3))
         q = q[((q >= model.lower) & (q <= model.upper)).all(axis=1)]
         contacts = cell.collision.placed(cell.initial_world).check_all(q) if len(q) else ()
         free = [one for one, contact in zip(q, contacts, strict=True) if contact is None]
@@ -187,7 +188,7 @@ def find_home(cell: Cell, reach: float, layout: Layout, down: Array) -> Layout |
             best = free[int(np.argmax(ease))]
             return replace(layout, home=dict(zip(model.arm, best.tolist(), strict=True)), directions=(direction,))
         tried += 1
-        reason = found.reason if found.reason is not None else next(iter(contacts), "at a limit")
+        reason = found if isinstance(found, Unreachable) else next(iter(contacts), "at a limit")
         far = float(np.linalg.norm(X_WT[:2, 3] - shoulder_of(model)[:2]))
         first = first or f"pointing down {far:.2f} m from the base and {X_WT[2, 3]:.2f} m above the table: {reason}"
     return Infeasible((f"none of {tried} home positions is possible; the first, {first}",))
@@ -258,7 +259,7 @@ def cube_places(model: RobotModel, reach: float, layout: Layout, down: Array | N
             chosen.append(place)
             x, y = place.tolist()
             turn, above = 0.0, pose(position=(0.0, 0.0, 0.5 * size)) @ X_WT
-            if len(model.arm) < FREE_TURN and all_solutions(model, above).reason is not None:
+            if len(model.arm) < FREE_TURN and isinstance(all_solutions(model, above), Unreachable):
                 R = as_arm_turns(model, above)[:3, :3] @ X_WT[:3, :3].T
                 turn = float(np.arctan2(R[1, 0], R[0, 0]))
             yield Cube(f"c{len(chosen)}", "green", (x, y, 0.5 * size), turn)

@@ -167,7 +167,7 @@ def test_it_is_the_fastest_of_all_feasible_branches(cell):
     carried, carried_home = cell.scene.placed(held, touched), cell.scene.placed(held)
     turns = [np.array(t) * 2 * np.pi for t in product((-1, 0, 1), repeat=6)]
     times = []
-    for q in all_solutions(model, X_above).solutions:
+    for q in all_solutions(model, X_above):
         for turn in turns:
             start = q + turn
             if (start < model.lower).any() or (start > model.upper).any():

@@ -100,7 +100,7 @@ def test_a_joint_limit_on_the_way_is_named_with_the_distance(ur5):
 def test_branches_followed_at_once_are_each_as_alone(ur5, shift, some_are_stuck):
     X = ur5.tool_pose(READY)
     line = tool_line(X, pose(X[:3, :3], X[:3, 3] + shift))
-    q0 = all_solutions(ur5, X).solutions
+    q0 = all_solutions(ur5, X)
     assert len(q0) > 4
     together = follow(ur5, q0, line)
     for q, path in zip(q0, together, strict=True):

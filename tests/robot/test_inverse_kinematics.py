@@ -16,6 +16,7 @@ from sqrp_cli.robot import inverse_kinematics
 from sqrp_cli.robot.branches import WORDS, chosen_branches
 from sqrp_cli.robot.inverse_kinematics import all_solutions
 from sqrp_cli.robot.kinematics import RobotModel
+from sqrp_cli.robot.reach import Unreachable
 from tests.motion.test_tool_curves import straight_line
 from tests.task.robots import (
     FEW_AXES,
@@ -64,7 +65,7 @@ def reachable_poses(model: RobotModel, count: int, seed: int) -> list[tuple[Arra
 def test_solutions_are_true_and_hold_the_one_that_made_the_pose(name):
     model = real_arm(name)
     for q, X_WT in reachable_poses(model, 25, seed=0):
-        solutions = all_solutions(model, X_WT).solutions
+        solutions = all_solutions(model, X_WT)
         assert_true(model, X_WT, solutions)
         assert angles_between(solutions, q).min() < 1e-6
 
@@ -73,17 +74,17 @@ def test_solutions_are_true_and_hold_the_one_that_made_the_pose(name):
 def test_a_search_finds_the_branches_of_the_closed_form(name, count, request):
     model = real_arm(name)
     poses = [X_WT for _, X_WT in reachable_poses(model, count, seed=1)]
-    expected = [all_solutions(model, X_WT).solutions for X_WT in poses]
+    expected = [all_solutions(model, X_WT) for X_WT in poses]
     request.getfixturevalue("no_closed_form")
     for X_WT, solutions in zip(poses, expected, strict=True):
-        np.testing.assert_allclose(all_solutions(model, X_WT).solutions, solutions, atol=1e-6)
+        np.testing.assert_allclose(all_solutions(model, X_WT), solutions, atol=1e-6)
 
 
 def test_brute_force_finds_no_further_branch():
     model = real_arm("ur5")
     rng = np.random.default_rng(2)
     for _, X_WT in reachable_poses(model, 3, seed=3):
-        known = all_solutions(model, X_WT).solutions
+        known = all_solutions(model, X_WT)
         for q in rng.uniform(-np.pi, np.pi, (150, 6)):
             found = plain_newton(model, q, X_WT)
             assert found is None or angles_between(known, found).min() < 1e-6
@@ -106,7 +107,7 @@ def plain_newton(model: RobotModel, q: Array, X_WT: Array) -> Array | None:
 def test_an_arm_with_a_spherical_wrist_has_its_eight_branches(tmp_path):
     model = RobotModel.load(robot(spherical_wrist_arm(tmp_path, 0.5, 0.4), "tip"))
     X_WT = model.tool_pose(np.array([0.3, 0.6, 0.9, 0.4, 0.8, -0.5]))
-    solutions = all_solutions(model, X_WT).solutions
+    solutions = all_solutions(model, X_WT)
     assert len(solutions) == 8
     assert_true(model, X_WT, solutions)
 
@@ -116,8 +117,8 @@ def test_a_moved_base_changes_no_solution():
     urdf, frame = REAL_ARMS["ur5"]
     still, moved = real_arm("ur5"), RobotModel.load(robot(ROBOTS / urdf, frame, X_WB=X_WB))
     for _, X_BT in reachable_poses(still, 5, seed=4):
-        expected = all_solutions(still, X_BT).solutions
-        np.testing.assert_allclose(all_solutions(moved, X_WB @ X_BT).solutions, expected, atol=1e-9)
+        expected = all_solutions(still, X_BT)
+        np.testing.assert_allclose(all_solutions(moved, X_WB @ X_BT), expected, atol=1e-9)
 
 
 def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, request):
@@ -131,17 +132,17 @@ def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, request):
     model = RobotModel.load(robot(tmp_path / "calibrated.urdf", "tool0"))
     X_WT = model.tool_pose(np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2]))
     assert len(inverse_kinematics.approximate_solutions(model, X_WT)) == 8
-    expected = all_solutions(model, X_WT).solutions
+    expected = all_solutions(model, X_WT)
     assert_true(model, X_WT, expected)
     assert len(expected) == 8
     request.getfixturevalue("no_closed_form")
-    np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
+    np.testing.assert_allclose(all_solutions(model, X_WT), expected, atol=1e-6)
 
 
 def test_a_singular_pose_gives_the_points_nearest_home_and_few():
     model = real_arm("ur5")
     X_WT = model.tool_pose(np.array([0.3, -1.0, 1.2, 0.4, 0.0, 0.5]))
-    solutions = all_solutions(model, X_WT).solutions
+    solutions = all_solutions(model, X_WT)
     assert_true(model, X_WT, solutions)
     assert 4 <= len(solutions) <= 12
     singular = solutions[np.abs(solutions[:, 4]) < 1e-6]
@@ -155,12 +156,12 @@ def test_limits_take_branches_away_and_whole_turns_bring_them_back():
     urdf, frame = REAL_ARMS["ur5"]
     free = real_arm("ur5")
     X_WT = free.tool_pose(np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2]))
-    everything = all_solutions(free, X_WT).solutions
+    everything = all_solutions(free, X_WT)
     narrow = RobotModel.load(robot(ROBOTS / urdf, frame, limits={"elbow_joint": (0.0, np.pi)}))
     expected = everything[everything[:, 2] >= 0.0]
-    np.testing.assert_allclose(all_solutions(narrow, X_WT).solutions, expected, atol=1e-9)
+    np.testing.assert_allclose(all_solutions(narrow, X_WT), expected, atol=1e-9)
     turned = RobotModel.load(robot(ROBOTS / urdf, frame, limits={"shoulder_pan_joint": (np.pi, 3 * np.pi)}))
-    solutions = all_solutions(turned, X_WT).solutions
+    solutions = all_solutions(turned, X_WT)
     assert len(solutions) == len(everything)
     assert_true(turned, X_WT, solutions)
 
@@ -172,7 +173,7 @@ def test_nothing_depends_on_the_global_random_state():
     results = []
     for seed in (1, 2):
         np.random.seed(seed)  # noqa: NPY002
-        results.append(all_solutions(model, X_WT).solutions)
+        results.append(all_solutions(model, X_WT))
     np.testing.assert_array_equal(*results)
 
 
@@ -181,12 +182,12 @@ def test_a_seven_axis_arm_is_solved_at_stated_positions_of_one_joint(name):
     model = real_arm(name)
     (held,) = inverse_kinematics.held_joints(model)
     for _, X_WT in reachable_poses(model, 4, seed=6):
-        solutions = all_solutions(model, X_WT).solutions
+        solutions = all_solutions(model, X_WT)
         assert len(solutions) > 0
         assert_true(model, X_WT, solutions)
         positions = np.unique(np.round(np.mod(solutions[:, held] + np.pi, 2 * np.pi), 6))
         assert len(positions) <= inverse_kinematics.REDUNDANCY_SAMPLES
-    other = all_solutions(model, X_WT, seed=1).solutions
+    other = all_solutions(model, X_WT, seed=1)
     assert_true(model, X_WT, other)
     assert other.shape != solutions.shape or np.abs(other - solutions).max() > 1e-3
 
@@ -199,7 +200,7 @@ def test_arms_with_sliding_joints_are_solved(tmp_path):
         ("d", "l3", "tip", "continuous", "0 0 0", "0 0 1"),
     )  # fmt: skip
     X_WT = model.tool_pose(np.array([0.4, 1.1, 0.3, -0.7]))
-    solutions = all_solutions(model, X_WT).solutions
+    solutions = all_solutions(model, X_WT)
     assert_true(model, X_WT, solutions)
     expected = [
         [0.4, 1.1, 0.3, -0.7],
@@ -218,13 +219,13 @@ def test_joints_without_limits_are_solved_without_a_warning(tmp_path, joints, se
     model = small_arm(tmp_path, f"l{joints}", *chain)
     q = np.random.default_rng(seed).uniform(-2, 2, joints)
     X_WT = model.tool_pose(q)
-    found = all_solutions(model, X_WT, seed).solutions
+    found = all_solutions(model, X_WT, seed)
     assert len(found)
     for solution in found:
         np.testing.assert_allclose(model.tool_pose(solution), X_WT, atol=1e-9)
     too_far = all_solutions(model, pose(position=[9.0, 0, 0]), seed)
-    assert too_far.reason.why == "too far"
-    assert not len(too_far.solutions)
+    assert isinstance(too_far, Unreachable)
+    assert too_far.why == "too far"
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
@@ -242,7 +243,7 @@ def test_closed_forms_of_a_seven_axis_arm_are_all_that_a_search_finds_at_the_sam
 def test_an_arm_of_which_the_closed_form_takes_parallel_axes_for_crossing_ones_is_searched():
     model = RobotModel.load(robot(ROBOTS / "tiago_description/robots/tiago.urdf", "arm_tool_link"))
     ((_, X_WT),) = reachable_poses(model, 1, seed=0)
-    solutions = all_solutions(model, X_WT).solutions
+    solutions = all_solutions(model, X_WT)
     assert len(solutions)
     assert_true(model, X_WT, solutions)
 
@@ -251,7 +252,7 @@ DOWN = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.2))
 
 
 def test_each_name_halves_the_branches_of_a_ur5_and_together_they_leave_one(ur5):
-    q = all_solutions(ur5, DOWN).solutions
+    q = all_solutions(ur5, DOWN)
     assert len(q) == 8
     for name, words in WORDS.items():
         first, second = (chosen_branches(ur5, q, {name: word}) for word in words)
@@ -263,7 +264,7 @@ def test_each_name_halves_the_branches_of_a_ur5_and_together_they_leave_one(ur5)
 
 def test_elbow_and_wrist_of_a_ur5_go_by_the_signs_of_its_joints(ur5):
     """Reaching forward, its elbow is up where joint 3 is positive; the wrist as at home where joint 5 is negative."""
-    q = all_solutions(ur5, DOWN).solutions
+    q = all_solutions(ur5, DOWN)
     forward = chosen_branches(ur5, q, {"shoulder": "left"})
     up = chosen_branches(ur5, q, {"elbow": "up"})
     assert (up[forward] == (q[forward, 2] > 0)).all()
@@ -272,7 +273,7 @@ def test_elbow_and_wrist_of_a_ur5_go_by_the_signs_of_its_joints(ur5):
 
 
 def test_an_elbow_that_is_up_is_higher(ur5):
-    q = all_solutions(ur5, DOWN).solutions
+    q = all_solutions(ur5, DOWN)
     for others in product(*[*WORDS.values()][1:]):
         rows = [chosen_branches(ur5, q, dict(zip(WORDS, (elbow, *others), strict=True))) for elbow in ("up", "down")]
         up, down = (ur5.joint_origins(q[row][0])[2, 2] for row in rows)
@@ -310,11 +311,11 @@ def test_a_pose_of_the_exact_arm_is_taken_by_the_rounded_one_within_the_toleranc
     """The rounded arm cannot take it exactly; its solutions put the origin there, turned as far as it goes."""
     X_WT = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
     exact = all_solutions(arm(name, tmp_path, BY, 0.0), X_WT)
-    assert not len(exact.solutions)
+    assert isinstance(exact, Unreachable)
     model = arm(name, tmp_path, BY, TOLERANCE)
     found = all_solutions(model, X_WT)
-    assert np.abs(found.solutions - READY[name]).max(axis=1).min() < 0.05
-    for q in found.solutions:
+    assert np.abs(found - READY[name]).max(axis=1).min() < 0.05
+    for q in found:
         reached = model.tool_pose(q)
         np.testing.assert_allclose(reached[:3, 3], X_WT[:3, 3], atol=1e-10)
         angle = angle_between(reached, X_WT)
@@ -336,7 +337,7 @@ def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name, tmp_pa
     model = arm(name, tmp_path, BY, TOLERANCE)
     start = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
     line = tool_line(start, pose(position=(0.0, 0.0, -0.05)) @ start)
-    q0 = min(all_solutions(model, start).solutions, key=lambda q: float(np.abs(q - READY[name]).max()))
+    q0 = min(all_solutions(model, start), key=lambda q: float(np.abs(q - READY[name]).max()))
     path = straight_line(model, q0, line)
     assert not isinstance(path, Infeasible)
     s = np.linspace(0.0, 1.0, 200)
@@ -350,10 +351,9 @@ def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how
     model = arm("SCARA", tmp_path, 0.0, TOLERANCE)
     tilted = model.tool_pose(np.array(READY["SCARA"])) @ pose(axis_rotation(0, np.radians(0.8)))
     found = all_solutions(model, tilted)
-    assert not len(found.solutions)
-    assert found.reason is not None
-    assert found.reason.why == "wrong way round"
-    assert "0.80 deg at best" in str(found.reason)
+    assert isinstance(found, Unreachable)
+    assert found.why == "wrong way round"
+    assert "0.80 deg at best" in str(found)
 
 
 @pytest.mark.parametrize("name", LIFTS)
@@ -368,15 +368,15 @@ def test_a_wrist_whose_limit_is_rounded_points_down_within_the_tolerance(name, y
     X_WT = beyond.tool_pose(np.array([0.6, *extended, 0.7, -0.5 * np.pi, 0.3]))
     X_WT[:3, :3] = axis_rotation(2, yaw) @ X_WT[:3, :3]
     found = all_solutions(model, X_WT)
-    assert len(found.solutions)
+    assert len(found)
     line = tool_line(X_WT, pose(position=(0.0, 0.0, -0.1)) @ X_WT)
-    for q in found.solutions:
+    for q in found:
         assert (model.lower <= q).all()
         assert (q <= model.upper).all()
         np.testing.assert_allclose(model.tool_pose(q)[:3, 3], X_WT[:3, 3], atol=1e-9)
         assert angle_between(model.tool_pose(q), X_WT) < TOLERANCE
         if name == "the arm as one joint":
             assert angle_between(model.tool_pose(q), X_WT) == pytest.approx(0.5 * np.pi - 1.57, abs=1e-6)
-    assert any(not isinstance(straight_line(model, q, line), Infeasible) for q in found.solutions)
+    assert any(not isinstance(straight_line(model, q, line), Infeasible) for q in found)
     exact = all_solutions(RobotModel.load(robot(urdf, "tip")), X_WT)
-    assert str(exact.reason) == "joint `pitch` 0.0456 deg past its limit"
+    assert str(exact) == "joint `pitch` 0.0456 deg past its limit"

@@ -41,7 +41,7 @@ def with_wrist_at(distance: float, seed: int) -> Array:
         (UPPER - FORE - 0.15, 0.15, "0.15 m too close"),
 ])  # fmt: skip
 def test_too_far_or_too_close_by_what_the_stretched_or_folded_arm_lacks(spherical, seed, distance, missing, said):
-    reason = all_solutions(spherical, with_wrist_at(distance, seed)).reason
+    reason = all_solutions(spherical, with_wrist_at(distance, seed))
     assert reason.missing == pytest.approx(missing, abs=1e-4)
     assert str(reason) == said
 
@@ -50,7 +50,7 @@ def test_too_far_or_too_close_by_what_the_stretched_or_folded_arm_lacks(spherica
 def test_a_ur5_cannot_bring_its_wrist_closer_to_its_axis_than_its_offset(away):
     """Joints 2 to 4 are parallel and 0.10915 m from the first axis where the wrist is, whatever they do."""
     X_WT = pose(rpy_to_matrix([np.pi, 0, 0]), [away, 0.0, 0.3])
-    reason = all_solutions(real_arm("ur5"), X_WT).reason
+    reason = all_solutions(real_arm("ur5"), X_WT)
     assert reason.why == "too close"
     assert reason.missing == pytest.approx(0.10915 - away, abs=1e-4)
 
@@ -59,7 +59,7 @@ def test_a_ur5_cannot_bring_its_wrist_closer_to_its_axis_than_its_offset(away):
 def test_the_distance_of_a_ur5_is_the_least_that_makes_it_reachable(place):
     model = real_arm("ur5")
     X_WT = pose(rpy_to_matrix([np.pi, 0.2, 0.3]), place)
-    reason = all_solutions(model, X_WT).reason
+    reason = all_solutions(model, X_WT)
     assert reason.why == "too far"
     assert reason.missing == pytest.approx(least_distance_of_a_ur5(X_WT), abs=2e-3)
 
@@ -95,23 +95,23 @@ def test_the_limit_in_the_way_is_named_with_its_excess():
     q = np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2])
     free = real_arm("ur5")
     X_WT = free.tool_pose(q)
-    elbows = np.abs(all_solutions(free, X_WT).solutions[:, 2])
+    elbows = np.abs(all_solutions(free, X_WT)[:, 2])
     limit = float(elbows.min() - np.radians(12.0))
     limits = {"elbow_joint": (-limit, limit)}
-    reason = all_solutions(RobotModel.load(robot(ROBOTS / urdf, frame, limits=limits)), X_WT).reason
+    reason = all_solutions(RobotModel.load(robot(ROBOTS / urdf, frame, limits=limits)), X_WT)
     assert reason == Unreachable("past limit", pytest.approx(np.radians(12.0), abs=1e-9), "elbow_joint")
     assert str(reason) == "joint `elbow_joint` 12 deg past its limit"
 
 
 def test_a_sliding_joint_past_its_limit_is_reported_in_metres(tmp_path):
     lift = ("lift", "base", "l1", "prismatic", "0 0 0", "0 0 1", '<limit lower="0" upper="0.5" velocity="1"/>')
-    reason = all_solutions(small_arm(tmp_path, "tip", lift, TURN), pose(position=[0.0, 0.0, 0.75])).reason
+    reason = all_solutions(small_arm(tmp_path, "tip", lift, TURN), pose(position=[0.0, 0.0, 0.75]))
     assert str(reason) == "joint `lift` 0.25 m past its limit"
 
 
 def test_an_orientation_that_the_arm_cannot_take_is_reported_as_such(tmp_path):
     tilted = pose(rpy_to_matrix([0.5, 0.0, 0.0]), [1.0, 0.0, 0.0])
-    reason = all_solutions(small_arm(tmp_path, "tip", SLIDE, TURN), tilted).reason
+    reason = all_solutions(small_arm(tmp_path, "tip", SLIDE, TURN), tilted)
     assert reason.why == "wrong way round"
     assert reason.missing == pytest.approx(0.5, abs=1e-3)
     assert "29 deg at best" in str(reason)
@@ -140,7 +140,7 @@ def test_what_is_proven_is_no_more_than_what_is_missing(seed):
     direction = rng.normal(size=3)
     place = np.array([0, 0, 0.2]) + rng.uniform(1.0, 1.6) * direction / np.linalg.norm(direction)
     X_WT = pose(rpy_to_matrix(rng.uniform(-3, 3, 3)), place)
-    reason = all_solutions(model, X_WT).reason
+    reason = all_solutions(model, X_WT)
     assert reason.why == "too far"
     assert beyond_reach(model, X_WT) <= reason.missing + 1e-9
 
@@ -150,7 +150,7 @@ def test_a_pose_that_is_proven_too_far_is_not_searched_for(monkeypatch):
         return pytest.fail("it was searched for")
 
     monkeypatch.setattr(inverse_kinematics, "_branches", searched)
-    reason = all_solutions(real_arm("ur5"), pose(rpy_to_matrix([np.pi, 0, 0]), [1.2, 0.0, 0.1])).reason
+    reason = all_solutions(real_arm("ur5"), pose(rpy_to_matrix([np.pi, 0, 0]), [1.2, 0.0, 0.1]))
     assert reason.why == "too far"
 
 

@@ -27,7 +27,7 @@ from tests.task.robots import REAL_ARMS, ROBOTS, robot
 def at_pose(base: Workspace, X_WT: Array) -> dict[str, float]:
     """Joint positions of the arm that bring the tool frame to a pose: those nearest to home."""
     model = RobotModel.load(base.robot)
-    found = all_solutions(model, X_WT).solutions
+    found = all_solutions(model, X_WT)
     best = min(found, key=lambda q: float(np.abs(q - model.home).max()))
     return dict(zip(model.arm, best.tolist(), strict=True))
 
