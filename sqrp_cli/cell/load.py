@@ -15,13 +15,13 @@ from typing import cast
 
 import numpy as np
 
-from sqrp_cli.cell.read_cell import CellReader
+from sqrp_cli.cell.read_cell import read_cameras, read_detectors, read_facts, read_objects
 from sqrp_cli.cell.read_robot import RobotReader
 from sqrp_cli.cell.scene import BoxSide, Held, SceneObject
 from sqrp_cli.cell.workspace import ExpectedTask, Workspace, WorkspaceFile
 from sqrp_cli.cell.workspace_file import read_workspace_document, workspace_file, workspace_name
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names, no_such
-from sqrp_cli.files.frames import TOOL, WORLD, WORLD_LINK, link_called
+from sqrp_cli.files.frames import AT_START, TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.files.input_file import SourceFile, source_file
 from sqrp_cli.files.packages import from_folder
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
@@ -83,9 +83,9 @@ def check_skill(
                 "neither `world` nor `tool`, a link, a skill parameter or an object",
                 [WORLD, TOOL, *named, *links],
             )
-            if box.frame.at_start:
+            if box.frame.endswith(AT_START):
                 what, valid = "no skill parameter or object, as `@start` needs", named
-            names.append(((*at, "frame"), "frame", box.frame.owner if box.frame.at_start else box.frame, valid, what))
+            names.append(((*at, "frame"), "frame", box.frame.removesuffix(AT_START), valid, what))
             if box.at is not None and box.frame in links and box.frame != TOOL:
                 message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
                 message = f"`{dotted((*at, 'frame'))}`: {message}"
@@ -154,7 +154,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     file = validate(document, WorkspaceFile)
     digest: dict[str, SourceFile] = {}
     digest["workspace"] = source_file(file_path, document.content)
-    reader = CellReader(document=document, digest=digest, entry=file.robot, file=file)
+    reader = RobotReader(document=document, digest=digest, entry=file.robot)
     robot, problems = reader.read_robot(), reader.problems
     skills: dict[str, Skill] = {}
     missing: list[tuple[Path, Place]] = []
@@ -173,14 +173,15 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         except InputError as error:
             problems.extend(error.problems)
     problems += missing_skills(missing)
-    cameras, objects = reader.cameras(), reader.objects()
+    cameras, objects = read_cameras(reader, file), read_objects(reader, file)
     if problems:
         raise InputError(*problems)
     if not skills and (file.state or file.tasks):
         message = "the workspace lists no skills, which give facts and tasks their meaning"
         raise document.error("no-skills", ("skills",), message, "list the folders of skills under `skills`")
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    facts, detectors = reader.facts(domain) if domain else {}, reader.detectors(cameras, robot.markers, objects)
+    facts = read_facts(reader, file, domain) if domain else {}
+    detectors = read_detectors(reader, file, cameras, robot.markers, objects)
     for skill in skills.values():
         problems += check_skill(skill, reader.links, objects, list(file.detectors))
     problems += check_tasks(document, file.tasks, list(skills), list(objects))
@@ -226,7 +227,7 @@ def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[st
             predicate
             for predicate in added
             for box in (skill.targets[predicate].boxes if predicate in skill.targets else ())
-            if (box.fits == held or held in (box.encloses or ())) and not box.frame.at_start
+            if (box.fits == held or held in (box.encloses or ())) and not box.frame.endswith(AT_START)
             if box.frame not in elsewhere
         ]
         unseen = [predicate for predicate in added if predicate not in skill.targets]

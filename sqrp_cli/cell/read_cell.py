@@ -30,7 +30,6 @@ from sqrp_cli.files.xml_file import MAX_BYTES
 from sqrp_cli.geometry import inverse, pose, read_only, transform
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.records import dataclass
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
 
@@ -43,227 +42,231 @@ X_BODY_OPTICAL = read_only(pose(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 
 _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
 
-@dataclass(kw_only=True)
-class CellReader(RobotReader):
-    """Reads also the other parts of a workspace file, but not the skills."""
-
-    file: WorkspaceFile
-
-    def cameras(self) -> dict[str, Camera]:
-        """The cameras by name; those with problems are left out."""
-        cameras = {}
-        for name, entry in self.file.cameras.items():
-            with self._collecting():
-                path: KeyPath = ("cameras", name)
-                found = None if entry.hand_eye is None else self._hand_eye(path, entry, entry.hand_eye)
-                if found is None:
-                    assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
-                    frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
-                else:
-                    frame, X_FC = entry.frame or link_called(found.parent, self.links), found.X_PC
-                if frame != WORLD and frame not in self.links:
-                    in_file = found if entry.frame is None else None
-                    place = self.document.value_place((*path, "frame")) if in_file is None else in_file.place
-                    message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; "
-                    message += expected_names(frame, [WORLD, *self.links])
-                    mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
-                    self.problems.append(Problem("unknown-frame", message, place, mend=None if found is None else mend))
-                X_FC = read_only(X_FC @ X_BODY_OPTICAL if entry.convention == "body" else X_FC)
-                pose_file = None if found is None else found.pose_file
-                if entry.calibration is not None:
-                    from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
-
-                    at = (*path, "calibration")
-                    file = self._resolve(entry.calibration.file, at)
-                    intrinsics, whole, part = read_calibration(file, entry.calibration, dotted(at))
-                    self.digest[dotted(at)] = source_file(file, whole.content)
-                    self.warnings.extend(unusual_values(part, CALIBRATION))
-                    self.warnings.extend(doubtful_projection(intrinsics, part))
-                else:
-                    assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
-                    intrinsics = entry.image.intrinsics()
-                    check_image(self.document, (*path, "image"), intrinsics)
-                cameras[name] = from_fields(
-                    Camera, entry, intrinsics, name=name, frame=frame, X_FC=X_FC, pose_file=pose_file
-                )
-        return cameras
-
-    def _hand_eye(self, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> StaticTransform:
-        """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
-        from sqrp_cli.camera.hand_eye import read_hand_eye
-        from sqrp_cli.ros.bag import METADATA
-
-        key: KeyPath = (*path, "hand_eye")
-        is_folder = os.path.isdir(self.document.folder / stated.file)  # noqa: PTH112
-        file = self._resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, key)
-        carriers = (WORLD, *self.links) if entry.frame is None else (entry.frame,)
-        found = read_hand_eye(file, stated.camera, carriers, dotted(key))
-        self.digest[dotted(key)] = source_file(file, found.content)
-        if found.document is not None:
-            self.warnings.extend(unusual_values(found.document, HAND_EYE))
-        if entry.frame is None and found.parent == WORLD == link_called(WORLD, self.links):
-            base, who = self.links[0] if self.links else "base_link", f"for `{dotted(path)}` say"
-            message = (
-                "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
-                " robot's driver gives its poses, such as its base"
-            )
-            mend = f"{who} `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
-            raise bad_input("ambiguous-word", message, found.place, mend=mend)
-        if (*path, "convention") not in self.document.keys and "optical" not in found.child:
-            message = f"the pose is that of `{found.child}`, which does not sound like an optical frame"
-            mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
-            place = self.document.value_place(key)
-            self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
-        return found
-
-    def objects(self) -> dict[str, SceneObject]:
-        """The objects by name."""
-        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, Held)]
-        for name, entry in self.file.objects.items():
-            path: KeyPath = ("objects", name)
-            if name in (*self.links, WORLD, TOOL, "home"):
-                what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
-                message, at = f"`{name}` is {what}; take another name", self.document.key_place(path)
-                self.problems.append(Problem("ambiguous-name", message, at))
-            if entry.on == name:
-                message = f"found `{name}`, which is the object itself; expected another object"
-                self._report("on-itself", (*path, "on"), message, f"name what `{name}` stands on, or leave `on` out")
-            elif entry.on is not None and entry.on not in self.file.objects:
-                others = [other for other in self.file.objects if other != name]
-                self._report("unknown-object", (*path, "on"), no_such(entry.on, "object", others))
-            if isinstance(entry.pose, Held) and (entry.fixed or name != held[0]):
-                why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
-                self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
-            if entry.fixed and entry.pose is None:
-                message = "found `unknown`, expected a pose, because the object is fixed"
-                self._report("wrong-value", (*path, "pose"), message)
-        objects = {name: self._object(name, entry) for name, entry in self.file.objects.items()}
-        for index, fixtures in enumerate(self.file.fixtures):
-            with self._collecting():
-                from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
-
-                file = self._resolve(fixtures.file, ("fixtures", index))
-                content, found = read_input(file, MAX_BYTES), dict[str, SceneObject]()
-                standing = read_fixtures(file, content, self.roots, self.warnings)
-                self.digest[f"fixtures.{index}"] = source_file(file, content)
-                for one in standing:
-                    # A name that formulas and tasks can use, and nothing else has.
-                    base = re.sub(r"[^A-Za-z0-9_-]", "_", one.name)[:60]
-                    base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
-                    used = {*objects, *found, *self.links, WORLD, TOOL, "home"}
-                    numbered = (f"{base}_{number}" for number in range(2, len(used) + 3))
-                    name = next(free for free in (base, *numbered) if free not in used)
-                    parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
-                    for part in parts:
-                        if isinstance(part.shape, Mesh):
-                            self._add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
-                    stands = ObjectEntry(type="obstacle", pose=read_only(fixtures.pose.matrix()), fixed=True)
-                    found[name] = self._sized(name, stands, parts)
-                objects |= found
-        return objects
-
-    def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
-        """An object with the solid pieces that its entry states, and those of its URDF, with its joints at 0."""
-        parts: list[Part] = []
-        for index, piece in enumerate(entry.parts):
-            path: KeyPath = ("objects", name, "parts", index)
-            with self._collecting():
-                shape: Shape | None = piece.shape()
-                if shape is None:
-                    at = (*path, "mesh")
-                    shape = mesh = Mesh(self._resolve(piece.mesh or "", at), piece.scale)
-                    self._add_mesh(dotted(path), mesh, self.document.value_place(at))
-                parts.append(Part(f"{name}/{piece.name or index}", name, shape, read_only(piece.pose.matrix())))
-        if entry.urdf is not None:
-            path = ("objects", name, "urdf")
-            with self._collecting():
-                urdf = read_urdf(*self._described(entry.urdf, path))
-                found = urdf.parts("collision", partial(packages.resolve_mesh, self.roots))
-                self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
-                for part in found:
-                    if isinstance(part.shape, Mesh):
-                        self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, self.document.value_place(path))
-                self.warnings.extend(urdf.warnings)
-                if not found:
-                    self._report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
-                for part in found:
-                    X_OG = read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG)
-                    parts.append(Part(f"{name}/{part.name}", name, part.shape, X_OG))
-        if entry.size != NO_SIZE:
-            parts = parts or [Part(name, name, Box(entry.size), read_only(pose()))]
-            return from_fields(SceneObject, entry, name=name, parts=tuple(parts))
-        if parts:
-            return self._sized(name, entry, parts)
-        if not (entry.parts or entry.urdf):  # else their problems are reported
-            place = self.document.key_place(("objects", name))
-            mend = "state it, or `parts` or a `urdf` from which it is taken"
-            self.problems.append(Problem("missing-key", f"`objects.{name}` lacks the key `size`", place, mend=mend))
-        return from_fields(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
-
-    def _sized(self, name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
-        """An object of the size of its parts, in the middle of them. Raises InputError for a mesh that is damaged."""
-        ends = []
-        for part in parts:
-            if isinstance(part.shape, Mesh):
-                corners = transform(part.X_PG, read_mesh(part.shape.path, part.shape.scale).vertices)
-                ends.append((corners.min(axis=0), corners.max(axis=0)))
+def read_cameras(reader: RobotReader, file: WorkspaceFile) -> dict[str, Camera]:
+    """The cameras by name; those with problems are left out."""
+    cameras = {}
+    for name, entry in file.cameras.items():
+        with reader.collecting():
+            path: KeyPath = ("cameras", name)
+            found = None if entry.hand_eye is None else _hand_eye(reader, path, entry, entry.hand_eye)
+            if found is None:
+                assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+                frame, X_FC = entry.frame or WORLD, entry.pose.matrix()
             else:
-                half = half_extents(part.shape, part.X_PG[:3, :3])
-                ends.append((part.X_PG[:3, 3] - half, part.X_PG[:3, 3] + half))
-        low, high = np.array(ends)[:, 0].min(axis=0), np.array(ends)[:, 1].max(axis=0)
-        thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
-        low, high = low - thin / 2, high + thin / 2
-        X_FO = pose(np.eye(3), (low + high) / 2)
-        moved = tuple(replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts)
-        size = tuple((high - low).tolist())
-        X_WO = read_only(entry.pose @ X_FO) if isinstance(entry.pose, np.ndarray) else entry.pose
-        return from_fields(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
+                frame, X_FC = entry.frame or link_called(found.parent, reader.links), found.X_PC
+            if frame != WORLD and frame not in reader.links:
+                in_file = found if entry.frame is None else None
+                place = reader.document.value_place((*path, "frame")) if in_file is None else in_file.place
+                message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; "
+                message += expected_names(frame, [WORLD, *reader.links])
+                mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+                reader.problems.append(Problem("unknown-frame", message, place, mend=None if found is None else mend))
+            X_FC = read_only(X_FC @ X_BODY_OPTICAL if entry.convention == "body" else X_FC)
+            pose_file = None if found is None else found.pose_file
+            if entry.calibration is not None:
+                from sqrp_cli.camera.calibration import doubtful_projection, read_calibration
 
-    def detectors(
-        self, cameras: Mapping[str, Camera], on_links: Mapping[str, Marker], objects: Mapping[str, SceneObject]
-    ) -> dict[str, Detector]:
-        """The detectors by name; those with problems are left out. on_links: the markers on links."""
-        markers, found = markers_of(on_links, objects), {}
-        for name, entry in self.file.detectors.items():
-            try:
-                found[name] = Detector.of(entry, cameras, markers)
-            except ValueError as error:
-                mend = "state `distance` and `min_pixels`"
-                self._report("missing-key", ("detectors", name), f"`{dotted(('detectors', name))}`: {error}", mend)
-        return found
+                at = (*path, "calibration")
+                lens_file = reader.resolve(entry.calibration.file, at)
+                intrinsics, whole, part = read_calibration(lens_file, entry.calibration, dotted(at))
+                reader.digest[dotted(at)] = source_file(lens_file, whole.content)
+                reader.warnings.extend(unusual_values(part, CALIBRATION))
+                reader.warnings.extend(doubtful_projection(intrinsics, part))
+            else:
+                assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+                intrinsics = entry.image.intrinsics()
+                check_image(reader.document, (*path, "image"), intrinsics)
+            cameras[name] = from_fields(
+                Camera, entry, intrinsics, name=name, frame=frame, X_FC=X_FC, pose_file=pose_file
+            )
+    return cameras
 
-    def facts(self, domain: Domain) -> dict[Atom, int]:
-        """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
-        facts: dict[Atom, int] = {}
-        for index, text in enumerate(self.file.state):
-            path, signatures = ("state", index), domain.predicates
-            match = _FACT.fullmatch(text)
-            if match is None:
-                message = f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`"
-                self._report("wrong-fact", path, message)
-                continue
-            predicate = match[1].lower()
-            arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
-            if predicate not in signatures:
-                expected = expected_names(predicate, signatures)
-                message = f"found `{match[1]}`, which is no predicate of a skill; {expected}"
-                self._report("unknown-predicate", path, message)
-                continue
-            signature = signatures[predicate]
-            if len(arguments) != len(signature.parameters):
-                stated = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
-                message = f"`{predicate}` has {stated}, expected {len(signature.parameters)}: {signature}"
-                self._report("wrong-arity", path, message)
-                continue
-            for argument, parameter in zip(arguments, signature.parameters, strict=True):
-                entry = self.file.objects.get(argument)
-                if entry is None:
-                    self._report("unknown-object", path, no_such(argument, "object", self.file.objects))
-                elif not domain.fits(entry.types, parameter.type):
-                    message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
-                    self._report("wrong-object-type", path, message)
-            fact = Atom(predicate, arguments)
-            if fact in facts:
-                self._report("repeated-value", path, f"`{fact}` is stated twice")
-            facts.setdefault(fact, index)
-        return facts
+
+def _hand_eye(reader: RobotReader, path: KeyPath, entry: CameraEntry, stated: PoseFile) -> StaticTransform:
+    """The pose of a camera by a file, with warnings about it. Raises InputError where `world` is ambiguous."""
+    from sqrp_cli.camera.hand_eye import read_hand_eye
+    from sqrp_cli.ros.bag import METADATA
+
+    key: KeyPath = (*path, "hand_eye")
+    is_folder = os.path.isdir(reader.document.folder / stated.file)  # noqa: PTH112
+    file = reader.resolve(f"{stated.file}/{METADATA}" if is_folder else stated.file, key)
+    carriers = (WORLD, *reader.links) if entry.frame is None else (entry.frame,)
+    found = read_hand_eye(file, stated.camera, carriers, dotted(key))
+    reader.digest[dotted(key)] = source_file(file, found.content)
+    if found.document is not None:
+        reader.warnings.extend(unusual_values(found.document, HAND_EYE))
+    if entry.frame is None and found.parent == WORLD == link_called(WORLD, reader.links):
+        base, who = reader.links[0] if reader.links else "base_link", f"for `{dotted(path)}` say"
+        message = (
+            "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
+            " robot's driver gives its poses, such as its base"
+        )
+        mend = f"{who} `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
+        raise bad_input("ambiguous-word", message, found.place, mend=mend)
+    if (*path, "convention") not in reader.document.keys and "optical" not in found.child:
+        message = f"the pose is that of `{found.child}`, which does not sound like an optical frame"
+        mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
+        place = reader.document.value_place(key)
+        reader.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
+    return found
+
+
+def read_objects(reader: RobotReader, file: WorkspaceFile) -> dict[str, SceneObject]:
+    """The objects by name."""
+    held = [name for name, entry in file.objects.items() if isinstance(entry.pose, Held)]
+    for name, entry in file.objects.items():
+        path: KeyPath = ("objects", name)
+        if name in (*reader.links, WORLD, TOOL, "home"):
+            what = "a link of the robot" if name in reader.links else "a word with a meaning of its own"
+            message, at = f"`{name}` is {what}; take another name", reader.document.key_place(path)
+            reader.problems.append(Problem("ambiguous-name", message, at))
+        if entry.on == name:
+            message = f"found `{name}`, which is the object itself; expected another object"
+            reader.report("on-itself", (*path, "on"), message, f"name what `{name}` stands on, or leave `on` out")
+        elif entry.on is not None and entry.on not in file.objects:
+            others = [other for other in file.objects if other != name]
+            reader.report("unknown-object", (*path, "on"), no_such(entry.on, "object", others))
+        if isinstance(entry.pose, Held) and (entry.fixed or name != held[0]):
+            why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
+            reader.report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
+        if entry.fixed and entry.pose is None:
+            message = "found `unknown`, expected a pose, because the object is fixed"
+            reader.report("wrong-value", (*path, "pose"), message)
+    objects = {name: _object(reader, name, entry) for name, entry in file.objects.items()}
+    for index, fixtures in enumerate(file.fixtures):
+        with reader.collecting():
+            from sqrp_cli.cell.fixture_file import read_fixtures  # few workspaces have some
+
+            scene = reader.resolve(fixtures.file, ("fixtures", index))
+            content, found = read_input(scene, MAX_BYTES), dict[str, SceneObject]()
+            standing = read_fixtures(scene, content, reader.roots, reader.warnings)
+            reader.digest[f"fixtures.{index}"] = source_file(scene, content)
+            for one in standing:
+                # A name that formulas and tasks can use, and nothing else has.
+                base = re.sub(r"[^A-Za-z0-9_-]", "_", one.name)[:60]
+                base = base if base[:1].isalpha() else f"fixture_{base}".rstrip("_")
+                used = {*objects, *found, *reader.links, WORLD, TOOL, "home"}
+                numbered = (f"{base}_{number}" for number in range(2, len(used) + 3))
+                name = next(free for free in (base, *numbered) if free not in used)
+                parts = [Part(f"{name}/{i}", name, shape, X) for i, (shape, X) in enumerate(one.shapes)]
+                for part in parts:
+                    if isinstance(part.shape, Mesh):
+                        reader.add_mesh(f"fixtures.{index}.{part.name}", part.shape, one.place)
+                stands = ObjectEntry(type="obstacle", pose=read_only(fixtures.pose.matrix()), fixed=True)
+                found[name] = _sized(name, stands, parts)
+            objects |= found
+    return objects
+
+
+def _object(reader: RobotReader, name: str, entry: ObjectEntry) -> SceneObject:
+    """An object with the solid pieces that its entry states, and those of its URDF, with its joints at 0."""
+    parts: list[Part] = []
+    for index, piece in enumerate(entry.parts):
+        path: KeyPath = ("objects", name, "parts", index)
+        with reader.collecting():
+            shape: Shape | None = piece.shape()
+            if shape is None:
+                at = (*path, "mesh")
+                shape = mesh = Mesh(reader.resolve(piece.mesh or "", at), piece.scale)
+                reader.add_mesh(dotted(path), mesh, reader.document.value_place(at))
+            parts.append(Part(f"{name}/{piece.name or index}", name, shape, read_only(piece.pose.matrix())))
+    if entry.urdf is not None:
+        path = ("objects", name, "urdf")
+        with reader.collecting():
+            urdf = read_urdf(*reader.described(entry.urdf, path))
+            found = urdf.parts("collision", partial(packages.resolve_mesh, reader.roots))
+            reader.digest[dotted(path)] = source_file(urdf.path, urdf.content)
+            for part in found:
+                if isinstance(part.shape, Mesh):
+                    reader.add_mesh(f"{dotted(path)}.{part.name}", part.shape, reader.document.value_place(path))
+            reader.warnings.extend(urdf.warnings)
+            if not found:
+                reader.report("no-links", path, f"`{urdf.path.name}` has no link with geometry")
+            for part in found:
+                X_OG = read_only(urdf.pose_in(urdf.root, part.parent) @ part.X_PG)
+                parts.append(Part(f"{name}/{part.name}", name, part.shape, X_OG))
+    if entry.size != NO_SIZE:
+        parts = parts or [Part(name, name, Box(entry.size), read_only(pose()))]
+        return from_fields(SceneObject, entry, name=name, parts=tuple(parts))
+    if parts:
+        return _sized(name, entry, parts)
+    if not (entry.parts or entry.urdf):  # else their problems are reported
+        place = reader.document.key_place(("objects", name))
+        mend = "state it, or `parts` or a `urdf` from which it is taken"
+        reader.problems.append(Problem("missing-key", f"`objects.{name}` lacks the key `size`", place, mend=mend))
+    return from_fields(SceneObject, entry, name=name, parts=(), size=(1.0, 1.0, 1.0))
+
+
+def _sized(name: str, entry: ObjectEntry, parts: Sequence[Part]) -> SceneObject:
+    """An object of the size of its parts, in the middle of them. Raises InputError for a mesh that is damaged."""
+    ends = []
+    for part in parts:
+        if isinstance(part.shape, Mesh):
+            corners = transform(part.X_PG, read_mesh(part.shape.path, part.shape.scale).vertices)
+            ends.append((corners.min(axis=0), corners.max(axis=0)))
+        else:
+            half = half_extents(part.shape, part.X_PG[:3, :3])
+            ends.append((part.X_PG[:3, 3] - half, part.X_PG[:3, 3] + half))
+    low, high = np.array(ends)[:, 0].min(axis=0), np.array(ends)[:, 1].max(axis=0)
+    thin = np.maximum(SMALLEST_SIZE - (high - low), 0.0)
+    low, high = low - thin / 2, high + thin / 2
+    X_FO = pose(np.eye(3), (low + high) / 2)
+    moved = tuple(replace(part, X_PG=read_only(inverse(X_FO) @ part.X_PG)) for part in parts)
+    size = tuple((high - low).tolist())
+    X_WO = read_only(entry.pose @ X_FO) if isinstance(entry.pose, np.ndarray) else entry.pose
+    return from_fields(SceneObject, entry, name=name, parts=moved, size=size, pose=X_WO, X_FO=read_only(X_FO))
+
+
+def read_detectors(
+    reader: RobotReader,
+    file: WorkspaceFile,
+    cameras: Mapping[str, Camera],
+    on_links: Mapping[str, Marker],
+    objects: Mapping[str, SceneObject],
+) -> dict[str, Detector]:
+    """The detectors by name; those with problems are left out. on_links: the markers on links."""
+    markers, found = markers_of(on_links, objects), {}
+    for name, entry in file.detectors.items():
+        try:
+            found[name] = Detector.of(entry, cameras, markers)
+        except ValueError as error:
+            mend = "state `distance` and `min_pixels`"
+            reader.report("missing-key", ("detectors", name), f"`{dotted(('detectors', name))}`: {error}", mend)
+    return found
+
+
+def read_facts(reader: RobotReader, file: WorkspaceFile, domain: Domain) -> dict[Atom, int]:
+    """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
+    facts: dict[Atom, int] = {}
+    for index, text in enumerate(file.state):
+        path, signatures = ("state", index), domain.predicates
+        match = _FACT.fullmatch(text)
+        if match is None:
+            message = f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`"
+            reader.report("wrong-fact", path, message)
+            continue
+        predicate = match[1].lower()
+        arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
+        if predicate not in signatures:
+            expected = expected_names(predicate, signatures)
+            message = f"found `{match[1]}`, which is no predicate of a skill; {expected}"
+            reader.report("unknown-predicate", path, message)
+            continue
+        signature = signatures[predicate]
+        if len(arguments) != len(signature.parameters):
+            stated = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+            message = f"`{predicate}` has {stated}, expected {len(signature.parameters)}: {signature}"
+            reader.report("wrong-arity", path, message)
+            continue
+        for argument, parameter in zip(arguments, signature.parameters, strict=True):
+            entry = file.objects.get(argument)
+            if entry is None:
+                reader.report("unknown-object", path, no_such(argument, "object", file.objects))
+            elif not domain.fits(entry.types, parameter.type):
+                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
+                reader.report("wrong-object-type", path, message)
+        fact = Atom(predicate, arguments)
+        if fact in facts:
+            reader.report("repeated-value", path, f"`{fact}` is stated twice")
+        facts.setdefault(fact, index)
+    return facts

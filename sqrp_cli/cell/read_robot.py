@@ -50,17 +50,17 @@ class RobotReader:
         self.roots = packages.package_roots(stated)  # folders for `package://`
         for index, root in enumerate(stated):
             if not root.is_dir():
-                self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
+                self.report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
         self.urdf = self._read_urdf(entry.urdf, ("robot", "urdf"))
         self.moveit: MoveitLimits | None = None
         if entry.limits.moveit is not None:
-            file = self._resolve(entry.limits.moveit, ("robot", "limits", "moveit"))
+            file = self.resolve(entry.limits.moveit, ("robot", "limits", "moveit"))
             self.moveit = read_moveit_limits(file)
             self.digest["robot.limits.moveit"] = source_file(file, self.moveit.document.content)
             self.urdf = with_position_limits(self.urdf, self.moveit)
         self.srdf: SrdfModel | None = None
         if entry.srdf is not None:
-            self.srdf_path, source = self._described(entry.srdf, ("robot", "srdf"))
+            self.srdf_path, source = self.described(entry.srdf, ("robot", "srdf"))
             self.srdf = read_srdf(self.srdf_path, self.urdf, source)
             self.digest["robot.srdf"] = source_file(self.srdf_path, self.srdf.content)
             self.warnings += self.srdf.warnings
@@ -81,27 +81,28 @@ class RobotReader:
         self.tool_frame = link_called(entry.tool_frame or tip_name, self.links)
 
     @contextmanager
-    def _collecting(self) -> Iterator[None]:
+    def collecting(self) -> Iterator[None]:
         """Adds the problems of an InputError to those that were found; what could not be read is left out."""
         try:
             yield
         except InputError as error:
             self.problems.extend(error.problems)
 
-    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+    def report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        """Add the problem of the entry at a path, as `SourceDocument.problem`."""
         self.problems.append(self.document.problem(code, path, message, mend))
 
-    def _resolve(self, reference: str, path: KeyPath) -> Path:
+    def resolve(self, reference: str, path: KeyPath) -> Path:
         """The file that the entry at a path names, itself, or under `file` or `xacro`. Raises InputError for none."""
         named = next((at for key in ("file", "xacro") if (at := (*path, key)) in self.document.keys), path)
         return packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(named))
 
-    def _described(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
+    def described(self, entry: XacroEntry | str, path: KeyPath) -> tuple[Path, RobotSource]:
         """The file of a URDF or SRDF that the entry at `path` names, and what else it is made of."""
         file, arguments = (entry, {}) if isinstance(entry, str) else (entry.xacro, entry.args)
-        return self._resolve(file, path), RobotSource((*self.roots, self.document.folder), arguments)
+        return self.resolve(file, path), RobotSource((*self.roots, self.document.folder), arguments)
 
-    def _add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
+    def add_mesh(self, role: str, mesh: Mesh, place: Place) -> None:
         """Add a mesh file to the digest; place: where it is named. Raises as `read_mesh`."""
         try:
             self.digest[role] = source_file(mesh.path)  # first checks that this is a regular file
@@ -113,7 +114,7 @@ class RobotReader:
             raise bad_input("unreadable-file", f"{mesh.path}: {error.strerror}", place) from error
 
     def _read_urdf(self, entry: XacroEntry | str, path: KeyPath, prefix: str = "") -> UrdfModel:
-        urdf = read_urdf(*self._described(entry, path)).prefixed(prefix)
+        urdf = read_urdf(*self.described(entry, path)).prefixed(prefix)
         self.warnings += urdf.warnings
         self.digest[dotted(path)] = source_file(urdf.path, urdf.content)
         parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
@@ -121,7 +122,7 @@ class RobotReader:
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
         for part, piece in zip(parts, pieces, strict=True):
             if isinstance(part.shape, Mesh):
-                self._add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
+                self.add_mesh(f"{dotted(path)}.{part.name}", part.shape, piece.place)
         return urdf
 
     def read_robot(self) -> robot.Robot:
@@ -130,7 +131,7 @@ class RobotReader:
         if of_tool is not None and self.tool is not None:
             link = link_called(of_tool.link, self.urdf.links)
             if link not in self.urdf.links:
-                self._report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
+                self.report("unknown-link", ("robot", "tool", "link"), no_such(link, "link", self.urdf.links))
             moving = [{joint.name for joint in model.movable_joints} for model in (self.urdf, self.tool)]
             shared = [f"link `{name}`" for name in self.tool.links if name in self.urdf.links]
             shared += [f"joint `{name}`" for name in sorted(moving[0] & moving[1])]
@@ -138,7 +139,7 @@ class RobotReader:
                 others = f", and {len(shared) - 1} more names in common" if len(shared) > 1 else ""
                 mend = "tell the tool's apart by a prefix: `prefix: tool_` in `robot.tool`"
                 at = ("robot", "tool", "urdf" if of_tool.urdf else "boxes")
-                self._report("ambiguous-name", at, f"robot and tool both have a {shared[0]}{others}", mend)
+                self.report("ambiguous-name", at, f"robot and tool both have a {shared[0]}{others}", mend)
             file = None if of_tool.urdf is None else self.tool.path
             tool = robot.Tool(self.tool, link, read_only(of_tool.pose.matrix()), file)
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
@@ -149,10 +150,10 @@ class RobotReader:
         for named, marker in entry.markers.items():
             path, link = ("robot", "markers", named), link_called(named, self.links)
             if link not in self.links:
-                self._report("unknown-link", path, no_such(link, "link", self.links))
+                self.report("unknown-link", path, no_such(link, "link", self.links))
             other = carriers.setdefault((marker.dictionary, marker.id), link)
             if other != link:
-                self._report("repeated-value", (*path, "id"), f"`{other}` has the marker {marker.id} too")
+                self.report("repeated-value", (*path, "id"), f"`{other}` has the marker {marker.id} too")
             markers[link] = marker
         return robot.Robot(
             urdf=self.urdf,
@@ -177,14 +178,14 @@ class RobotReader:
         # The arm's joints drive those from the root to the tool frame.
         frame, on_tool, arm = self.tool_frame, list[UrdfJoint](), list[UrdfJoint]()
         if frame not in self.links:
-            self._report("unknown-link", ("robot", "tool_frame"), no_such(frame, "link", self.links))
+            self.report("unknown-link", ("robot", "tool_frame"), no_such(frame, "link", self.links))
         elif self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
             on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
         if frame in self.urdf.links:  # else that is reported
             arm = driving_joints((*self.urdf.chain(frame), *on_tool), joints)
             if not arm:
                 message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
-                self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+                self.report("unmoved-tool-frame", ("robot", "tool_frame"), message)
             if len(arm) > MAX_ARM_JOINTS:
                 message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
                 raise bad_input("too-many-joints", message, arm[MAX_ARM_JOINTS].place)
@@ -193,7 +194,7 @@ class RobotReader:
             home = self._positions(self.entry.home, arm, ("robot", "home"), what)
         if home is not None and (missing := [joint.name for joint in arm if joint.name not in home]):
             names = ", ".join(f"`{name}`" for name in missing)
-            self._report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
+            self.report("missing-joint", ("robot", "home"), f"lacks a position for {names}")
         entry, path, fingers = self.entry.fingers, ("robot", "fingers"), None
         if entry is not None:
             what = "no joint outside the arm that moves by itself"
@@ -204,10 +205,10 @@ class RobotReader:
                 if not opened or opened.keys() != closed.keys():
                     names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys())) or "any joint"
                     message = f"`open` and `closed` must name the same joints; only one of them has {names}"
-                    self._report("missing-joint", path, message)
+                    self.report("missing-joint", path, message)
                 if opened == closed:
                     message = "the fingers are where they are when open, so nothing moves"
-                    self._report("wrong-value", (*path, "closed"), message)
+                    self.report("wrong-value", (*path, "closed"), message)
                 closed = {name: closed[name] for name in opened if name in closed}
                 fingers = robot.Fingers(opened, closed, entry.width)
         return len(arm), home or {}, fingers
@@ -223,7 +224,7 @@ class RobotReader:
         if isinstance(entry, str):
             states = self.srdf.states if self.srdf else {}
             if entry not in states:
-                self._report("unknown-state", path, no_such(entry, "named state of an SRDF", states))
+                self.report("unknown-state", path, no_such(entry, "named state of an SRDF", states))
                 return None
             positions = dict(states[entry])
         else:
@@ -231,14 +232,14 @@ class RobotReader:
                 at = (*path, name)
                 if name not in known:
                     message = f"found `{name}`, which is {what}; {expected_names(name, known)}"
-                    self._report("unknown-joint", at, message)
+                    self.report("unknown-joint", at, message)
                     continue
                 dimension = units.LENGTH if known[name].type == "prismatic" else units.ANGLE
                 if quantity.dimension not in (None, dimension):
                     self._wrong_unit(at, quantity, dimension)
                 elif quantity.dimension is None and dimension is units.ANGLE and abs(quantity.value) > units.TURN:
                     found = f"found {quantity.value:g}, which would be radians"
-                    self._report("wrong-unit", at, f"{found}; expected {expected_quantity(dimension)}")
+                    self.report("wrong-unit", at, f"{found}; expected {expected_quantity(dimension)}")
                 else:
                     positions[name] = quantity.value
             if len(positions) < len(entry):
@@ -252,7 +253,7 @@ class RobotReader:
                     degrees = " to ".join(f"{math.degrees(value):.4g}" for value in values)
                     said.append(f"{plain} m" if joint.type == "prismatic" else f"{plain} rad ({degrees} deg)")
                 message = f"{said[0]} is outside the joint's limits, {said[1]}"
-                self._report("outside-limits", (*path, joint.name), message)
+                self.report("outside-limits", (*path, joint.name), message)
         return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
     def _limits(
@@ -294,7 +295,7 @@ class RobotReader:
                     usual = limits[gentle][limit]
                     message = f"{stop[gentle]:g} is less than the {usual:g} of every motion of `{gentle}`"
                     mend = f"leave it out to stop with the {limit} of every motion"
-                    self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
+                    self.report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
         if assumptions:
             message = f"limits are not stated (or are 0) and assumed, in rad or m and s: {', '.join(assumptions)}"
             mend = "state them under `robot.limits`; times depend on them"
@@ -325,15 +326,15 @@ class RobotReader:
             paths = {name: (*path, name) for name in values}
         for name, quantity in values.items():
             if name not in dimensions:
-                self._report("unknown-joint", paths[name], no_such(name, "movable joint", dimensions))
+                self.report("unknown-joint", paths[name], no_such(name, "movable joint", dimensions))
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])
         wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
         if wrong is not None:
             expected = f"expected a value above 0, at least {SMALLEST_LIMIT:g}"
-            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
+            self.report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
         return {name: quantity.value for name, quantity in values.items()}
 
     def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
         found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
-        self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
+        self.report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")

@@ -182,7 +182,7 @@ def _boxes(skill: Skill) -> Iterator[tuple[str, int, BoxSpec]]:
 
 def _possible_objects(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
     """The objects that a box may belong to; [None] for a box in a frame without an object."""
-    name = box.fits or box.frame.owner
+    name = box.fits or box.frame.removesuffix(AT_START)
     if name in workspace.objects:
         return [workspace.objects[name]]
     parameter = next((parameter for parameter in skill.action.parameters if parameter.name == name), None)
@@ -201,7 +201,7 @@ def _largest_in_image(workspace: Workspace, box: BoxSpec, camera: Camera, item: 
     size = np.asarray(box.size if box.size is not None else enlarged)
     distance = workspace.detectors[box.detector].distance[0]
     X_WF = np.eye(4) if box.frame == WORLD else None
-    if item is not None and (box.frame.at_start or item.fixed) and X_WF is None:
+    if item is not None and (box.frame.endswith(AT_START) or item.fixed) and X_WF is None:
         X_WF = item.X_WO
     if camera.frame == WORLD and X_WF is not None:  # both are fixed, at a known distance
         distance = max(distance, float(np.linalg.norm((X_WF @ box.X_FB)[:3, 3] - camera.X_FC[:3, 3])))

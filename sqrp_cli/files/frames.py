@@ -7,11 +7,9 @@ their parameters for objects.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Annotated
 
 import numpy as np
 
-from sqrp_cli.files.entries import SerializedAs, Text
 from sqrp_cli.geometry import Array, read_only
 
 WORLD = "world"  # the cell's world, wherever a frame is named
@@ -20,25 +18,6 @@ WORLD_LINK = "robot/world"
 TOOL = "tool"  # in a skill: the tool frame, or all parts of the tool
 AT_START = "@start"  # behind the name of an object: the frame that stays where it was when the step began
 _X_WW = read_only(np.eye(4))
-
-
-class FrameName(str):
-    """The name of a frame, as files write it."""
-
-    __slots__ = ()
-
-    @property
-    def at_start(self) -> bool:
-        """Whether it stays where an object was when the step began."""
-        return self.endswith(AT_START)
-
-    @property
-    def owner(self) -> str:
-        """The object before `@start`, else the whole name."""
-        return self.removesuffix(AT_START)
-
-
-FrameField = Annotated[FrameName, SerializedAs(Text, FrameName, str)]  # a field of a record that a file holds
 
 
 def link_called(name: str, links: Collection[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.files.frames import WORLD
+from sqrp_cli.files.frames import AT_START, WORLD
 from sqrp_cli.geometry import Array, matrix_to_quaternion
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program, Step
@@ -53,8 +53,8 @@ def step_began(step: Step, number: int) -> Mapping[str, Any]:
     carried, before = {step.before.held, *(primitive.held for primitive in step.primitives)}, step.before.X_WO
     boxes: dict[str, list[AskedBox]] = {atom: [] for atom in step.targets}
     for atom, box in ((atom, box) for atom, target in step.targets.items() for box in target.boxes):
-        name = box.frame.owner
-        if name in before and not box.frame.at_start and name in carried:
+        name = box.frame.removesuffix(AT_START)
+        if name in before and not box.frame.endswith(AT_START) and name in carried:
             continue
         frame, X_FB = (WORLD, before[name] @ box.X_FB) if name in before else (str(box.frame), box.X_FB)
         pose = [[round(x, DIGITS) + 0.0 for x in row] for row in X_FB.tolist()]

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.files.entries import Direction, Entry, Extents, FileRecord, Finite, Length, Name, Pose, PoseMatrix, Text
-from sqrp_cli.files.frames import TOOL, FrameField, FrameName
+from sqrp_cli.files.frames import AT_START, TOOL
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.records import dataclass
@@ -23,7 +23,7 @@ class BoxSpec(Entry):
     """A box of a target: where to look for what."""
 
     name: Name = Field(description="What output calls it.")
-    frame: FrameField
+    frame: Text
     """`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with `@start` (where it
     was when the skill began)."""
     fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
@@ -72,7 +72,7 @@ class TargetBox(FileRecord):
     name: str
     detector: str
     """The name of its detector."""
-    frame: FrameField
+    frame: Text
     """`world`, a link, an object, or `OBJECT@start`."""
     size: tuple[Finite, Finite, Finite]
     """Full extents [m]."""
@@ -90,7 +90,7 @@ class TargetBox(FileRecord):
     @classmethod
     def on_object(cls, name: str, **fields: Any) -> TargetBox:  # noqa: ANN401 - the others of a box
         """A box that moves with an object and encloses it."""
-        return cls(name=name, frame=FrameName(name), encloses=(name,), **fields)
+        return cls(name=name, frame=name, encloses=(name,), **fields)
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
@@ -98,5 +98,5 @@ def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
 
     objects: the names that count. None for a box that is for no object.
     """
-    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
+    names = (*box.encloses, box.frame.removesuffix(AT_START), *(() if box.encloses else Atom.of(atom).arguments))
     return next((name for name in names if name in objects), None)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.files.entries import from_fields
-from sqrp_cli.files.frames import AT_START, TOOL, FrameName, frame_poses, link_called
+from sqrp_cli.files.frames import AT_START, TOOL, frame_poses, link_called
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.logic.formula import argument_lists, bind
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators, timed_operators
@@ -93,9 +93,9 @@ def ground_targets(
 def _box(cell: Cell, spec: BoxSpec, waypoints: WaypointGrounder) -> SoughtBox:
     """A box of a target about the objects of a binding."""
     model, binding, X_WO = cell.model, waypoints.binding, waypoints.X_WO
-    name = model.tool_frame if spec.frame == TOOL else spec.frame.owner
+    name = model.tool_frame if spec.frame == TOOL else spec.frame.removesuffix(AT_START)
     owner = binding.get(name, name)
-    frame: str = f"{owner}{AT_START}" if spec.frame.at_start else owner
+    frame: str = f"{owner}{AT_START}" if spec.frame.endswith(AT_START) else owner
     size, X_FB = spec.size, spec.X_FB
     if spec.fits is not None:
         fitted = binding.get(spec.fits, spec.fits)
@@ -120,7 +120,7 @@ def _box(cell: Cell, spec: BoxSpec, waypoints: WaypointGrounder) -> SoughtBox:
         SoughtBox,
         spec,
         limits=cell.workspace.detectors[spec.detector],
-        frame=FrameName(frame),
+        frame=frame,
         size=size,
         X_FB=X_FB,
         encloses=tuple(sorted(enclosed)),

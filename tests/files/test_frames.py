@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.files.frames import AT_START, WORLD, WORLD_LINK, FrameName, carried_poses, frame_poses, link_called
+from sqrp_cli.files.frames import WORLD, WORLD_LINK, carried_poses, frame_poses, link_called
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 
 
@@ -14,21 +14,12 @@ def some_pose(seed: int) -> Array:
     return pose(axis_rotation(int(rng.integers(3)), rng.uniform(-3.0, 3.0)), rng.uniform(-1.0, 1.0, 3))
 
 
-@pytest.mark.parametrize(
-    ("name", "owner", "at_start"), [("world", "world", False), ("g1", "g1", False), ("g1@start", "g1", True)]
-)
-def test_a_frame_is_read_from_its_name(name: str, owner: str, at_start: bool) -> None:
-    frame = FrameName(name)
-    assert (frame.owner, frame.at_start) == (owner, at_start)
-    assert (f"{owner}{AT_START}" if at_start else owner) == frame == name
-
-
 def test_every_frame_has_its_pose() -> None:
     link, now, before = some_pose(1), some_pose(2), some_pose(3)
     X_WF = frame_poses({"wrist": link}, {"g1": now}, {"g1": before})
     assert X_WF["wrist"] is link
     assert X_WF["g1"] is now
-    assert X_WF[FrameName("g1@start")] is before
+    assert X_WF["g1@start"] is before
     assert (X_WF[WORLD] == np.eye(4)).all()
 
 

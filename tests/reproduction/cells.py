@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.cell.load import load_workspace
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
@@ -133,7 +132,7 @@ def hidden_by_the_robot(cell: Cell, found: Analysis, predicate: str) -> frozense
 def seeing_at_home(cell: Cell, name: str, like: Analysis) -> frozenset[str]:
     """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
     (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")
-    sought = replace(box, frame=FrameName(name), encloses=(name,), seeks=name)
+    sought = replace(box, frame=name, encloses=(name,), seeks=name)
     objects = {thing: fixed_frame(X_WO) for thing, X_WO in cell.initial_world.X_WO.items()}
     states = SceneStates(1, {"world": fixed_frame(), **cell.model.link_poses(cell.model.home[None]), **objects})
     ((seen,),) = cell.observer.verdicts([Target(Atom("obj_on_table", (name,)), 1, (sought,))], states)

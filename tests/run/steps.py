@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.cell.workspace import World
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
 from sqrp_cli.skill.target_box import TargetBox
 from sqrp_cli.trajectory import Trajectory
@@ -32,7 +31,7 @@ class FixedNominalStep:
 
 def box() -> TargetBox:
     return TargetBox(
-        name="place", detector="color", frame=FrameName("world"), size=(0.04, 0.04, 0.04), X_FB=np.eye(4), normal=None,
+        name="place", detector="color", frame="world", size=(0.04, 0.04, 0.04), X_FB=np.eye(4), normal=None,
         encloses=(),
     )  # fmt: skip
 

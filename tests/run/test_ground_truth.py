@@ -9,7 +9,6 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.run.cell.simulated_cell import CellState
@@ -91,7 +90,7 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
     frames = {"in_tool": "tip", "in_place": "cube@start", "beside": "cube", "on_tray": "tray", "fixed": "world"}
     plain = step([], {atom: {} for atom in frames})
     targets = {
-        atom: ProgramTarget(cameras=1, boxes=(replace(box(), frame=FrameName(frame), X_FB=X_OB),), seen={})
+        atom: ProgramTarget(cameras=1, boxes=(replace(box(), frame=frame, X_FB=X_OB),), seen={})
         for atom, frame in frames.items()
     }
     before = replace(plain.before, X_WO={"cube": X_WO, "tray": X_WO})

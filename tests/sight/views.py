@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sqrp_cli.camera.camera import Camera, DistortionModel
 from sqrp_cli.camera.detector import Detector
 from sqrp_cli.camera.light import Light
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import BOX_SIGNS, Array, axis_rotation, look_at, pose, quaternion_to_matrix
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.literal import Atom
@@ -68,7 +67,7 @@ def make_box(
     encloses: Iterable[str] = (),
 ) -> SoughtBox:
     return SoughtBox(
-        name=name, detector="detector", limits=detector or make_detector(), frame=FrameName(frame), size=size,
+        name=name, detector="detector", limits=detector or make_detector(), frame=frame, size=size,
         X_FB=pose() if X_FB is None else X_FB, normal=normal, encloses=tuple(encloses),
     )  # fmt: skip
 

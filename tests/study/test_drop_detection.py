@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.camera.detector import SHIFT_PIXELS, SHIFT_SHARE, Detector
 from sqrp_cli.camera.projection import Projection
-from sqrp_cli.files.frames import WORLD, FrameName
+from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.kernel.kernel import BoxVerdicts
 from sqrp_cli.logic.truth import Truth
@@ -87,7 +87,7 @@ def turned(at: Array) -> Array:
 
 
 def box_at(name: str, X_WB: Array, size: tuple[float, float, float]) -> TargetBox:
-    frame = FrameName("tool" if name == "tool" else "world")
+    frame = "tool" if name == "tool" else "world"
     return TargetBox(name=name, detector="color", frame=frame, size=size, X_FB=X_WB, normal=None, encloses=())
 
 

@@ -13,7 +13,6 @@ from sqrp_cli.camera.markers import ObjectMarker
 from sqrp_cli.camera.projection import Projection
 from sqrp_cli.cell.scene import SceneObject
 from sqrp_cli.cell.workspace import Workspace
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import Array, look_at, pose, read_only
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
@@ -77,7 +76,7 @@ class Stage:
 def sought(name: str, size: tuple[float, float, float], X_WO: Array, detector: str = "color") -> DetectionTargets:
     """That a thing is where it was at the start."""
     box = TargetBox(
-        name="place", detector=detector, frame=FrameName(f"{name}@start"), size=size, X_FB=pose(), normal=None,
+        name="place", detector=detector, frame=f"{name}@start", size=size, X_FB=pose(), normal=None,
         encloses=(name,),
     )  # fmt: skip
     return DetectionTargets({f"placed({name})": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {name: X_WO}, {})

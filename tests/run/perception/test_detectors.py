@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.camera.markers import Marker
-from sqrp_cli.files.frames import FrameName
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
@@ -93,7 +92,7 @@ OPEN, CLOSED, SIDE = 100.0, 160.0, 20.0
 """Where the marker's middle is seen along the image's rows with the fingers open and closed, and its side [pixels]."""
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 BOX = TargetBox(
-    name="left", detector="aruco", frame=FrameName("finger"), size=(0.02, 0.02, 0.001), X_FB=np.eye(4), normal=None,
+    name="left", detector="aruco", frame="finger", size=(0.02, 0.02, 0.001), X_FB=np.eye(4), normal=None,
     encloses=("finger",),
 )  # fmt: skip
 
