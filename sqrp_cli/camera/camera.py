@@ -1,20 +1,18 @@
-"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files; the catalogue.
+"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files.
 
 Numbers are in SI units and angles in radians, whatever the unit in a file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Iterable, Sequence
 from math import radians, tan
-from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.files.entries import CameraPose, FileRecord, In, MappingOr, Name, Number, SerializedAs, Size, Text, Time
+from sqrp_cli.files.entries import CameraPose, FileRecord, In, MappingOr, Number, SerializedAs, Size, Text, Time
 from sqrp_cli.files.source import KeyPath, SourceDocument
 from sqrp_cli.files.units import ANGLE, FREQUENCY, LARGEST, PIXELS
 from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
@@ -289,27 +287,3 @@ class CameraEntry(Sensing):
                 "conflicting-keys",
                 "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
             )
-
-
-CATALOGUE = Path(__file__).with_name("catalogue.yaml")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CatalogueEntry(Sensing):
-    """A camera with a lens, as their makers describe them."""
-
-    camera: Text
-    """Maker, model, sensor."""
-    lens: Text
-    """Maker, model, focal length."""
-    source: Text
-    """Where the figures are from."""
-    image: Annotated[ImageEntry, Field(description="Size and focal length of the image.")]
-
-
-@cache
-def catalogue() -> Mapping[str, CatalogueEntry]:
-    """The entries by name."""
-    from sqrp_cli.files.yaml_file import read_yaml
-
-    return TypeAdapter(dict[Name, CatalogueEntry]).validate_python(read_yaml(CATALOGUE).data)

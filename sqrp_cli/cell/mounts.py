@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Tag
+from pydantic import Field, Tag, TypeAdapter
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.camera.camera import ImageEntry, Sensing, catalogue, check_image
+from sqrp_cli.camera.camera import ImageEntry, Sensing, check_image
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import InputError, Place, Problem, bad_input, expected_names, no_such
 from sqrp_cli.files.entries import (
@@ -26,7 +27,6 @@ from sqrp_cli.files.entries import (
     Position,
     Size,
     Text,
-    from_fields,
     one_of,
 )
 from sqrp_cli.files.frames import WORLD
@@ -38,6 +38,7 @@ from sqrp_cli.files.yaml_file import read_yaml
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.records import dataclass
 
+CATALOGUE = Path(__file__).parents[1] / "camera" / "catalogue.yaml"
 PLACE_FILE = "place.yaml"  # name of the file beside a workspace
 SAME = 1e-6  # points that are closer to each other are one [m]
 MOST_SPOTS = 20_000  # most places for a camera in one file
@@ -190,11 +191,13 @@ class PlaceFile(Entry):
     """How much a task counts in the mean; by its text, 1 by default."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LensChoice(LensEntry):
-    """A camera with its lens, as it may be bought."""
-
-    name: str
+@cache
+def catalogue() -> Mapping[str, LensEntry]:
+    """Cameras with their lenses as makers describe them, by name."""
+    told = ("camera", "lens", "source")  # for people: maker and model of both, and where the figures are from
+    entries = read_yaml(CATALOGUE).data.items()
+    stated = {name: {key: value for key, value in entry.items() if key not in told} for name, entry in entries}
+    return TypeAdapter(dict[Name, LensEntry]).validate_python(stated)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -206,7 +209,7 @@ class Spot:
     frame: str  # `world`, or the link that carries it
     position: Array  # in that frame, shape (3,) [m]
     entry: MountEntry  # what holds for all places of the mount
-    lenses: tuple[LensChoice, ...]  # those that fit
+    lenses: Mapping[str, LensEntry]  # those that fit, by name
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -214,7 +217,8 @@ class Mounts:
     """Where cameras may go, and which."""
 
     spots: tuple[Spot, ...]
-    lenses: tuple[LensChoice, ...]
+    lenses: Mapping[str, LensEntry]
+    """By name; with prices as this file states them."""
     weights: dict[str, float]
 
 
@@ -248,8 +252,8 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         raise document.error("too-many-mounts", ("mounts",), message)
     lenses = {}
     for name, one in file.lenses.items():
-        known = catalogue()[one.catalogue] if isinstance(one, CatalogueLens) else one
-        lenses[name] = from_fields(LensChoice, known, name=name, price=one.price)
+        lens = replace(catalogue()[one.catalogue], price=one.price) if isinstance(one, CatalogueLens) else one
+        lenses[name] = lens
         check_image(document, ("lenses", name, "image"), lenses[name].image.intrinsics())
     spots, aimless = list[Spot](), list[Problem]()
     for name, entry in file.mounts.items():
@@ -257,7 +261,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
         # Of a grid x slowest, z fastest.
         first = np.array(entry.points if span is None else span.start, dtype=float)
         places = np.round(first + np.array(list(product(*map(range, counts)))) @ steps, 9) + 0.0
-        fitting = tuple(lenses[lens] for lens in (lenses if entry.lenses is None else entry.lenses))
+        fitting = lenses if entry.lenses is None else {lens: lenses[lens] for lens in entry.lenses}
         spots += [
             Spot(
                 mount=name,
@@ -279,7 +283,7 @@ def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mou
     for task in file.weights:
         if listed and task not in listed:
             raise document.error("unknown-task", ("weights",), no_such(task, "task of the workspace", listed))
-    return Mounts(spots=tuple(spots), lenses=tuple(lenses.values()), weights=dict(file.weights))
+    return Mounts(spots=tuple(spots), lenses=lenses, weights=dict(file.weights))
 
 
 def _problems(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> Iterator[Problem]:

@@ -63,7 +63,7 @@ def kept_verdicts(
             lens, own = one.lens, one.lens.image.intrinsics()
             sensing = [value for entry in fields(lens) if isinstance(value := getattr(lens, entry.name), float)]
             size, distortion = [own.width, own.height], [own.distortion_model, own.distortion.tolist()]
-            said = [lens.name, *size, own.matrix.tolist(), *distortion, sensing]
+            said = [one.lens_name, *size, own.matrix.tolist(), *distortion, sensing]
             places.append([one.spot.frame, one.X_FC.tolist(), said])
         vias = {name: via.tolist() for name, via in chosen.vias.items()}
         motion = [chosen.skill.name, dict(chosen.binding), dict(chosen.values), dict(chosen.branch), vias]

@@ -108,7 +108,7 @@ class CameraPlacer:
         table.judge()
         self._until, goal = monotonic() + self._seconds, wanted.goal
         if goal is not None and goal.delay is not None and any(way.planned.faults for way in table.ways):
-            lenses = [*self.question.mounts.lenses, *(table.options[option].lens for option in table.kept)]
+            lenses = [*self.question.mounts.lenses.values(), *(table.options[option].lens for option in table.kept)]
             if goal.delay < min((lens.response for lens in lenses), default=0.0) - 1e-9:
                 return self._closest()  # a frame and the latency alone take longer
         found = self._search(wanted)

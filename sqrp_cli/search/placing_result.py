@@ -60,7 +60,7 @@ class CameraPlaced(Record):
         return cls(
             name=name,
             mount=place.spot.name,
-            lens=place.lens.name,
+            lens=place.lens_name,
             pose=camera.X_FC.tolist(),
             frame=camera.frame,
             look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),

@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera
-from sqrp_cli.cell.mounts import SAME, AimsEntry, LensChoice, Spot
+from sqrp_cli.cell.mounts import SAME, AimsEntry, LensEntry, Spot
 from sqrp_cli.files.entries import from_fields
 from sqrp_cli.files.frames import WORLD
 from sqrp_cli.geometry import Array, Indices, Mask, box_corners, inverse, pose, read_only, transform
@@ -103,7 +103,8 @@ class Installation:
     X_FC: Array  # pose of the optical frame in the frame that carries it, shape (4, 4)
     at: Array | None  # the point that it looks at, in that frame, if its aim says one, shape (3,)
     up: Array  # what is up in the image then, shape (3,)
-    lens: LensChoice
+    lens_name: str
+    lens: LensEntry
 
     def camera(self, name: str) -> Camera:
         """The camera there."""
@@ -131,7 +132,7 @@ def installations_at(spot: Spot, middle: Array, middles: Sequence[Array]) -> Ite
     poses += [(pose(one.matrix()[:3, :3], eye), None) for one in aims.fixed]
     for X_FC, at in poses:
         X_FC = read_only(X_FC)
-        yield from (Installation(spot, X_FC, at, up, lens) for lens in spot.lenses)
+        yield from (Installation(spot, X_FC, at, up, name, lens) for name, lens in spot.lenses.items())
 
 
 ViewBatch = tuple[JudgedWay, Sequence[Installation]]
@@ -157,7 +158,7 @@ def verdicts_of(cell: Cell, way: JudgedWay, places: Sequence[Installation]) -> M
         rows = [row for row, one in enumerate(places) if one.spot.frame == frame]
         poses = {id(places[row].X_FC): places[row].X_FC for row in rows}
         lenses = {id(places[row].lens): places[row] for row in rows}
-        cameras = [one.camera(one.lens.name) for one in lenses.values()]
+        cameras = [one.camera(one.lens_name) for one in lenses.values()]
         found = cell.observer.seen_from(
             cameras, np.stack([*poses.values()]), way.planned.targets, way.states, *way.items
         )

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from sqrp_cli.camera.camera import Camera, image_of
-from sqrp_cli.cell.mounts import LensChoice, MountEntry, Mounts, Spot
+from sqrp_cli.cell.mounts import LensEntry, MountEntry, Mounts, Spot
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.files.entries import from_fields
@@ -117,13 +117,13 @@ class VisibilityTable:
             self.options = [one for spot in self.spots for one in installations_at(spot, middle, middles)]
         for name in question.keep:
             camera = cell.workspace.cameras[name]
-            lens = from_fields(LensChoice, camera, image=image_of(camera), price=0.0)
+            lens = from_fields(LensEntry, camera, image=image_of(camera), price=0.0)
             position = camera.X_FC[:3, 3]
             entry = MountEntry(points=[tuple(position.tolist())])
-            spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses=(lens,))
+            spot = Spot(mount=name, name=name, frame=camera.frame, position=position, entry=entry, lenses={name: lens})
             self.kept.append(len(self.options))
             self.spots.append(spot)
-            self.options.append(Installation(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), lens))
+            self.options.append(Installation(spot, camera.X_FC, None, np.array([0.0, 0.0, 1.0]), name, lens))
         number = {id(spot): index for index, spot in enumerate(self.spots)}
         self.site = np.array([number[id(option.spot)] for option in self.options], dtype=np.int64)
         self.beside = {

@@ -17,7 +17,7 @@ from sqrp_cli import open_cell
 from sqrp_cli.ask.values import silent
 from sqrp_cli.camera.camera import ImageEntry
 from sqrp_cli.camera.light import Light
-from sqrp_cli.cell.mounts import LensChoice, Spot, read_mounts
+from sqrp_cli.cell.mounts import LensEntry, Spot, read_mounts
 from sqrp_cli.geometry import inverse, look_at
 from sqrp_cli.search import place
 from sqrp_cli.search.goal import Goal
@@ -365,10 +365,10 @@ ABOVE = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STATES = SceneStates(1, {"world": fixed_frame(), "cube": fixed_frame()})
 
 IMAGE = ImageEntry(width=640, height=480, horizontal_fov=1.0)
-LENSES = [
-    LensChoice(name=f"gain {gain}", image=IMAGE, price=1.0, rate=10.0, latency=0.05, near=0.01, far=10.0, gain=gain)
+LENSES = {
+    f"gain {gain}": LensEntry(image=IMAGE, price=1.0, rate=10.0, latency=0.05, near=0.01, far=10.0, gain=gain)
     for gain in (1.0, 0.4, 2.0, 60.0, None)
-]
+}
 WAY = SimpleNamespace(
     planned=SimpleNamespace(targets=[SimpleNamespace(boxes=(CUBE,))]),
     states=STATES,
@@ -377,13 +377,11 @@ WAY = SimpleNamespace(
 )
 
 
-def seen_by_lenses(lights: dict[str, Light], lenses: list[LensChoice] = LENSES) -> list[bool]:
+def seen_by_lenses(lights: dict[str, Light], lenses: dict[str, LensEntry] = LENSES) -> list[bool]:
     """Whether each lens sees the top of a green cube from above."""
-    spot = Spot(
-        mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=tuple(lenses)
-    )
+    spot = Spot(mount="m", name="m", frame="world", position=ABOVE[:3, 3], entry=SimpleNamespace(), lenses=lenses)
     cell = SimpleNamespace(observer=Observer((), (), lights))
-    places = [Installation(spot, ABOVE, None, np.zeros(3), lens) for lens in lenses]
+    places = [Installation(spot, ABOVE, None, np.zeros(3), name, lens) for name, lens in lenses.items()]
     return verdicts_of(cell, WAY, places)[:, 0].tolist()
 
 
@@ -396,7 +394,7 @@ def test_light_is_judged_with_the_gain_of_each_lens_in_any_order() -> None:
         False,
         False,
     ]  # too dark, too dark, enough, too bright, as with gain 1
-    assert seen_by_lenses(dim, LENSES[::-1]) == [False, False, True, False, False]
+    assert seen_by_lenses(dim, dict(reversed(LENSES.items()))) == [False, False, True, False, False]
 
 
 def test_without_lights_no_gain_matters() -> None:

@@ -105,7 +105,7 @@ def _requirements(request: PlaceRequest, workspace: Workspace, mounts: Mounts, k
             raise bad_option(message + (f", and {kept} stay" if kept else ""), mend=mend)
         floor = FewestPossible(cameras=least, reason=reason)
     count = max(least, 1 + request.survive - kept, 0)
-    lens = min(one.price for one in mounts.lenses)
+    lens = min(one.price for one in mounts.lenses.values())
     price = sum(sorted(spot.entry.price + lens for spot in mounts.spots)[:count])
     if request.budget is not None and price > request.budget + 1e-9:
         cameras = "the cheapest camera costs" if count == 1 else f"the cheapest {count_in_words(count)} cameras cost"

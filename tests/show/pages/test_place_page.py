@@ -64,13 +64,14 @@ def test_every_mount_is_as_good_as_a_cell_with_one_camera_there(placed, overview
     """Within what samples may miss."""
     found, shown = placed, {mount["name"]: mount for mount in overview["placement"]["mounts"]}
     mounts, (one,) = found.question.mounts, found.candidates
+    lens = next(iter(mounts.lenses.values()))
     assert list(shown) == [spot.name for spot in mounts.spots]
     assert shown["inside"]["seen"] is None
     for spot in mounts.spots[:-1]:
         camera = from_fields(
             Camera,
-            mounts.lenses[0],
-            mounts.lenses[0].image.intrinsics(),
+            lens,
+            lens.image.intrinsics(),
             name="alone",
             frame="world",
             X_FC=look_at(spot.position, AIM),
