@@ -29,7 +29,7 @@ from sqrp_cli.files import packages
 from sqrp_cli.files.input_file import decoded, missing_file, read_input
 from sqrp_cli.files.xml_file import MAX_BYTES, parse_xml
 from sqrp_cli.records import dataclass
-from sqrp_cli.robot.xacro_expression import UNOFFERED, RefusedExpressionError, evaluate
+from sqrp_cli.robot.xacro_expression import UNOFFERED, evaluate
 
 MAX_EXPANDED = 50_000  # most elements that are looked at while a file is expanded
 MAX_RESULT = 20_000_000  # most characters of what a file stands for
@@ -228,7 +228,7 @@ class _Expansion:
             name = message.removeprefix("unknown macro name: ")
             message = f"<{name}> is no known macro; is the file included that defines it?"
         elif expression and not isinstance(nested, xacro.XacroException):
-            what = "" if isinstance(nested, RefusedExpressionError) else f"{type(nested).__name__}: "
+            what = "" if isinstance(nested, ValueError) else f"{type(nested).__name__}: "
             message = f"{expression[:100]!r} cannot be evaluated: {what}{message}"
         called = [macro.body.getAttribute("name") for macro in xacro.macrostack or [] if macro.body is not None]
         return Problem("xacro", message[:600] + (f" (in macro `{called[-1]}`)" if called else ""), at)

@@ -41,23 +41,20 @@ UNOFFERED = ("complex", "hash", "issubclass", "slice", "type", "vars")
 """Functions of xacro by which Python itself could be reached, or that no description needs."""
 
 
-class RefusedExpressionError(ValueError):
-    """An expression that is wrong, or that asks for more than this module does."""
-
-
 def evaluate(expression: str, names: Any, _locals: None = None) -> Any:  # noqa: ANN401 - xacro's tables of names
     """The value of an expression; stands in for xacro's `safe_eval`.
 
-    Raises RefusedExpressionError, or what Python raises for a wrong operation.
+    Raises ValueError for an expression that is wrong or asks for more than this module does, and what Python raises for
+    a wrong operation.
     """
     try:
         tree = ast.parse(expression.strip(), mode="eval")
     except (SyntaxError, ValueError) as error:
-        raise RefusedExpressionError("not an expression") from error
+        raise ValueError("not an expression") from error
     for node in ast.walk(tree):
         if not isinstance(node, _NODES) or (isinstance(node, ast.Name) and node.id.startswith("_")):
             shown = ast.unparse(node)[:60] if isinstance(node, ast.expr) else type(node).__name__
-            raise RefusedExpressionError(f"`{shown}` is Python that is not evaluated here")
+            raise ValueError(f"`{shown}` is Python that is not evaluated here")
     # Attributes are read by a call of `_attribute`.
     guard = ast.NodeTransformer()
     guard.visit_Attribute = lambda node: ast.Call(  # type: ignore[method-assign]
@@ -73,9 +70,9 @@ def evaluate(expression: str, names: Any, _locals: None = None) -> Any:  # noqa:
             known |= {name for name in scope if name.isidentifier() and name != "__builtins__"}
             scope = getattr(scope, "parent", None)
         message = f"`{error.name}` is not defined; {expected_names(str(error.name), known)}"
-        raise RefusedExpressionError(message) from error
+        raise ValueError(message) from error
     if isinstance(value, str) and len(value) > MAX_TEXT:
-        raise RefusedExpressionError(f"a text of more than {MAX_TEXT:,} characters")
+        raise ValueError(f"a text of more than {MAX_TEXT:,} characters")
     return value
 
 
@@ -83,10 +80,10 @@ def _attribute(owner: object, name: str) -> Any:  # noqa: ANN401
     for kind, methods in _METHODS.items():
         if isinstance(owner, kind) and name in methods and not (isinstance(owner, Mapping) and name in owner):
             if name == "format" and _REACHING.search(str(owner)):
-                raise RefusedExpressionError(f"the format `{str(owner)[:60]}` is not evaluated here")
+                raise ValueError(f"the format `{str(owner)[:60]}` is not evaluated here")
             return getattr(kind, name).__get__(owner)  # of `kind`, whatever a subclass says
     if isinstance(owner, Mapping) and name in owner:
         return owner[name]
     if isinstance(owner, Mapping):
-        raise RefusedExpressionError(f"`{name}` is not defined there; {expected_names(name, map(str, owner))}")
-    raise RefusedExpressionError(f"`.{name}` of a {type(owner).__name__} is not evaluated here")
+        raise ValueError(f"`{name}` is not defined there; {expected_names(name, map(str, owner))}")
+    raise ValueError(f"`.{name}` of a {type(owner).__name__} is not evaluated here")
