@@ -59,7 +59,7 @@ class CameraBound:
             own = np.argwhere(required & (missing == 1) & ~lost[-1][:, None])
             rows.append(own[:, 0] + row)
             columns.append(own[:, 1] + column)
-            after = np.append(some.steps, 0.0)[: len(some)]
+            after = np.append(some.gaps, 0.0)[: len(some)]
             monitored.append(after)
             interesting.append(np.where(step.stage.of_interest(some), after, 0.0))
             for fault, atoms in step.faults.items() if goal.delay is not None else ():

@@ -423,8 +423,8 @@ def refined(table: VisibilityTable, places: Sequence[Installation], numbers: Seq
             planned, (sample, _), state = way.planned, way.items, np.any(way.required, axis=1)
             covered = sum(of_camera[number].astype(np.int64) for of_camera in each) >= way.needed
             state[sample[~covered]] = False
-            steps = np.where(state[1:] & state[:-1], way.samples.steps, 0.0)
-            parts = ((steps[planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (steps, planned.T))
+            gaps = np.where(state[1:] & state[:-1], way.samples.gaps, 0.0)
+            parts = ((gaps[planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (gaps, planned.T))
             q_eoi, q_avg = (float(part.sum() / total) if total > 0 else None for part, total in parts)
             pairs.append((q_eoi, q_avg))
         each_objective = (wanted, replace(wanted, objective="mean"))

@@ -166,7 +166,7 @@ class VisibilityTable:
             covered = np.tile(np.any(way.required, axis=1), (len(sees), 1))
             for item in range(len(sample)):
                 covered[:, sample[item]] &= sees[:, item] & (way.needed[item] <= 1)
-            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.steps
+            seen = 0.5 * (covered[:, 1:].astype(float) + covered[:, :-1]) * way.samples.gaps
             parts = [(seen[:, planned.stage.of_interest(way.samples)[:-1]], planned.T_eoi), (seen, planned.T)]
             known = [part.sum(axis=1) / total for part, total in parts if total > 0]
             quality = np.mean(known, axis=0) if known else np.ones(len(sees))

@@ -97,7 +97,7 @@ class Sketch(SampledMotion):
             atoms=atoms,
             q_avg=qualities.q_avg,
             q_eoi=qualities.q_eoi,
-            blind=float(self.samples.steps[lost[1:] & lost[:-1]].sum()),
+            blind=float(self.samples.gaps[lost[1:] & lost[:-1]].sum()),
         )
 
 

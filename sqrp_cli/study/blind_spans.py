@@ -83,10 +83,8 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
 
 def sample_weights(analysis: Analysis) -> Array:
     """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
-    steps = analysis.timeline.samples.steps
-    weights = np.zeros(len(steps) + 1)
-    weights[:-1] += 0.5 * steps
-    weights[1:] += 0.5 * steps
+    gaps = analysis.timeline.samples.gaps
+    weights: Array = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps))
     return weights
 
 

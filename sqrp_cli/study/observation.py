@@ -106,8 +106,8 @@ def look_at(
     )
     rows = [np.flatnonzero(asked) for asked in (required if known is None else required & ~known.known).T]
     if any(map(len, rows)):
-        steps = np.append(0.0, samples.steps)
-        loss = None if bars is None else Loss(np.stack([steps, steps * stage.of_interest(samples)], axis=1), bars)
+        before = np.append(0.0, samples.gaps)  # the time from the sample before each
+        loss = None if bars is None else Loss(np.stack([before, before * stage.of_interest(samples)], axis=1), bars)
         seen = observer.coverage(targets, stage.states(samples, q), rows, loss)
         for column, (at, of_target) in enumerate(zip(rows, seen, strict=True)):
             found.covered[at, column], found.response[at, column] = ~np.isnan(of_target), of_target

@@ -70,7 +70,10 @@ class RankJob:
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
     last: list[CandidateResult] | None = None
-    """If only the candidate that comes out last needs a verdict: the last one so far; others may have none."""
+    """Where only the candidate that is ranked last needs a verdict, which takes long: that one so far.
+
+    `assess` keeps it up to date, and leaves out the verdicts of others. None: all have one.
+    """
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""

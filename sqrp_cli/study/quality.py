@@ -15,9 +15,9 @@ def qualities_over(timeline: Timeline) -> Qualities:
     minus first (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum
     over runs is the sum over neighbouring covered samples. None where no formula, or no event, applies for any time.
     """
-    steps, within = timeline.samples.steps, timeline.covered[:-1] & timeline.covered[1:]
+    gaps, within = timeline.samples.gaps, timeline.covered[:-1] & timeline.covered[1:]
     within &= np.diff(timeline.samples.piece) == 0
     of_interest = within & timeline.interesting[:-1]
-    parts = ((steps[within], timeline.request.T), (steps[of_interest], timeline.request.T_eoi))
+    parts = ((gaps[within], timeline.request.T), (gaps[of_interest], timeline.request.T_eoi))
     # Rounding may add a little.
     return Qualities(*(min(float(part.sum()), T) / T if T > 0 else None for part, T in parts))

@@ -69,7 +69,7 @@ def compared_quality(quality: float | None) -> float:
 
 
 def compared_time(seconds: float) -> float:
-    """A time as it is compared [s]; rounded qualities stay as they are."""
+    """A time as it is compared [s]; a quality that is rounded already stays as it is."""
     return round(seconds, _TIME_DECIMALS)
 
 

@@ -116,4 +116,4 @@ def expected_quality(cell: Cell, analysis: Analysis) -> float | None:
     # Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
     before, after = np.nan_to_num(found.states[:-1]), np.nan_to_num(found.states[1:])
     height = np.where((before > 0) & (after > 0), 0.5 * (before + after), 0.0)
-    return min(1.0, float((height * timeline.samples.steps).sum() / analysis.T))
+    return min(1.0, float((height * timeline.samples.gaps).sum() / analysis.T))

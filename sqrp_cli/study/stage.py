@@ -32,7 +32,7 @@ class Samples:
         return len(self.t)
 
     @property
-    def steps(self) -> Array:
+    def gaps(self) -> Array:
         """Time from each sample to the next within its piece [s], 0 at the end of a piece, shape (m - 1,)."""
         return np.where(np.diff(self.piece) == 0, np.diff(self.t), 0.0)
 

@@ -103,13 +103,13 @@ class Timeline:
         stands = [primitive.trajectory.stands for primitive in stage.motion.primitives]
         moving = np.array([not stands[piece.primitive] for piece in stage.pieces], dtype=bool)
         rows = np.flatnonzero(self.monitored & self.observation.looked & moving[self.samples.piece])
-        steps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
-        return float(steps.max(initial=0.0))
+        gaps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
+        return float(gaps.max(initial=0.0))
 
     @property
     def transition_error(self) -> float:
         """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
-        width = np.where(self.covered[1:] != self.covered[:-1], self.samples.steps, 0.0)
+        width = np.where(self.covered[1:] != self.covered[:-1], self.samples.gaps, 0.0)
         within = width[self.interesting[:-1]].sum()
         pairs = ((width.sum(), self.request.T), (within, self.request.T_eoi))
         return max(float(error / T) if T else 0.0 for error, T in pairs)
@@ -161,8 +161,8 @@ def observe(
             # A target that is seen in neither of two neighbouring samples is not looked for between them: how long no
             # bisection can find all covered, and how long of that is of interest.
             lost = seen.required & ~seen.covered
-            steps = np.where((lost[:-1] & lost[1:]).any(axis=1), samples.steps, 0.0)
-            if (np.array([steps.sum(), steps[timeline.interesting[:-1]].sum()]) >= bars).all(axis=1).any():
+            gaps = np.where((lost[:-1] & lost[1:]).any(axis=1), samples.gaps, 0.0)
+            if (np.array([gaps.sum(), gaps[timeline.interesting[:-1]].sum()]) >= bars).all(axis=1).any():
                 break
         if (finer := _finer(timeline, sampling.tolerance)) is None:
             break
@@ -187,7 +187,7 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     single change in events of interest; one of a camera's, in the full matrix, to the allowed error of Q_avg. Each is
     cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few repeatedly.
     """
-    request, t, piece, steps = timeline.request, timeline.samples.t, timeline.samples.piece, timeline.samples.steps
+    request, t, piece, gaps = timeline.request, timeline.samples.t, timeline.samples.piece, timeline.samples.gaps
     # How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
     apart = np.diff(piece) == 0
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
@@ -203,7 +203,7 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
         cameras = np.concatenate([sees_all(boxes) for boxes in timeline.observation.matrix], axis=1)
         changes = (cameras[1:] != cameras[:-1]).any(axis=1) & apart
         allowed[changes] = np.minimum(allowed[changes], error)
-    ratio = steps / np.maximum(allowed, SHORTEST_BRACKET)
+    ratio = gaps / np.maximum(allowed, SHORTEST_BRACKET)
     rows = np.flatnonzero(ratio > 1 + 1e-9)
     if not len(rows):
         return None
@@ -211,4 +211,4 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, Indices] | No
     _, parts = min(choices, key=lambda one: one[0] * (_LOOK + int(one[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
-    return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row
+    return Samples(piece[row], t[row] + (gaps[rows] / parts)[bracket] * part), row

@@ -29,7 +29,7 @@ def exact(found: Analysis, primitive: int) -> float:
     timeline = found.timeline
     within = np.array([piece.primitive == primitive for piece in found.stage.pieces])[timeline.samples.piece]
     seen = timeline.covered[1:] & timeline.covered[:-1]
-    return float(timeline.samples.steps[within[:-1] & timeline.monitored[:-1] & ~seen].sum())
+    return float(timeline.samples.gaps[within[:-1] & timeline.monitored[:-1] & ~seen].sum())
 
 
 def test_blind_times_of_direct_moves_are_those_of_the_study(compared: Compared) -> None:

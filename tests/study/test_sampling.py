@@ -75,7 +75,7 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> list[Difference]:
             assert approximate == reference
             continue
         turning = changed(dense.covered) & rows[1:] & rows[:-1]
-        unsure = 0.5 * float(dense.samples.steps[turning].sum()) / length
+        unsure = 0.5 * float(dense.samples.gaps[turning].sum()) / length
         error = abs(approximate - (reference + unsure))
         allowed = DEFAULT_TOLERANCE + unsure + short / length
         found.append((name, error - allowed, 100 * error, int(turning.sum())))
@@ -132,7 +132,7 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
 ) -> None:
     for motion, fine in watched_finely:
         coarse = motion.timeline(sampling)
-        spacing = float(coarse.samples.steps.max())
+        spacing = float(coarse.samples.gaps.max())
         length = (qualities_over(fine).q_avg - qualities_over(coarse).q_avg) * fine.request.T
         assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
