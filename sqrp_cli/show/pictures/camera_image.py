@@ -25,11 +25,12 @@ _LIFT = 1e-4  # how far above a surface a ray to the light starts [m], so that t
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What n rays hit first: index of the mesh, -1 for none, (n,); distance [m], (n,); unit normal, (n, 3)."""
+    """What n rays from one point hit first."""
 
-    mesh: NDArray[np.int64]
-    distance: Array
-    normal: Array
+    rays: Array  # unit vectors along them, shape (n, 3)
+    mesh: NDArray[np.int64]  # index of the mesh, -1 for none, shape (n,)
+    distance: Array  # to it, shape (n,) [m]
+    normal: Array  # unit vector that looks towards the point, shape (n, 3)
 
 
 class RayScene:
@@ -46,14 +47,14 @@ class RayScene:
             TriangleMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
 
     def first_hits(self, origin: Array, directions: Array) -> Hits:
-        """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first; normals look towards the origin."""
+        """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first."""
         origins = np.broadcast_to(origin, directions.shape).astype(np.float32)
         found = self._scene.run(origins, directions.astype(np.float32), output=True)
         normal = found["Ng"].astype(float)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
         away = np.einsum("ni,ni->n", normal, directions) > 0
         normal[away] *= -1
-        return Hits(found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
+        return Hits(directions, found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
 
     def blocked(self, points: Array, normals: Array, direction: Array) -> NDArray[np.bool_]:
         """Whether anything lies beyond points, (n, 3), along one unit vector, (3,): (n,)."""
@@ -126,11 +127,6 @@ _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 """Where a pixel on an edge is sampled instead of at its centre."""
 
 
-PixelView = tuple[Array, NDArray[np.bool_], Hits]
-"""What a camera sees at n pixels: the rays through them as unit vectors in the world, (n, 3), whether the lens shows
-anything there, (n,), and what the rays hit first."""
-
-
 class Photographer:
     """Takes pictures of a cell in one state."""
 
@@ -145,10 +141,11 @@ class Photographer:
         width, height = camera.width, camera.height
         paint = np.array(colors, dtype=float)
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
-        eye, view = self._states.camera_poses(camera)[0][:3, 3], self.view(camera, pixels)
-        shades = self._shades(eye, view, paint)
+        eye = self._states.camera_poses(camera)[0][:3, 3]
+        hits, shown = self.view(camera, pixels)
+        shades = self._shades(eye, hits, shown, paint)
         # Pixels next to one that shows another part, or a surface with another normal.
-        mesh, normal = view[2].mesh.reshape(height, width), view[2].normal.reshape(height, width, 3)
+        mesh, normal = hits.mesh.reshape(height, width), hits.normal.reshape(height, width, 3)
         on_edge = np.zeros((height, width), dtype=bool)
         for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
             turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
@@ -156,20 +153,22 @@ class Photographer:
             on_edge[before] |= change
             on_edge[after] |= change
         edges = np.flatnonzero(on_edge)
-        finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
-        shades[edges] = self._shades(eye, finer, paint).reshape(-1, 4, 3).mean(axis=1)
+        hits, shown = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
+        shades[edges] = self._shades(eye, hits, shown, paint).reshape(-1, 4, 3).mean(axis=1)
         return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
 
-    def view(self, camera: Camera, pixels: Array) -> PixelView:
-        """What the camera sees at pixels of shape (n, 2)."""
+    def view(self, camera: Camera, pixels: Array) -> tuple[Hits, NDArray[np.bool_]]:
+        """What rays through pixels of shape (n, 2) hit in the world, and whether the lens shows it, shape (n,)."""
         X_WC = self._states.camera_poses(camera)[0]
         rays_C, shown = directions(Projection(camera), pixels)
-        rays = rays_C @ X_WC[:3, :3].T
-        return rays, shown, self._scene.first_hits(X_WC[:3, 3], rays)
+        return self._scene.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown
 
-    def _shades(self, eye: Array, view: PixelView, paint: Array) -> Array:
-        """Colours of the hits, shape (n, 3), with a light and its shadows. eye: centre of the camera in the world."""
-        rays, shown, hits = view
+    def _shades(self, eye: Array, hits: Hits, shown: NDArray[np.bool_], paint: Array) -> Array:
+        """Colours of the hits, shape (n, 3), with a light and its shadows. eye: centre of the camera in the world.
+
+        shown: whether the lens shows anything along each ray. paint: colour of each solid, shape (solids, 3).
+        """
+        rays = hits.rays
         shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
         rows = np.flatnonzero(hits.mesh >= 0)
         points, normals = eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
