@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from math import prod
 from pathlib import Path
 from typing import cast
@@ -32,7 +32,7 @@ from sqrp_cli.logic.domain import Compound, merge_domains, nested
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.skill.read_skill import missing_skills, read_skill, skill_folder, skill_name
 from sqrp_cli.skill.settings import Reference, number_of, side_of
-from sqrp_cli.skill.skill import FORMER_ENDING, Grasp, GraspWaypoint, Names, OffsetWaypoint, Release, Skill, marked
+from sqrp_cli.skill.skill import FORMER_ENDING, Grasp, GraspWaypoint, Names, Release, Skill, marked
 
 
 def check_tasks(
@@ -70,12 +70,12 @@ def check_skill(
     named = [*(parameter.name for parameter in skill.action.parameters), *objects]
     # Each name: its key, what it has to be, the known ones, and what it is not if it is none of these.
     names: list[tuple[KeyPath, str, str, Sequence[str], str]] = []
-    for name, waypoint in skill.waypoints.items():
-        words = [WORLD, TOOL] if isinstance(waypoint, OffsetWaypoint) else [WORLD]
-        what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
-        marks = marked(waypoint, ("waypoints", name))
-        frames = [(key, str(frame)) for key, frame, mark in marks if isinstance(mark, Names) and mark.what == "frame"]
-        names += [(key, "frame", frame, [*words, *named], what) for key, frame in frames]
+    for part, entries in (("waypoints", skill.waypoints.items()), ("primitives", enumerate(skill.primitives))):
+        for key, frame, mark in chain.from_iterable(marked(entry, (part, name)) for name, entry in entries):
+            if isinstance(mark, Names) and mark.what == "frame":
+                words = [WORLD, *mark.also]
+                what = f"neither {' nor '.join(f'`{word}`' for word in words)}, a skill parameter or an object"
+                names.append((key, "frame", str(frame), [*words, *named], what))
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
             at: KeyPath = ("targets", predicate, "boxes", index)

@@ -257,3 +257,7 @@ def points_of(objects: Sequence[SceneObject]) -> Array:
         if item.X_WO is not None
     ]
     return np.concatenate([np.empty((0, 3)), *boxes])
+
+
+CHECKS = (slow_cameras, detectors_out_of_range, doubtful_images, implausible_lenses, blind_cameras)
+"""What `lint` calls of this module."""

@@ -47,11 +47,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
             findings.append(Problem("unused-parameter", message, at, severity="warning", mend=mend))
     of_cells = (
         _held_against_the_facts,
-        cameras.slow_cameras,
-        cameras.detectors_out_of_range,
-        cameras.doubtful_images,
-        cameras.implausible_lenses,
-        cameras.blind_cameras,
+        *cameras.CHECKS,
         colors,
         overlapping_objects,
         floating_objects,

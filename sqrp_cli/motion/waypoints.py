@@ -57,11 +57,11 @@ class WaypointGrounder:
         number = self.number
         match self.waypoints[name]:
             case skill.GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
-                X_WO = self._placed(parameter)
+                X_WO = self.placed(parameter)
                 X_OS = side_pose(self.objects[self.binding[parameter]].size, side_of(setting_value(side, self.values)))
                 X_WT = X_WO @ X_OS @ pose(axis_rotation(2, number(yaw)), (0, 0, number(depth)))
             case skill.PutWaypoint(object=parameter, on=surface) as put:
-                X_TO, X_WB = self._held(parameter), self._placed(surface)
+                X_TO, X_WB = self._held(parameter), self.placed(surface)
                 size, below = (self.objects[self.binding[name]].size for name in (parameter, surface))
                 X_BO = put_pose(size, below, number(put.along), number(put.across), number(put.yaw))
                 X_WT = X_WB @ X_BO @ inverse(X_TO)
@@ -72,13 +72,13 @@ class WaypointGrounder:
             case skill.TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
                 X_WT = self.pose(other) @ pose(axis_rotation(2, number(turn))) @ pose(axis_rotation(0, number(tilt)))
             case skill.OffsetWaypoint(waypoint=other, offset=offset, along=along):
-                axes = None if along == TOOL else self._placed(along)
+                axes = None if along == TOOL else self.placed(along)
                 X_WT = self.pose(other)
                 shift = np.array([number(part) for part in offset])
                 X_WT = pose(position=(X_WT if axes is None else axes)[:3, :3] @ shift) @ X_WT
             case skill.PoseWaypoint(pose=stated, frame=frame, of=held):
                 of_tool = pose() if held is None else inverse(self._held(held))
-                X_WT = self._placed(frame) @ stated.matrix() @ of_tool
+                X_WT = self.placed(frame) @ stated.matrix() @ of_tool
         self._found[name] = X_WT
         return X_WT
 
@@ -86,8 +86,8 @@ class WaypointGrounder:
         """The value of a setting that is a number, in SI units."""
         return number_of(setting_value(setting, self.values))
 
-    def _placed(self, frame: str) -> Array:
-        """The pose X_WF of the world, or of an object that a skill names, shape (4, 4)."""
+    def placed(self, frame: str) -> Array:
+        """The pose X_WF of the world, or of an object that a skill names, shape (4, 4). Raises UnknownPlaceError."""
         name = self.binding.get(frame, frame)
         if frame != WORLD and name not in self.X_WO:
             raise UnknownPlaceError(f"it is not known where `{name}` is")

@@ -159,7 +159,7 @@ class _SkillReader:
             if isinstance(mark, skill.Names):
                 if mark.what != "frame":  # the workspace knows its objects
                     valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
-                    self._known(str(value), [*valid, skill.HOME] if mark.home else valid, mark.what, at)
+                    self._known(str(value), [*valid, *mark.also], mark.what, at)
             elif not isinstance(value, settings.Reference):
                 if isinstance(value, Quantity | str) and (complaint := mark.complaint(value)) is not None:
                     self._report(complaint[0], at, complaint[1])

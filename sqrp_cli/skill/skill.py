@@ -30,10 +30,10 @@ HOME = "home"  # the waypoint that every skill has: the robot's home configurati
 
 @dataclass(frozen=True)
 class Names:
-    """Marks a field that names a part of the skill, or several in a list; home: `HOME` is allowed too."""
+    """Marks a field that names a part of the skill, or several in a list; also: further names that are allowed."""
 
     what: Literal["skill parameter", "waypoint", "frame"]
-    home: bool = False
+    also: tuple[str, ...] = ()
 
 
 def marked(entry: Entry, path: KeyPath = ()) -> Iterator[tuple[KeyPath, object, Names | Kind]]:
@@ -54,7 +54,7 @@ def marks_in(annotation: object) -> Iterator[object]:
 
 ParameterName = Annotated[Name, Names("skill parameter")]
 StaticFrame = Annotated[Text, Names("frame")]
-Origin = Annotated[Name, Names("waypoint", home=True), Field(alias="from", description="The other waypoint.")]
+Origin = Annotated[Name, Names("waypoint", (HOME,)), Field(alias="from", description="The other waypoint.")]
 
 
 class GraspWaypoint(Entry):
@@ -109,7 +109,7 @@ class OffsetWaypoint(Entry):
 
     waypoint: Origin
     offset: Annotated[list[settings.Offset], Field(min_length=3, max_length=3, description="Along x, y and z.")]
-    along: StaticFrame = TOOL
+    along: Annotated[Text, Names("frame", (TOOL,))] = TOOL
     """Whose axes these are: `tool` (of the other waypoint), `world`, a skill parameter or an object."""
 
 
@@ -153,7 +153,7 @@ class JointMove(Primitive):
     """All joints move together to a waypoint."""
 
     _kind = "to {0.to}"
-    to: Annotated[Name, Names("waypoint", home=True)] = Field(
+    to: Annotated[Name, Names("waypoint", (HOME,))] = Field(
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
     speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")

@@ -33,6 +33,7 @@ from sqrp_cli.task.task import Candidate
 
 _PROMPT = 1e-3
 """Times and shares up to this explain no delay [s, 1]."""
+SUMMED = ("time", "t_total", "t_eoi", "states")  # figures of a task of several steps that are the sums of its steps'
 
 
 def fault_metrics(windows: Sequence[Window], onsets: Sequence[Onset], recovery: Recovery, total: float) -> FaultMetrics:

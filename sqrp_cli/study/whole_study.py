@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
+from sqrp_cli.study.assessment import SUMMED, Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -46,16 +46,15 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
     # The worst seen first; where all miss nothing, one stands for all.
     numbered = sorted(enumerate(done, 1), key=lambda pair: _worth(pair[1]))
     losing = [(n, one) for n, one in numbered if min(_worth(one)) < 1.0]
+    sums: dict[str, Any] = {k: sum(v for one in done if (v := getattr(one, k)) is not None) for k in SUMMED}
     verdicts = [f"Step {n}, {one.candidate.task}: {one.verdict}" for n, one in losing]
     return CandidateResult(
         candidate=candidate,
         feasible=True,
-        time=sum(times),
+        **sums,
         q_avg=seen.q_avg,
         q_eoi=seen.q_eoi,
         q_expected=mean_quality([(one.q_expected, one.t_total) for one in done]),
-        t_total=sum(one.t_total or 0.0 for one in done),
-        t_eoi=sum(one.t_eoi or 0.0 for one in done),
         faults={
             f"{number}.{name}": fault
             if fault.expected_time is None
@@ -64,7 +63,6 @@ def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> 
             for name, fault in one.faults.items()
         },
         retried=tuple(f"{number}.{name}" for number, one in enumerate(done, 1) for name in one.retried),
-        states=sum(one.states or 0 for one in done),
         error=max((one.error for one in done if one.error is not None), default=None),
         largest_gap=max((one.largest_gap for one in done if one.largest_gap is not None), default=None),
         remarks=tuple(f"{n}.{text}" for n, one in enumerate(done, 1) for text in one.remarks),

@@ -7,16 +7,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import pytest
 from pydantic import BaseModel, PlainValidator, StringConstraints, Tag, TypeAdapter
 from pydantic.fields import FieldInfo
 
+from sqrp_cli.cell.load import check_skill, load_workspace
 from sqrp_cli.cell.mounts import PlaceFile
 from sqrp_cli.cell.workspace import WorkspaceFile
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files.entries import Entry, FileRecord, Pose, SerializedAs
+from sqrp_cli.files.frames import TOOL
 from sqrp_cli.files.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.files.validation import validate
 from sqrp_cli.files.yaml_file import read_yaml
@@ -204,3 +206,17 @@ def test_a_key_that_is_missing_or_has_a_value_of_the_wrong_kind_or_out_of_all_bo
         assert_named(damaged(use, lambda owner, key, one=one: owner.update({key: one})), use, str(use.path[-1]))
     if use.required:
         assert_named(damaged(use, lambda owner, key: owner.pop(key)), use, str(use.path[-1]))
+
+
+class Shift(skill.Primitive):
+    """A primitive action that names a frame, as none of ours does."""
+
+    along: Annotated[str, Names("frame", (TOOL,))]
+
+
+@pytest.mark.parametrize(("along", "codes"), [("objekt", ["unknown-frame"]), ("object", []), ("tool", [])])
+def test_a_frame_that_a_primitive_names_is_checked_as_that_of_a_waypoint(cell, along, codes):
+    workspace = load_workspace(cell)
+    shifted = replace(workspace.skills["pickup"], primitives=(Shift(name="a1", along=along),))
+    found = check_skill(shifted, ["wrist"], workspace.objects, list(workspace.detectors))
+    assert [problem.code for problem in found] == codes
