@@ -6,7 +6,7 @@ motion within it. Other stretches are halved until a contact is found. The kerne
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import chain, compress
@@ -57,43 +57,15 @@ def pair(first: str, second: str) -> tuple[str, str]:
     return (first, second) if first < second else (second, first)
 
 
-class MotionBound:
-    """What moves each link, from the axes of the joints; the kernel computes the bounds themselves (`Places::bound`).
-
-    The spine are the joints on the way to the tool frame, those included that follow others. Rods, as those of a
-    parallel linkage, hang on joints beside it that follow joints of the arm.
-
-    spine: index of each joint of the spine among all of the robot, s of them.
-    depth: for every link of robot and tool, how many joints of the spine move it: the first `depth` ones.
-    rods: the joints beside the spine that move a link with the arm, from the spine outwards, by link; most have none.
-    radii: distance [m] of the outermost link from the axis of each of the arm's n joints at one configuration, shape
-    (n,); 1 for a prismatic joint. A measure of size, not a bound.
-    """
-
-    def __init__(self, model: RobotModel) -> None:
-        """Find the axes of the joints."""
-        tree, n = model.tree, len(model.arm)
-        ratios = np.abs(tree.ratios[:, :n])  # how far each joint moves with each of the arm's
-        driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
-        self.spine = [joint for joint in tree.chain(model.tool_frame) if joint in driven]
-        moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}
-        self.depth = {link: sum(joint in self.spine for joint in by) for link, by in moved_by.items()}
-        beside = {link: tuple(joint for joint in by if joint not in self.spine) for link, by in moved_by.items()}
-        self.rods = {link: joints for link, joints in beside.items() if joints}
-        q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
-        frames = tree.poses(tree.positions(model.with_fingers(q[None])))[0, self.spine]
-        origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
-        axes = (frames[:, :3, :3] @ tree.axes[self.spine][:, :, None])[..., 0]
-        distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
-        self.radii: Array = ratios[self.spine].T @ np.where(tree.turns[self.spine], distances, 1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class PlacedScene:
     """A collision scene with every object in its place: B solids, and P pairs of them that must not touch."""
 
     model: RobotModel
-    bound: MotionBound
+    spine: Sequence[int]
+    rods: Mapping[str, tuple[int, ...]]
+    radii: Array
+    """What moves each link, as `CollisionScene` says."""
     solids: tuple[Solid, ...]
     frame: Indices  # the joint that carries the parent of each, -1 for none, shape (B,)
     X_FP: Array  # pose of the parent of each on that, shape (B, 4, 4)
@@ -155,15 +127,15 @@ class PlacedScene:
     def _kernel(self) -> kernel.Collisions:
         """The scene as the kernel reads it."""
         tree = self.model.tree
-        rods = [self.bound.rods.get(solid.part.parent, ()) for solid in self.solids]
+        rods = [self.rods.get(solid.part.parent, ()) for solid in self.solids]
         whole = {
-            "parents": tree.parents, "turns": tree.turns, "spine": self.bound.spine, "depth": self.depth,
+            "parents": tree.parents, "turns": tree.turns, "spine": self.spine, "depth": self.depth,
             "frame": self.frame, "rods_from": np.cumsum([0, *map(len, rods)]),
             "rods": [joint for joints in rods for joint in joints], "inner": self.inner, "outer": self.outer,
         }  # fmt: skip
         real = {
             "axes": tree.axes, "terms": tree.terms, "ratios": tree.ratios, "offsets": tree.offsets,
-            "radii": self.bound.radii, "X_FP": self.X_FP, "clearance": self.clearance,
+            "radii": self.radii, "X_FP": self.X_FP, "clearance": self.clearance,
         }  # fmt: skip
         return kernel.Collisions([solid.compiled for solid in self.solids], whole, real)
 
@@ -182,7 +154,18 @@ def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> in
 
 
 class CollisionScene:
-    """The solids of robot, tool and objects; `placed` puts the objects at their poses in a world."""
+    """The solids of robot, tool and objects; `placed` puts the objects at their poses in a world.
+
+    What moves each link follows from the axes of the joints; the kernel computes the bounds themselves
+    (`Places::bound`). The spine are the joints on the way to the tool frame, those included that follow others. Rods,
+    as those of a parallel linkage, hang on joints beside it that follow joints of the arm.
+
+    spine: index of each joint of the spine among all of the robot, s of them.
+    depth: for every link of robot and tool, how many joints of the spine move it: the first `depth` ones.
+    rods: the joints beside the spine that move a link with the arm, from the spine outwards, by link; most have none.
+    radii: distance [m] of the outermost link from the axis of each of the arm's n joints at one configuration, shape
+    (n,); 1 for a prismatic joint. A measure of size, not a bound.
+    """
 
     def __init__(
         self,
@@ -191,19 +174,31 @@ class CollisionScene:
         disabled_pairs: Iterable[tuple[str, str]] = (),
         padding: float = 0.0,
     ) -> None:
-        """Load every solid.
+        """Find what moves each link, and load every solid.
 
         disabled_pairs: pairs of links that are not checked, beside those that are fixed to each other or neighbours
         across one joint. padding: extra clearance from fixed objects [m]. Raises InputError for an unusable mesh.
         """
-        self.model = model
-        self.bound = MotionBound(model)
+        self.model, tree, n = model, model.tree, len(model.arm)
+        ratios = np.abs(tree.ratios[:, :n])  # how far each joint moves with each of the arm's
+        driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
+        self.spine = [joint for joint in tree.chain(model.tool_frame) if joint in driven]
+        moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}
+        depth = self.depth = {link: sum(joint in self.spine for joint in by) for link, by in moved_by.items()}
+        beside = {link: tuple(joint for joint in by if joint not in self.spine) for link, by in moved_by.items()}
+        rods = self.rods = {link: joints for link, joints in beside.items() if joints}
+        q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
+        frames = tree.poses(tree.positions(model.with_fingers(q[None])))[0, self.spine]
+        origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
+        axes = (frames[:, :3, :3] @ tree.axes[self.spine][:, :, None])[..., 0]
+        distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
+        self.radii: Array = ratios[self.spine].T @ np.where(tree.turns[self.spine], distances, 1.0)
+        # The solids, and which pairs of the robot's own must not touch.
         self.solids = load_solids(model.parts)
         objects = tuple(objects)
         self.objects = {obj.name: obj for obj in objects}
         self.object_solids = {obj.name: load_solids(obj.parts) for obj in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
-        depth, rods = self.bound.depth, self.bound.rods
         names = [solid.part.parent for solid in self.solids]
         self.self_pairs = tuple(
             (i, j) if depth[a] < depth[b] else (j, i)
@@ -234,11 +229,11 @@ class CollisionScene:
         The held object moves with the tool and may touch it. Objects of unknown pose are left out.
         """
         if world not in self._placed:
-            tree, bound = self.model.tree, self.bound
+            tree = self.model.tree
             solids, clearance = list(self.solids), [CLEARANCE] * len(self.solids)
             names = [solid.part.parent for solid in solids]
-            mounts, depth = [tree.mounts[name] for name in names], [bound.depth[name] for name in names]
-            moving = [i for i, name in enumerate(names) if bound.depth[name] or name in bound.rods]
+            mounts, depth = [tree.mounts[name] for name in names], [self.depth[name] for name in names]
+            moving = [i for i, name in enumerate(names) if self.depth[name] or name in self.rods]
             for name, X_WO in world.X_WO.items():
                 if name != world.held:
                     of_object = self.object_solids[name]
@@ -258,10 +253,12 @@ class CollisionScene:
                 solids += held
                 carrier, X_JT = tree.mounts[self.model.tool_frame]
                 mounts += [(carrier, X_JT @ world.X_TO)] * len(held)
-                depth += [bound.depth[self.model.tool_frame]] * len(held)
+                depth += [self.depth[self.model.tool_frame]] * len(held)
             self._placed[world] = PlacedScene(
                 model=self.model,
-                bound=bound,
+                spine=self.spine,
+                rods=self.rods,
+                radii=self.radii,
                 solids=tuple(solids),
                 frame=np.array([joint for joint, _ in mounts], dtype=np.int64),
                 X_FP=np.array([X_JP for _, X_JP in mounts]).reshape(-1, 4, 4),

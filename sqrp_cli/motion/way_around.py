@@ -121,7 +121,7 @@ def find_way(
         checks += 1
         return scene.is_free(JointPath.line(first, second), SPARE)
 
-    scale = np.maximum(scene.bound.radii, LEAST_SCALE)
+    scale = np.maximum(scene.radii, LEAST_SCALE)
     corners = _plan_polyline(q0, q1, bounds, scale, lambda *ends: is_free(*ends) if checks < tries else None, seed)
     found_after = checks
     if corners is None:

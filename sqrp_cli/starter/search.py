@@ -132,8 +132,8 @@ def shoulder_of(model: RobotModel) -> Array:
 
 def still_points(cell: Cell) -> Sequence[Array]:
     """Corners of the solids that the arm does not move, in the world [m], shape (V, 3) each."""
-    bound = cell.collision.bound
-    parts = [part for part in cell.model.parts if bound.depth[part.parent] == 0 and part.parent not in bound.rods]
+    scene = cell.collision
+    parts = [part for part in cell.model.parts if scene.depth[part.parent] == 0 and part.parent not in scene.rods]
     return [transform(cell.model.home_links[solid.part.parent], solid.vertices) for solid in load_solids(parts)]
 
 

@@ -18,7 +18,6 @@ from sqrp_cli.motion.collision import (
     RESOLUTION,
     CollisionScene,
     Contact,
-    MotionBound,
     PlacedScene,
     find_self_contacts,
     pair,
@@ -59,7 +58,7 @@ class BruteForce:
         self.model = model
         self.request = coal.CollisionRequest()
         self.request.security_margin = margin
-        depth = MotionBound(model).depth
+        depth = CollisionScene(model, ()).depth
         parts = [(part, coal_geometry(load_solid(part)), None) for part in model.parts]
         for t in THINGS:
             frame = state.X_TO if t.name == state.held else state.X_WO[t.name]
@@ -268,14 +267,15 @@ class Balls:
     """A ball around the origin of each of some links and of the world, and the bounds of every pair's motion."""
 
     def __init__(self, model: RobotModel, links: list[str]) -> None:
-        self.model, self.links, bound = model, [*links, WORLD], MotionBound(model)
-        mounts, depth = {**model.tree.mounts, WORLD: (-1, pose())}, {**bound.depth, WORLD: -1}
+        self.model, self.links, whole = model, [*links, WORLD], CollisionScene(model, ())
+        mounts, depth = {**model.tree.mounts, WORLD: (-1, pose())}, {**whole.depth, WORLD: -1}
         ordered = permutations(range(len(self.links)), 2)
         self.pairs = [(i, j) for i, j in ordered if depth[self.links[i]] < depth[self.links[j]]]  # the inner one first
         inner, outer = np.array(self.pairs).T
         balls = load_solids([Part(link, link, Sphere(RADIUS), pose()) for link in self.links])
         self.scene = PlacedScene(
-            model=model, bound=bound, solids=balls, clearance=np.zeros(len(inner)), fingers=np.zeros(0),
+            model=model, spine=whole.spine, rods=whole.rods, radii=whole.radii, solids=balls,
+            clearance=np.zeros(len(inner)), fingers=np.zeros(0),
             frame=np.array([mounts[link][0] for link in self.links]), inner=inner, outer=outer,
             X_FP=np.array([mounts[link][1] for link in self.links]),
             depth=tuple(max(0, depth[link]) for link in self.links),

@@ -89,7 +89,7 @@ def test_nothing_of_the_robot_reaches_beyond_the_tool_frame_along_its_axis(cell:
     """So its z axis points out of the arm, and the cup is not inside a gripper that was there before."""
     X_TW = np.linalg.inv(cell.model.tool_pose(cell.model.home))
     X_WL = cell.model.link_poses(cell.model.home[None])
-    depth = cell.collision.bound.depth
+    depth = cell.collision.depth
     for solid in cell.collision.solids:
         link = solid.part.parent
         if depth[link] >= depth[cell.model.tool_frame]:

@@ -72,7 +72,7 @@ def assert_honest(compared: Compared) -> None:
     for space in move_searches(cell, seen, compared.candidate.open_paths, np.inf):
         path = space.direct.trajectory.path
         coarse = path.positions(np.linspace(0, 1, 200))
-        far = float((np.abs(np.diff(coarse, axis=0)) @ space.placed.bound.radii).sum())
+        far = float((np.abs(np.diff(coarse, axis=0)) @ space.placed.radii).sum())
         q = path.positions(np.linspace(0, 1, 2 + int(1.2 * far / 1e-3)))
         assert all(contact is None for contact in space.placed.check_all(q))
 
