@@ -28,7 +28,7 @@ from sqrp_cli.files.units import SMALLEST_SIZE
 from sqrp_cli.files.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.files.xml_file import MAX_BYTES
 from sqrp_cli.geometry import inverse, pose, read_only, transform
-from sqrp_cli.logic.domain import Domain, declared, mismatch
+from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.robot.read_urdf import read_urdf
 from sqrp_cli.shapes import Box, Mesh, Part, Shape, half_extents
@@ -239,7 +239,7 @@ def read_facts(reader: RobotReader, file: WorkspaceFile, domain: Domain) -> dict
     """The facts of `state`, each with its place in the list from 0, checked against the skills' common domain."""
     facts: dict[Atom, int] = {}
     for index, text in enumerate(file.state):
-        path, known = ("state", index), domain.predicates
+        path, signatures = ("state", index), domain.predicates
         match = _FACT.fullmatch(text)
         if match is None:
             message = f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`"
@@ -247,22 +247,23 @@ def read_facts(reader: RobotReader, file: WorkspaceFile, domain: Domain) -> dict
             continue
         predicate = match[1].lower()
         arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
-        if predicate not in known:
-            expected = expected_names(predicate, known)
+        if predicate not in signatures:
+            expected = expected_names(predicate, signatures)
             message = f"found `{match[1]}`, which is no predicate of a skill; {expected}"
             reader.report("unknown-predicate", path, message)
             continue
-        parameters = known[predicate]
-        if (wrong := mismatch(predicate, parameters, arguments)) is not None:
-            reader.report("wrong-arity", path, wrong)
+        signature = signatures[predicate]
+        if len(arguments) != len(signature.parameters):
+            stated = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+            message = f"`{predicate}` has {stated}, expected {len(signature.parameters)}: {signature}"
+            reader.report("wrong-arity", path, message)
             continue
-        for argument, parameter in zip(arguments, parameters, strict=True):
+        for argument, parameter in zip(arguments, signature.parameters, strict=True):
             entry = file.objects.get(argument)
             if entry is None:
                 reader.report("unknown-object", path, no_such(argument, "object", file.objects))
             elif not domain.fits(entry.types, parameter.type):
-                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: "
-                message += declared(predicate, parameters)
+                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 reader.report("wrong-object-type", path, message)
         fact = Atom(predicate, arguments)
         if fact in facts:

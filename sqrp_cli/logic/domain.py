@@ -29,20 +29,22 @@ class Parameter:
         return f"?{self.name} - {self.type}"
 
 
-Parameters: TypeAlias = tuple[Parameter, ...]
+@dataclass(frozen=True)
+class Signature:
+    """A declared predicate."""
 
+    name: str
+    parameters: tuple[Parameter, ...]
 
-def declared(name: str, parameters: Parameters) -> str:
-    """A predicate as a domain declares it, such as `(hold ?object - movable)`."""
-    return f"({' '.join([name, *map(str, parameters)])})"
+    def mismatch(self, arguments: Sequence[object]) -> str | None:
+        """The message for a use with a wrong number of arguments; None if the number is right."""
+        found, expected = len(arguments), len(self.parameters)
+        if found == expected:
+            return None
+        return f"`{self.name}` has {found} argument{'s' * (found != 1)}; expected {expected}: {self}"
 
-
-def mismatch(name: str, parameters: Parameters, arguments: Sequence[object]) -> str | None:
-    """The message for a use of a predicate with a wrong number of arguments; None if the number is right."""
-    found, expected = len(arguments), len(parameters)
-    if found == expected:
-        return None
-    return f"`{name}` has {found} argument{'s' * (found != 1)}; expected {expected}: {declared(name, parameters)}"
+    def __str__(self) -> str:
+        return f"({' '.join([self.name, *map(str, self.parameters)])})"
 
 
 EQUAL = "="
@@ -124,8 +126,7 @@ class Domain:
     """Each declared type with its parent; `object` is the root and not among them."""
     constants: Mapping[str, str]
     """Each with its type."""
-    predicates: Mapping[str, Parameters]
-    """Each with its parameters."""
+    predicates: Mapping[str, Signature]
     actions: Mapping[str, Action]
 
     def fits(self, object_types: Iterable[str], parameter_type: str) -> bool:
@@ -153,13 +154,12 @@ def merge_domains(domains: Sequence[Domain]) -> Domain:
     for (part, entries), domain in product(merged.items(), domains):
         for name, entry in getattr(domain, part).items():
             if name in entries:
-                same, shown = entry == entries[name], [entries[name], entry]
+                same = entry == entries[name]
                 if part == "predicates":
-                    same = [one.type for one in entry] == [one.type for one in entries[name]]
-                    shown = [declared(name, one) for one in shown]
+                    same = [one.type for one in entry.parameters] == [one.type for one in entries[name].parameters]
                 if not same or part == "actions":
                     message = f"{part.removesuffix('s')} `{name}` is also defined in {owners[part, name].path}"
-                    message += "" if part == "actions" else f", as `{shown[0]}` there and `{shown[1]}` here"
+                    message += "" if part == "actions" else f", as `{entries[name]}` there and `{entry}` here"
                     raise bad_input("pddl-conflict", message, Place(domain.path))
             entries.setdefault(name, entry)
             owners.setdefault((part, name), domain)

@@ -146,10 +146,10 @@ def check_formula(
                     uses = ", ".join(f"{part.name}({', '.join(names)})" for names in lists[part.name])
                     reason = f"because action `{action.name}` uses it as {uses}"
                     yield wrong("mtl-missing-arguments", f"the arguments of `{part.name}` must be given, {reason}")
-            elif mismatch := pddl.mismatch(part.name, domain.predicates[part.name], part.arguments):
+            elif mismatch := domain.predicates[part.name].mismatch(part.arguments):
                 yield wrong("mtl-arity", mismatch)
             else:
-                for name, parameter in zip(part.arguments, domain.predicates[part.name], strict=True):
+                for name, parameter in zip(part.arguments, domain.predicates[part.name].parameters, strict=True):
                     if name not in types:
                         message = f"`{name}` is no parameter of `{action.name}` and no constant"
                         yield wrong("mtl-unknown-argument", f"{message}; {expected_names(name, types)}")

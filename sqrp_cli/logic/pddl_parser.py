@@ -103,7 +103,7 @@ class _Reader:
     requirements: set[str] = field(default_factory=set)
     types: dict[str, str] = field(default_factory=dict)
     constants: dict[str, str] = field(default_factory=dict)
-    predicates: dict[str, pddl.Parameters] = field(default_factory=dict)
+    predicates: dict[str, pddl.Signature] = field(default_factory=dict)
     actions: dict[str, pddl.Action] = field(default_factory=dict)
 
     def report(self, code: str, message: str, node: Node, mend: str | None = None) -> None:
@@ -205,7 +205,7 @@ class _Reader:
                         self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
                     if word.text in self.predicates:
                         self.report("pddl-duplicate", f"predicate `{word.text}` is declared twice", word)
-                    self.predicates[word.text] = self.parameters(node.items[1:], {})
+                    self.predicates[word.text] = pddl.Signature(word.text, self.parameters(node.items[1:], {}))
 
     def read_action(self, section: Node) -> None:
         if len(section.items) < 2:
@@ -337,14 +337,14 @@ class _Reader:
         if word.text == "when":
             raise self.failure("`when` cannot be part of a condition", node)
         terms = [self.term(item, scope) for item in node.items[1:]]
-        parameters = self.predicates.get(word.text)
-        if parameters is None:
+        signature = self.predicates.get(word.text)
+        if signature is None:
             self.unknown("pddl-unknown-predicate", word, self.predicates)
-        elif mismatch := pddl.mismatch(word.text, parameters, terms):
+        elif mismatch := signature.mismatch(terms):
             self.report("pddl-arity", mismatch, node)
         else:
             declared = {*self.types, pddl.OBJECT}
-            for item, (term, found), parameter in zip(node.items[1:], terms, parameters, strict=True):
+            for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
                 above = found if found in declared and parameter.type in declared else parameter.type
                 while above != parameter.type and above in self.types:
                     above = self.types[above]

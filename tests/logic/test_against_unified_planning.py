@@ -128,7 +128,8 @@ def test_both_read_valid_domains_alike(condition: str) -> None:
         action.name: [p.name for p in action.parameters] for action in domain.actions.values()
     }
     assert {f.name: [str(p.type).split(" - ")[0] for p in f.signature] for f in problem.fluents} == {
-        name: [parameter.type for parameter in parameters] for name, parameters in domain.predicates.items()
+        signature.name: [parameter.type for parameter in signature.parameters]
+        for signature in domain.predicates.values()
     }
     for action in problem.actions:
         ours = domain.actions[action.name]

@@ -37,7 +37,7 @@ def test_a_domain_with_everything_that_is_supported() -> None:
     of_movable, of_fixture = dict.fromkeys(("screw", "cube"), "movable"), dict.fromkeys(("tray", "table"), "fixture")
     assert domain.types == {**of_movable, **of_fixture, "movable": "object", "fixture": "object"}
     assert domain.constants == {"bin": "tray"}
-    assert domain.predicates["on"] == (Parameter("x", "movable"), Parameter("y", "object"))
+    assert domain.predicates["on"].parameters == (Parameter("x", "movable"), Parameter("y", "object"))
     action = domain.actions["place"]
     assert action.parameters == (Parameter("x", "movable"), Parameter("y", "tray"))
     assert str(action.precondition) == (
