@@ -70,10 +70,7 @@ class RankJob:
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
     last: list[CandidateResult] | None = None
-    """Where only the candidate that is ranked last needs a verdict, which takes long: that one so far.
-
-    `assess` keeps it up to date, and leaves out the verdicts of others. None: all have one.
-    """
+    """Where the one ranked last alone needs a verdict: that one so far, kept up to date by `assess`. None: all do."""
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""

@@ -6,6 +6,7 @@ The only module that knows Embree, which needs neither a display nor a graphics 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ class Hits:
     """What n rays from one point hit first."""
 
     rays: Array  # unit vectors along them, shape (n, 3)
+    shown: NDArray[np.bool_]  # whether the lens, if there is one, shows anything along them, shape (n,)
     mesh: NDArray[np.int64]  # index of the mesh, -1 for none, shape (n,)
     distance: Array  # to it, shape (n,) [m]
     normal: Array  # unit vector that looks towards the point, shape (n, 3)
@@ -54,7 +56,8 @@ class RayScene:
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
         away = np.einsum("ni,ni->n", normal, directions) > 0
         normal[away] *= -1
-        return Hits(directions, found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
+        shown = np.ones(len(directions), dtype=bool)
+        return Hits(directions, shown, found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
 
     def blocked(self, points: Array, normals: Array, direction: Array) -> NDArray[np.bool_]:
         """Whether anything lies beyond points, (n, 3), along one unit vector, (3,): (n,)."""
@@ -142,8 +145,8 @@ class Photographer:
         paint = np.array(colors, dtype=float)
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
         eye = self._states.camera_poses(camera)[0][:3, 3]
-        hits, shown = self.view(camera, pixels)
-        shades = self._shades(eye, hits, shown, paint)
+        hits = self.view(camera, pixels)
+        shades = self._shades(eye, hits, paint)
         # Pixels next to one that shows another part, or a surface with another normal.
         mesh, normal = hits.mesh.reshape(height, width), hits.normal.reshape(height, width, 3)
         on_edge = np.zeros((height, width), dtype=bool)
@@ -153,21 +156,18 @@ class Photographer:
             on_edge[before] |= change
             on_edge[after] |= change
         edges = np.flatnonzero(on_edge)
-        hits, shown = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
-        shades[edges] = self._shades(eye, hits, shown, paint).reshape(-1, 4, 3).mean(axis=1)
+        finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
+        shades[edges] = self._shades(eye, finer, paint).reshape(-1, 4, 3).mean(axis=1)
         return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
 
-    def view(self, camera: Camera, pixels: Array) -> tuple[Hits, NDArray[np.bool_]]:
-        """What rays through pixels of shape (n, 2) hit in the world, and whether the lens shows it, shape (n,)."""
+    def view(self, camera: Camera, pixels: Array) -> Hits:
+        """What rays through pixels of shape (n, 2) hit in the world."""
         X_WC = self._states.camera_poses(camera)[0]
         rays_C, shown = directions(Projection(camera), pixels)
-        return self._scene.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown
+        return replace(self._scene.first_hits(X_WC[:3, 3], rays_C @ X_WC[:3, :3].T), shown=shown)
 
-    def _shades(self, eye: Array, hits: Hits, shown: NDArray[np.bool_], paint: Array) -> Array:
-        """Colours of the hits, shape (n, 3), with a light and its shadows. eye: centre of the camera in the world.
-
-        shown: whether the lens shows anything along each ray. paint: colour of each solid, shape (solids, 3).
-        """
+    def _shades(self, eye: Array, hits: Hits, paint: Array) -> Array:
+        """Colours of hits, (n, 3), with a light and its shadows. eye: of the camera. paint: of each solid, (s, 3)."""
         rays = hits.rays
         shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
         rows = np.flatnonzero(hits.mesh >= 0)
@@ -178,5 +178,5 @@ class Photographer:
         towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
         light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
         shades[rows] = paint[hits.mesh[rows]] * light[:, None]
-        shades[~shown] = _OUTSIDE
+        shades[~hits.shown] = _OUTSIDE
         return shades
