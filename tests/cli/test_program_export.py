@@ -149,6 +149,7 @@ def test_the_program_lists_its_steps_and_what_the_tool_does(sqrp, tower):
 
 
 def test_a_tower_stands_in_the_end(tower_replay):
+    assert tower_replay.contacts() == set()  # which follows the objects to where they end
     green, red, blue = (tower_replay.X_WO[name].translation for name in ("green", "red", "blue"))
     # Cubes of 5, 4 and 4 cm; what is put down stands at most 1 mm above what it stands on.
     for below, above, height in ((green, red, 0.045), (red, blue, 0.04)):
