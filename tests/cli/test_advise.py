@@ -201,7 +201,7 @@ def test_the_advised_way_is_the_fastest_of_all_that_meet_the_wish(sqrp):
     assert way["time"] == pytest.approx(min(one.time for one in enough), abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.trial
 def test_a_delay_that_only_other_cameras_decide_has_an_answer(sqrp, tabletop):
     """The others see all of the event: the bound has nothing that the camera alone must see."""
     outcome = sqrp("advise", tabletop, "pickup g2", "--want", "delay 0.3 s", "--kinds", "lens", "--ways", "fastest")

@@ -71,7 +71,7 @@ def test_a_kernel_that_cannot_be_built_is_told(checkout: Path, compiler: str, wo
     assert not list((checkout.parent / "cache" / "sqrp").iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.trial
 @pytest.mark.skipif(not shutil.which("c++"), reason="no compiler")
 def test_the_kernel_needs_nothing_of_the_c_plus_plus_library(checkout: Path) -> None:
     shutil.copy(ROOT / "sqrp_cli" / "kernel" / "sight.cpp", checkout / "sqrp_cli" / "kernel")

@@ -137,7 +137,7 @@ def differences(seed: int, counts: Counter[str]) -> list[str]:
     return different
 
 
-@pytest.mark.parametrize("seed", [*range(6), 73])  # 73: cameras of different gains ask for different shadows
+@pytest.mark.parametrize("seed", [*range(4), 73])  # 73: cameras of different gains ask for different shadows
 def test_the_kernel_says_what_the_reference_says(seed: int) -> None:
     assert differences(seed, Counter()) == []
 
