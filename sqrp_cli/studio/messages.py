@@ -114,7 +114,11 @@ class Asked:
     by: Criterion
 
 
-Question = tuple[Any, ...]
+Question = (
+    tuple[Literal["rank", "compare"], Asked, int]
+    | tuple[Literal["hold"], Move, int]
+    | tuple[Literal["show"], str, None]
+)
 """What the process that computes is asked: a word first, by which a later one supersedes one that waits.
 
 `rank` and `compare`, to rank and to rank the saved file: what is `Asked`, and the number that answers carry. `hold`, to

@@ -33,7 +33,7 @@ class WorkerProcess:
         self._some_wait = threading.Condition()
         threading.Thread(target=self._send, daemon=True).start()
 
-    def ask(self, *question: object) -> None:
+    def ask(self, question: Question) -> None:
         """Ask without waiting; a later question of the same word supersedes one that still waits."""
         with self._some_wait:
             self._waiting.pop(question[0], None)
@@ -93,12 +93,12 @@ class Rankings:
         self.number += 1
         self.held, self._comparing = False, None
         self._asked, self._ranked = asked, None
-        self.worker.ask("rank", asked, self.number)
+        self.worker.ask(("rank", asked, self.number))
 
     def hold(self, move: Move, number: int) -> None:
         """Sketch what a hand moves; the sketch carries the number."""
         self.held, self._comparing = True, None
-        self.worker.ask("hold", move, number)
+        self.worker.ask(("hold", move, number))
 
     def take_as_saved(self) -> None:
         """Take the ranking that is shown as that of the saved file too, if it is."""
@@ -144,4 +144,4 @@ class Rankings:
             saved = self.saved()
             if saved not in (self._asked, self._of_saved, self._comparing):
                 self._comparing = saved
-                self.worker.ask("compare", saved, self.number)
+                self.worker.ask(("compare", saved, self.number))

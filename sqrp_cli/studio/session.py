@@ -188,7 +188,7 @@ class Studio:
             case "choose":
                 self._chosen = asked.name
                 self.connections.forget("detail")
-                self._rankings.worker.ask("show", asked.name)
+                self._rankings.worker.ask(("show", asked.name, None))
                 self._note("shown", self._command("explain", self._task, "--choose", asked.name))
             case "advise" | "place":
                 self._searched, chosen = self._draft.content, self._chosen or "best"

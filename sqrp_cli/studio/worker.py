@@ -193,20 +193,20 @@ class _Worker:
 
     def answer(self, question: Question) -> None:
         """Begin with what is asked, or say why that cannot be."""
-        kind, about, *number = question
         try:
-            if kind == "hold":
-                self._sketch(about, *number)
-            elif kind == "show":
-                self._chosen = about
-                self._explain()
-            else:
-                self._begin(about, *number, of_saved=kind == "compare")
+            match question:
+                case ("hold", move, number):
+                    self._sketch(move, number)
+                case ("show", name, _):
+                    self._chosen = name
+                    self._explain()
+                case (word, asked, number):
+                    self._begin(asked, number, of_saved=word == "compare")
         except InputError as error:
-            if kind == "hold":  # refused once it is put down
-                self.say("held", number=number[0])
+            if question[0] == "hold":  # refused once it is put down
+                self.say("held", number=question[2])
             else:
-                self.say("problems", number=number[0] if number else None, problems=findings(error.problems))
+                self.say("problems", number=question[2], problems=findings(error.problems))
 
     # A ranking
 

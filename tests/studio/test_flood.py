@@ -106,7 +106,7 @@ def test_a_process_that_does_not_read_holds_nobody_up(monkeypatch):
     def ask() -> None:
         worker = WorkerProcess(Path("cell"), 0, 1)
         for number in range(20):
-            worker.ask("rank", Asked(b"x" * 1_000_000, "pickup", "q_eoi"), number)
+            worker.ask(("rank", Asked(b"x" * 1_000_000, "pickup", "q_eoi"), number))
         worker.close()
 
     assert ends(ask)

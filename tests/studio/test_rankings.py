@@ -31,7 +31,7 @@ class WorkerProcess:
         self.asked: list[object] = []
         self.saved = SAVED
 
-    def ask(self, *question: object) -> None:
+    def ask(self, question: object) -> None:
         self.asked.append(question)
 
 
