@@ -95,15 +95,15 @@ def _nicely(work: Callable[[Any], Any], *about: object) -> Callable[[Any], Any]:
     return partial(work, *about)
 
 
-def _assess(assignment: RankJob, candidates: Sequence[Candidate], memory: SightMemory, index: int) -> _Answer:
+def _assess(job: RankJob, candidates: Sequence[Candidate], memory: SightMemory, index: int) -> _Answer:
     memory.learnt.clear()
-    return assignment.assess(candidates[index]), memory.learnt
+    return job.assess(candidates[index]), memory.learnt
 
 
-def _detail(assignment: RankJob, ranked: CandidateResult, name: str) -> str:
+def _detail(job: RankJob, ranked: CandidateResult, name: str) -> str:
     """The message that shows a candidate over time."""
-    explained = assignment.explain(ranked)
-    detail = played(assignment, explained, brief=True) if ranked.feasible else None
+    explained = job.explain(ranked)
+    detail = played(job, explained, brief=True) if ranked.feasible else None
     return message("detail", name=name, detail=detail)
 
 
@@ -216,24 +216,24 @@ class _Worker:
         cell, wanted = self._read(asked.content, number, of_saved=of_saved), WantedWay(asked.by)
         if self._task is not None and self._task[0] == asked.task:
             before = self._task[1]
-            session = Session(before.task, replace(before.assignment, cell=cell, wanted=wanted))
+            session = Session(before.task, replace(before.job, cell=cell, wanted=wanted))
         else:
             session = Session.begin(cell, TaskRequest(asked.task))
-            assignment, keeps = replace(session.assignment, wanted=wanted), len(session.task.candidates) <= KEPT_PLANS
-            session = Session(session.task, replace(assignment, plans=Plans()) if keeps else assignment)
+            job, keeps = replace(session.job, wanted=wanted), len(session.task.candidates) <= KEPT_PLANS
+            session = Session(session.task, replace(job, plans=Plans()) if keeps else job)
             if keeps:
                 self._task = asked.task, session
         keep_all_so_far()
-        plans, candidates, memory = session.assignment.plans, session.task.candidates, self._memory
+        plans, candidates, memory = session.job.plans, session.task.candidates, self._memory
         for candidate in candidates:
             if plans is None or self.pipe.poll():
                 break  # plans are made where they are needed
             if not candidate.steps:
-                plans.of(session.cell, candidate, session.assignment.world, fastest=False)
+                plans.of(session.cell, candidate, session.job.world, fastest=False)
         memory.learnt.clear()  # by this process, which need not be told; the others begin with what it knows
         self.run = run = RankingRun(asked, number, of_saved, session, memory, deque(range(len(candidates))))
         for _ in range(min(self.jobs, len(candidates))):
-            run.workers[Worker(forked(), _nicely, _assess, session.assignment, candidates, memory)] = None
+            run.workers[Worker(forked(), _nicely, _assess, session.job, candidates, memory)] = None
         for worker in run.workers:
             run.hand_out(worker)
 
@@ -286,7 +286,7 @@ class _Worker:
             return
         if self.explaining is not None:
             self.explaining.kill()
-        self.explaining = Worker(forked(), _nicely, _detail, self._session.assignment, chosen)
+        self.explaining = Worker(forked(), _nicely, _detail, self._session.job, chosen)
         self.explaining.send(self._chosen)
 
     def _base(self) -> tuple[list[Sketch], CoverageShown] | None:

@@ -17,7 +17,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.study.assessment import Analysis, analyse
 from sqrp_cli.study.find import Plans, WantedWay, find_way
 from sqrp_cli.study.program_update import world_after
-from sqrp_cli.study.ranking import rank, winners
+from sqrp_cli.study.ranking import winners
 from sqrp_cli.study.result import (
     CandidateResult,
     Criterion,
@@ -29,7 +29,7 @@ from sqrp_cli.study.result import (
 from sqrp_cli.study.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.study.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.verdict import verdict
-from sqrp_cli.study.whole_study import assessment_of_all, world_left
+from sqrp_cli.study.whole_study import assessment_of_all, whole_observed, world_left
 from sqrp_cli.task.grips import choice_in_words, way_in_words
 from sqrp_cli.task.task import Candidate, in_words
 
@@ -69,8 +69,8 @@ class RankJob:
     """That every candidate starts from."""
     plans: Plans | None = None
     """The motions of candidates in this world, if they are to be kept for other cameras."""
-    last: list[CandidateResult] | None = None
-    """Where the one ranked last alone needs a verdict: that one so far, kept up to date by `assess`. None: all do."""
+    verdicts: bool = True
+    """Whether `assess` gives a verdict on each; where few are shown, `with_verdict` gives theirs."""
 
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
@@ -89,18 +89,25 @@ class RankJob:
             q_expected=expected_quality(self.cell, analysis),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
         )
-        if self.last is not None:
-            if rank([*self.last, result], self.wanted.by)[-1].candidate is not candidate:
-                return result
-            self.last[:] = [result]
-        return replace(result, verdict=verdict(self.cell, analysis))
+        return replace(result, verdict=verdict(self.cell, analysis)) if self.verdicts else result
+
+    def with_verdict(self, known: CandidateResult) -> CandidateResult:
+        """A feasible result with the verdict that `assess` left out."""
+        seen = whole_observed(self.cell, known.way, self.world, self.sampling, full=False)
+        if isinstance(seen, Infeasible):
+            raise ValueError(f"{known.candidate.name} was feasible a moment ago")
+        verdicts = [verdict(self.cell, one) for one in seen]
+        if not known.steps:
+            return replace(known, verdict=verdicts[0])
+        steps = [replace(step, verdict=words) for step, words in zip(known.steps, verdicts, strict=True)]
+        return replace(known, verdict=assessment_of_all(known.candidate, steps).verdict, steps=tuple(steps))
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.
 
         The last is the first infeasible one, if any is. Steps that candidates share are assessed once.
         """
-        asked = [repr(one) for one in (self.sampling, self.calibration, self.wanted)]
+        asked = [repr(one) for one in (self.sampling, self.calibration, self.wanted, self.verdicts)]
         done: list[tuple[CandidateResult, World]] = []
         world: World | None = self.world
         for step in candidate.steps:
@@ -199,19 +206,19 @@ def sampling_done(sampling: Sampling, results: Sequence[CandidateResult]) -> Sam
             return SamplingDone(mode="adaptive", tolerance=tolerance, max_motion=MAX_MOTION, error=error, max_gap=gap)
 
 
-def assess_all(assignment: RankJob, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
+def assess_all(job: RankJob, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
     """The assessments in the order of the candidates, each as soon as it and those before it are done.
 
     jobs: number of processes at most.
     """
-    fastest = assignment.wanted.fastest
+    fastest = job.wanted.fastest
     tried = not fastest and any(candidate.leaves_free for candidate in candidates)
     processes = min(jobs, len(candidates) // (WORTH_WITH_WAYS if tried else WORTH_A_PROCESS))
-    assessments: Iterable[CandidateResult] = map(assignment.assess, candidates)
+    assessments: Iterable[CandidateResult] = map(job.assess, candidates)
     if processes > 1:
         from sqrp_cli.platform.processes import in_processes
 
-        assessments = in_processes(assignment.assess, candidates, processes)
+        assessments = in_processes(job.assess, candidates, processes)
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)

@@ -25,7 +25,7 @@ from sqrp_cli.sight.limits import Cause, Reason
 from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.assessment import Observed
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.result import NOTHING_MISSING
 
@@ -196,7 +196,7 @@ def _listed(causes: Sequence[CameraCause]) -> str:
     return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
-def verdict(cell: Cell, analysis: Analysis) -> str:
+def verdict(cell: Cell, analysis: Observed) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
@@ -227,7 +227,7 @@ def stretches(blind: Mask) -> Iterator[Indices]:
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
 
 
-def explain_stretch(cell: Cell, analysis: Analysis, rows: Indices) -> BlindStretch:
+def explain_stretch(cell: Cell, analysis: Observed, rows: Indices) -> BlindStretch:
     """The lost literal in a run of uncovered samples, and why; of several literals, that lost in most of a few.
 
     Where that one is lost for a part of the run only, the stretch is the longest such part.
@@ -297,7 +297,7 @@ class _LostTarget(NamedTuple):
     """In which of the few the target is required, and fewer cameras than needed see it."""
 
 
-def _worst_lost(cell: Cell, analysis: Analysis, rows: Indices) -> _LostTarget:
+def _worst_lost(cell: Cell, analysis: Observed, rows: Indices) -> _LostTarget:
     """The target that is lost in most of a few samples of a run."""
     count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
@@ -316,7 +316,7 @@ def _worst_lost(cell: Cell, analysis: Analysis, rows: Indices) -> _LostTarget:
 
 
 def _least_change(
-    cell: Cell, analysis: Analysis, loss: _LostTarget, rows: Indices, causes: Sequence[CameraCause]
+    cell: Cell, analysis: Observed, loss: _LostTarget, rows: Indices, causes: Sequence[CameraCause]
 ) -> dict[str, CameraChange]:
     """The camera with the least turn, else the least move along its axis, that closes a gap; empty if none does.
 

@@ -28,10 +28,10 @@ def test_version_and_help_without_a_command(sqrp):
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.RankJob.assess
 
-    def interrupted_at_the_third(assignment, candidate):
+    def interrupted_at_the_third(job, candidate):
         if candidate.name == "near":
             signal.raise_signal(signal.SIGINT)
-        return finished(assignment, candidate)
+        return finished(job, candidate)
 
     monkeypatch.setattr(pipeline.RankJob, "assess", interrupted_at_the_third)
     outcome = sqrp("rank", watch, "watch cube", "--jobs", 1, "--json")

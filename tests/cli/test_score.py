@@ -57,10 +57,10 @@ def ctrl_c_at(monkeypatch):
     assess = RankJob.assess
 
     def at(name: str) -> None:
-        def interrupted(assignment, candidate):
+        def interrupted(job, candidate):
             if candidate.name == name:
                 signal.raise_signal(signal.SIGINT)
-            return assess(assignment, candidate)
+            return assess(job, candidate)
 
         monkeypatch.setattr(RankJob, "assess", interrupted)
 

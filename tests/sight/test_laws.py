@@ -390,9 +390,8 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "WORTH_WITH_WAYS", 1)
     task = read_task("pickup object=g2,g3", tabletop).candidates
-    assignment = RankJob(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
+    job = RankJob(FixedCount(20), cell=Cell.load(tabletop), world=tabletop.stated_world)
     one, two = (
-        [{**vars(found), "candidate": found.candidate.name} for found in assess_all(assignment, task, jobs)]
-        for jobs in (1, 2)
+        [{**vars(found), "candidate": found.candidate.name} for found in assess_all(job, task, jobs)] for jobs in (1, 2)
     )
     assert one == two

@@ -26,8 +26,8 @@ def explained():
     ranking = open_cell(ROOT / "workspaces" / "tabletop").rank(
         "pickup g1", ways="fastest", sampling=FixedStep(SHORTEST)
     )
-    assignment = ranking.session.assignment
-    return assignment, assignment.explain(ranking.candidates[0])
+    job = ranking.session.job
+    return job, job.explain(ranking.candidates[0])
 
 
 def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained):
@@ -41,8 +41,8 @@ def test_what_is_shown_briefly_is_what_is_shown_in_full_but_for_boxes(explained)
 
 def test_a_candidate_of_one_step_is_shown_over_time(explained, monkeypatch):
     monkeypatch.setattr(os, "nice", lambda _: None)  # of this process
-    assignment, whole = explained
-    told = json.loads(_nicely(_detail, assignment, whole.result)("g1"))
+    job, whole = explained
+    told = json.loads(_nicely(_detail, job, whole.result)("g1"))
     assert told["do"] == "detail"
     assert told["detail"]["samples"]
 
@@ -62,8 +62,8 @@ def compared(shown, exact, result):
 
 
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
-    assignment, whole = explained
-    shown = Sketch.of(assignment.cell, whole.study).seen_by(assignment.cell)
+    job, whole = explained
+    shown = Sketch.of(job.cell, whole.study).seen_by(job.cell)
     compared(shown, tidy(played(*explained, brief=True), digits=None)["samples"], whole.result)
 
 
@@ -71,23 +71,23 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
     ranking = open_cell(ROOT / "workspaces" / "tabletop").rank(
         "pickup g1 then place g1 crate", ways="fastest", sampling=FixedStep(SHORTEST)
     )
-    assignment = ranking.session.assignment
-    whole = assignment.explain(ranking.candidates[0])
-    sketches = sketches_of(assignment.cell, [step.way for step in ranking.candidates[0].steps])
+    job = ranking.session.job
+    whole = job.explain(ranking.candidates[0])
+    sketches = sketches_of(job.cell, [step.way for step in ranking.candidates[0].steps])
     assert len(sketches) == len(whole.steps) == 2
     shown = joined(sketches, [one.seen_by(one.cell) for one in sketches])
-    compared(shown, tidy(played(assignment, whole, brief=True), digits=None)["samples"], whole.result)
+    compared(shown, tidy(played(job, whole, brief=True), digits=None)["samples"], whole.result)
 
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
-    assignment, whole = explained
-    sketch = Sketch.of(assignment.cell, whole.study)
-    camera = assignment.cell.workspace.cameras["cam1"]
+    job, whole = explained
+    sketch = Sketch.of(job.cell, whole.study)
+    camera = job.cell.workspace.cameras["cam1"]
     there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
     move = Move(kind="camera", name="cam1", position=there)
-    cell = assignment.cell.seen_by(moved(assignment.cell.workspace, move))
+    cell = job.cell.seen_by(moved(job.cell.workspace, move))
     assert sketch.seen_by(cell, "cam1") == sketch.seen_by(cell)
-    assert sketch.seen_by(cell) != sketch.seen_by(assignment.cell)
+    assert sketch.seen_by(cell) != sketch.seen_by(job.cell)
 
 
 @pytest.mark.parametrize("name", ["pick", "a\0b.yaml", "a\nb.yml"])

@@ -12,7 +12,6 @@ from sqrp_cli.platform import processes
 from sqrp_cli.study import pipeline
 from sqrp_cli.study.find import WantedWay
 from sqrp_cli.study.pipeline import WORTH_A_PROCESS, RankJob, assess_all
-from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task
 
@@ -31,23 +30,23 @@ def test_a_few_candidates_of_one_way_each_stay_in_one_process(tabletop, monkeypa
 
     monkeypatch.setattr(processes, "in_processes", refused)
     cell = Cell.load(tabletop)
-    assignment = RankJob(FixedCount(2), cell=cell, world=cell.initial_world)
+    job = RankJob(FixedCount(2), cell=cell, world=cell.initial_world)
     few = read_task(f"pickup green {STATED}", cell.workspace).candidates
     assert 4 < len(few) < 2 * WORTH_A_PROCESS
-    assert len(list(assess_all(assignment, few, 2))) == len(few)
+    assert len(list(assess_all(job, few, 2))) == len(few)
     with pytest.raises(AssertionError):
-        list(assess_all(assignment, read_task("pickup green", cell.workspace).candidates, 2))
+        list(assess_all(job, read_task("pickup green", cell.workspace).candidates, 2))
 
 
-def test_where_words_are_asked_for_the_last_alone_it_has_them(tabletop):
+@pytest.mark.parametrize("task", ["pickup green", "pickup g2 then place g2 crate along=0 across=0"])
+def test_a_verdict_that_was_left_out_is_that_of_the_assessment(tabletop, task):
     cell = Cell.load(tabletop)
     every = RankJob(FixedCount(5), wanted=WantedWay(fastest=True), cell=cell, world=cell.initial_world)
-    candidates = read_task(f"pickup green {STATED}", cell.workspace).candidates
-    told, some = (rank(list(assess_all(one, candidates, 1)), "q_eoi") for one in (every, replace(every, last=[])))
-    feasible = [(one, other) for one, other in zip(told, some, strict=True) if one.feasible]
-    assert feasible[-1][1].verdict == feasible[-1][0].verdict != ""
-    assert all(other.verdict in ("", one.verdict) for one, other in feasible)
-    assert not all(other.verdict for _, other in feasible)
+    without = replace(every, verdicts=False)
+    candidates = read_task(task.replace("g2 then", f"g2 {STATED} then"), tabletop, cell.initial_world.facts).candidates
+    told, some = (list(assess_all(one, candidates[:2], 1)) for one in (every, without))
+    assert [without.with_verdict(one).verdict for one in some] == [one.verdict for one in told] != ["", ""]
+    assert not any(step.verdict for one in some for step in one.steps or (one,))
 
 
 def test_steps_that_are_kept_for_a_cell_go_with_it(tabletop):

@@ -90,7 +90,7 @@ class AdvisedCell:
             return with_task(self.file, self._task(change.parameters), thresholds, instead_of=alone)
         if change.X_WO is not None:
             stated = workspace.objects[change.target]
-            now = self.session.assignment.world.X_WO.get(change.target)
+            now = self.session.job.world.X_WO.get(change.target)
             if stated.X_WO is None or now is None or not np.array_equal(stated.X_WO, now):
                 message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
                 raise bad_option(message, mend="change the program that puts it there")
@@ -127,8 +127,8 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
     cannot be read, and for a folder that cannot be used.
     """
     session = Session.begin(cell, ask)
-    plans = Plans((session.cell, session.assignment.sampling))
-    session = replace(session, assignment=replace(session.assignment, plans=plans))
+    plans = Plans((session.cell, session.job.sampling))
+    session = replace(session, job=replace(session.job, plans=plans))
     workspace, came, interrupted = session.cell.workspace, list[KindOutcome](), None
     with closing(Results(ask.out)) as results:
         question = _question(session, ask)
@@ -170,7 +170,7 @@ def find_advice(cell: Cell, ask: AdviseRequest, content: bytes | None = None) ->
 
 def _question(session: Session, ask: AdviseRequest) -> Question:
     """What is to be met by which candidate, once all candidates are assessed."""
-    workspace, assignment = session.cell.workspace, session.assignment
+    workspace, job = session.cell.workspace, session.job
     check_choice(session.task, ask.choose)
     expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
     goal = goal_of(expected) if ask.want is None else read_goal(ask.want)
@@ -179,13 +179,13 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
     best = next(one for one in assessments if one.candidate is chosen)
     stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}
     fastest = first_grip(best.candidate)
-    found = figures_of(fastest, whole_study(session.cell, fastest, assignment.world, assignment.sampling, full=False))
+    found = figures_of(fastest, whole_study(session.cell, fastest, job.world, job.sampling, full=False))
     before = replace(found, candidate=best.candidate, best_way=found.candidate)
     return Question(
         task=session.task.text,
         cell=session.cell,
-        world=assignment.world,
-        sampling=assignment.sampling,
+        world=job.world,
+        sampling=job.sampling,
         fastest=fastest,
         before=best if goal.met(before) and not goal.met(best) else before,
         best=best,
@@ -193,9 +193,9 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
         goal=goal,
         aims={name: Aim(*map(read_only, aim)) for name, aim in stated.items() if aim is not None},
         listed=lambda: _listed(session, assessments, best, ask.jobs),
-        plans=assignment.plans,
+        plans=job.plans,
         kinds=ask.kinds,
-        fixed=assignment.wanted.fastest,
+        fixed=job.wanted.fastest,
         jobs=ask.jobs,
     )
 
@@ -227,8 +227,8 @@ def _listed(
     Tasks that need others first are done with these, as `score` does. assessments: of the task that was asked for.
     chosen: the one that advice is about, which alone counts of a task that the workspace does not list.
     """
-    workspace, assignment = session.cell.workspace, session.assignment
-    facts = assignment.world.facts
+    workspace, job = session.cell.workspace, session.job
+    facts = job.world.facts
     known = {_key(one.candidate): one.way for one in assessments}
     found: list[TaskWays] = []
     for listed in workspace.tasks:
@@ -236,11 +236,11 @@ def _listed(
         if listed.feasible is not False:
             task = with_first_steps(task, workspace, facts)
         candidates = task.candidates
-        if assignment.wanted.fastest:
+        if job.wanted.fastest:
             ways = tuple(map(first_grip, candidates))
         else:
             missing = [one for one in candidates if _key(one) not in known]
-            known |= {_key(one.candidate): one.way for one in assess_all(assignment, missing, jobs)}
+            known |= {_key(one.candidate): one.way for one in assess_all(job, missing, jobs)}
             ways = tuple(replace(known[_key(one)], name=one.name) for one in candidates)
         found.append((listed.task, ways))
     if all(text != session.task.text for text, _ in found):

@@ -98,7 +98,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
         return Check.of(path, name, None, doubts, example=example_task(cell.workspace))
     session = Session.begin(cell.cell, TaskRequest(ask.task, after=ask.after))
     candidates = session.task.candidates
-    suggester = Suggester(session.cell, session.assignment.world, ask.planner or find_plan, ask.jobs, len(candidates))
+    suggester = Suggester(session.cell, session.job.world, ask.planner or find_plan, ask.jobs, len(candidates))
     found = []
     with ask.progress(f"Checking {ask.task}", len(candidates)) as advance:
         for candidate in candidates:
@@ -108,7 +108,7 @@ def checked(cell: OpenCell, ask: CheckRequest) -> Check:
     suggested = best_suggestion(found, suggester) if wanted else ()
     first = [first_grip(one.candidate) for one in found if one.feasible][:1]
     steps = (step for one in first for step in one.steps or (one,))
-    swept = swept_cameras(session.cell, session.assignment.world, steps)
+    swept = swept_cameras(session.cell, session.job.world, steps)
     problems = (*cell.findings, *cell_warnings(session.cell), *intervals_outside(found), *swept)
     return Check.of(path, name, ask.task, problems, found, suggested)
 

@@ -233,12 +233,12 @@ class OpenProgram:
             upto = f"{len(steps)} steps; expected 1 to {len(steps)}" if len(steps) > 1 else "1 step; expected 1"
             raise bad_option(f"{option} is {step}, but {self.path} has {upto}")
         cell, chosen = Cell.load(self.workspace, self.seed), steps[step - 1]
-        assignment = RankJob(cell=cell, world=chosen.before)
+        job = RankJob(cell=cell, world=chosen.before)
         candidate = candidate_of(chosen, cell)
         task = Task(chosen.short_task, candidate.skill, (candidate,))
-        ranking = rank([assignment.assess(candidate)], "q_eoi")
+        ranking = rank([job.assess(candidate)], "q_eoi")
         place = {"step": step, "of_steps": len(steps)}
-        return Session(task, assignment).explanation(assignment.explain(ranking[0]), ranking, **place)
+        return Session(task, job).explanation(job.explain(ranking[0]), ranking, **place)
 
     def run_into(
         self,

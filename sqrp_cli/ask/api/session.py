@@ -38,12 +38,12 @@ class Session:
     """A task in a cell."""
 
     task: Task
-    assignment: RankJob
+    job: RankJob
 
     @property
     def cell(self) -> Cell:
         """The cell."""
-        return self.assignment.cell
+        return self.job.cell
 
     @classmethod
     def begin(cls, cell: Cell, ask: TaskRequest) -> Session:
@@ -66,21 +66,20 @@ class Session:
 
     def ranking(self, found: Sequence[CandidateResult], ask: RankRequest, *, interrupted: bool = False) -> Ranking:
         """What is found of the candidates, ranked; interrupted: whether some are missing."""
-        assignment = self.assignment
+        job = self.job
         drawn = None
-        if assignment.calibration is not None:
-            drawn = recalibrated(found, ask.by, assignment.calibration)
+        if job.calibration is not None:
+            drawn = recalibrated(found, ask.by, job.calibration)
         ranked = list(rank(found, ask.by))
         place = sum(one.feasible for one in ranked) - 1
-        if place >= 0 and not ranked[place].verdict:  # others were last before a figure was known not to be compared
-            said = replace(assignment, last=None).assess(ranked[place].candidate).verdict
-            ranked[place] = replace(ranked[place], verdict=said)
+        if place >= 0 and not job.verdicts:
+            ranked[place] = job.with_verdict(ranked[place])
         return Ranking(
             workspace=self.cell.workspace.name,
             task=self.task.text,
             by=ask.by,
             ways=ask.ways,
-            sampling=sampling_done(assignment.sampling, found),
+            sampling=sampling_done(job.sampling, found),
             calibration=drawn,
             interrupted=interrupted or None,
             of=len(self.task.candidates),
@@ -91,7 +90,7 @@ class Session:
 
     def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
         """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
-        study = study_shown(self.cell, explained.study, explained.result, self.assignment.sampling)
+        study = study_shown(self.cell, explained.study, explained.result, self.job.sampling)
         about = {
             "workspace": self.cell.workspace.name,
             "task": self.task.text,
@@ -108,13 +107,13 @@ class Session:
         chosen = choose_candidate(ranking.candidates, choose)
         if not chosen.feasible:
             raise bad_option(f"{chosen.name} is infeasible ({chosen.reasons[0]}), so {file} was not written")
-        add_steps(self.cell, steps_of(self, chosen), self.assignment.sampling, file)
+        add_steps(self.cell, steps_of(self, chosen), self.job.sampling, file)
 
 
 def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
     """The assessments of all candidates, in order, with the progress shown."""
     with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
-        for assessment in assess_all(session.assignment, session.task.candidates, jobs):
+        for assessment in assess_all(session.job, session.task.candidates, jobs):
             yield assessment
             advance(1)
 
@@ -173,10 +172,10 @@ ChosenStep = tuple[str, CandidateResult, World]
 
 def steps_of(session: Session, chosen: CandidateResult) -> list[ChosenStep]:
     """What a feasible candidate appends to a program: a step, or several."""
-    assignment = session.assignment
+    job = session.job
     if not chosen.candidate.steps:
-        return [(session.task.text, chosen, assignment.world)]
-    done = assignment.steps_done(chosen.candidate)
+        return [(session.task.text, chosen, job.world)]
+    done = job.steps_done(chosen.candidate)
     return [(one.candidate.task, one, before) for one, before in done]
 
 
@@ -197,14 +196,14 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
     if choose is not None and steps:
         # A step as a task of its own, in the world that the steps before it leave: by default the one seen worst.
         whole, option = chosen[0], ask.called("step")
-        done = session.assignment.steps_done(whole.candidate)
+        done = session.job.steps_done(whole.candidate)
         number = 1 + worst_seen([one for one, _ in done]) if ask.step is None else ask.step
         if not 1 <= number <= len(done):
             raise bad_option(f"{option} is {number}, expected a step of {whole.candidate.name}: 1 to {len(done)}")
         step, before = done[number - 1]
         candidate = step.candidate
         task = Task(candidate.task, candidate.skill, (candidate,))
-        session = Session(task, replace(session.assignment, world=before))
+        session = Session(task, replace(session.job, world=before))
         one = replace(step, rank=1 if step.feasible else None, pareto=True)
         ranking, place = (one,), {"step": number, "of_steps": len(steps), "whole": whole.candidate.name}
         place |= {"rank": whole.rank, "pareto": whole.pareto}
@@ -212,11 +211,11 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
     found = []
     with ask.progress("Looking up causes", len(chosen)) as advance:
         for result in chosen:
-            found.append(session.assignment.explain(result))
+            found.append(session.job.explain(result))
             advance(1)
     if choose is not None:
         return session.explanation(found[0], ranking, **place)
-    sampling = session.assignment.sampling
+    sampling = session.job.sampling
     studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
     return ExplainedAll(workspace=workspace, task=ask.task, candidates=studies, explained=found, ranking=ranking)
 

@@ -118,15 +118,15 @@ def _show_possibilities(cell: Cell, world: World) -> list[str]:
     return [task for task, _ in doable]
 
 
-def _chosen_way(task: Task, assignment: RankJob) -> list[ChosenStep]:
+def _chosen_way(task: Task, job: RankJob) -> list[ChosenStep]:
     """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
-    session, world = Session(task, assignment), assignment.world
+    session, world = Session(task, job), job.world
     ranking = session.ranking(list(assess(session, CORES, progress)), RankRequest(task.text))
     say()
     ranking.show(all_rows=True)
     say()
     if ranking.best is None:
-        suggester = Suggester(assignment.cell, world, jobs=CORES)
+        suggester = Suggester(job.cell, world, jobs=CORES)
         suggested = best_suggestion([check_candidate(c, suggester) for c in task.candidates], suggester)
         if not suggested:
             return []

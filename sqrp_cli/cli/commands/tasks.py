@@ -121,8 +121,8 @@ def _rank(
     session = Session.begin(opened.cell, ask.but(after=before))
     # The table has a sentence about the last one alone; documents, pages, programs and `--watch` about others, too.
     if not json and report is None and program is None and last_shown.get() is None:
-        session = replace(session, assignment=replace(session.assignment, last=[]))
-    cell, world = session.cell, session.assignment.world
+        session = replace(session, job=replace(session.job, verdicts=False))
+    cell, world = session.cell, session.job.world
     print_problems(cell_warnings(cell))
     check_choice(session.task, choose)
     found: list[CandidateResult] = []
@@ -143,7 +143,7 @@ def _rank(
     if report is not None and not interrupted:
         from sqrp_cli.show.pages.candidate_page import write_ranking
 
-        write = partial(write_ranking, ranking, session.assignment)
+        write = partial(write_ranking, ranking, session.job)
         if not page_is_written(report, write, jobs=ask.jobs, progress=progress):
             code = ExitCode.INTERRUPTED
     answer(ranking, as_json=json, all_rows=all_rows)
@@ -176,7 +176,7 @@ def _write_chosen(session: Session, found: Ranking, choose: str, program: Path |
     if program is None:
         return ExitCode.OK, "" if choose == "best" else f"{chosen.name} is chosen; --program FILE writes it"
     steps = steps_of(session, chosen)
-    add_steps(session.cell, steps, session.assignment.sampling, program)
+    add_steps(session.cell, steps, session.job.sampling, program)
     where = "the last step" if len(steps) == 1 else f"the last {len(steps)} steps"
     return ExitCode.OK, f"{chosen.name} is now {where} of {program}"
 

@@ -43,12 +43,12 @@ Result = TypeVar("Result")
 
 
 def write_ranking(
-    found: Ranking, assignment: RankJob, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
+    found: Ranking, job: RankJob, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
-    cell, candidates = assignment.cell, found.candidates
+    cell, candidates = job.cell, found.candidates
     details = computed(
-        lambda one: playback(assignment, assignment.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
+        lambda one: playback(job, job.explain(one)), candidates, min(jobs, len(candidates) // 2), progress
     )
     entries = candidate_rows(candidates, list(details))
     about = origin(arguments, cell.workspace)
@@ -96,8 +96,8 @@ def _scored(scored: ScoredCell, scores: Sequence[TaskScore], means: Means) -> tu
     if scored.workspace is None or all(score.best is None for score in scores):
         return None, [_score(score, None, None) for score in scores]
     cell = Cell.load(scored.workspace, means.seed)
-    assignment = RankJob(means.sampling, cell=cell, world=cell.initial_world)
-    details = [None if score.best is None else playback(assignment, assignment.explain(score.best)) for score in scores]
+    job = RankJob(means.sampling, cell=cell, world=cell.initial_world)
+    details = [None if score.best is None else playback(job, job.explain(score.best)) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
@@ -149,14 +149,14 @@ def computed(work: Callable[[Item], Result], items: Sequence[Item], jobs: int, p
             advance(1)
 
 
-def playback(assignment: RankJob, explained: Explained) -> str | None:
+def playback(job: RankJob, explained: Explained) -> str | None:
     """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
-    return packed(played(assignment, explained)) if explained.result.feasible else None
+    return packed(played(job, explained)) if explained.result.feasible else None
 
 
-def played(assignment: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
+def played(job: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
     """What is shown of a feasible candidate beside its figures; brief: see `study_shown`."""
-    cell, sampling = assignment.cell, assignment.sampling
+    cell, sampling = job.cell, job.sampling
     parts = explained.steps or (explained,)
     studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in parts]
     if explained.steps:

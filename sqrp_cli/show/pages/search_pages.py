@@ -24,15 +24,15 @@ def write_advice(
     document: AdviceDocument, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress
 ) -> None:
     """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
-    goal, original = document.want, document.session.session.assignment
+    goal, original = document.want, document.session.session.job
     rows = list(_rows(document, original))
     scenes = [cell_scene(original.cell)]
     entries = []
     found = computed(lambda row: studied(*row, goal), rows, jobs, progress)
-    for (_, _, assignment), row in zip(rows, found, strict=True):
-        same = assignment.cell is original.cell
+    for (_, _, job), row in zip(rows, found, strict=True):
+        same = job.cell is original.cell
         if not same:
-            scenes.append((ShowDocument.of(assignment.cell), scenes[0][1]))  # cameras are no solids
+            scenes.append((ShowDocument.of(job.cell), scenes[0][1]))  # cameras are no solids
         entries.append(replace(row, scene=0 if same else len(scenes) - 1))
     about = origin(arguments, original.cell.workspace)
     if feasible := [one for _, one, _ in rows if one.feasible]:
@@ -51,7 +51,7 @@ def write_advice(
     write_page(PageContent(title, summary, "Changes", about, entries, scenes), path)
 
 
-def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[tuple[PageRow, CandidateResult, RankJob]]:
+def _rows(document: AdviceDocument, job: RankJob) -> Iterator[tuple[PageRow, CandidateResult, RankJob]]:
     """The candidate as it is, then with each change: rows without figures, and the cell and world of each."""
     before = document.start
     several = any(one.found.way.parameters != before.way.parameters for one in document.advice)
@@ -63,25 +63,25 @@ def _rows(document: AdviceDocument, assignment: RankJob) -> Iterator[tuple[PageR
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
-    yield row("as it is", "", "", before, document.want.missed(before)), before, assignment
+    yield row("as it is", "", "", before, document.want.missed(before)), before, job
     for number, one in enumerate(document.advice, 1):
-        cell, world = one.proposed.in_cell(assignment.cell), one.proposed.in_world(assignment.world)
+        cell, world = one.proposed.in_cell(job.cell), one.proposed.in_world(job.world)
         shown = row(one.words, f"#{number}", one.kind, one.found, [f"costs {cost}" for cost in one.costs])
-        yield shown, one.found, replace(assignment, cell=cell, world=world)
+        yield shown, one.found, replace(job, cell=cell, world=world)
 
 
-def studied(row: PageRow, found: CandidateResult, assignment: RankJob, goal: Goal | None) -> PageRow:
+def studied(row: PageRow, found: CandidateResult, job: RankJob, goal: Goal | None) -> PageRow:
     """A row with figures that are known, and the playback of their way, with the verdict on that.
 
     Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
     """
     ranked = replace(found, rank=1 if found.feasible else None, pareto=False)
-    explained = assignment.explain(ranked)
+    explained = job.explain(ranked)
     shown = explained.result
     figures = described(replace(ranked, verdict=shown.verdict))
     short = goal.missed(shown) if goal is not None and goal.met(found) else ()
     reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
-    return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))
+    return replace(row, candidate=figures, reasons=reasons, detail=playback(job, explained))
 
 
 def write_placement(
@@ -89,7 +89,7 @@ def write_placement(
 ) -> None:
     """Write the page about a placement. arguments: of the command. jobs: processes to use at most."""
     question, goal = document.question, document.question.requirements.goal
-    assignment = RankJob(question.sampling, cell=document.cell, world=question.world)
+    job = RankJob(question.sampling, cell=document.cell, world=question.world)
     several = len(document.tasks) > 1
 
     def named(task: str, candidate: str) -> tuple[str, dict[str, str]]:
@@ -107,7 +107,7 @@ def write_placement(
             labels["way"] = described(one.found).choice
         retried = one.found.candidate.skill.retried_faults
         row = PageRow(name, mark, labels, None, [*missed, *map(str, own)], 0, None, retried=retried)
-        return studied(row, one.found, assignment, goal)
+        return studied(row, one.found, job, goal)
 
     entries = list(computed(shown, document.candidates, jobs, progress))
     for task, one in document.impossible:
