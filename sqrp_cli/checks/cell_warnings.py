@@ -28,7 +28,7 @@ from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import OBJECT_FACTOR, Solid, distance, load_solid, scale_doubt
 from sqrp_cli.skill.settings import Reference
 from sqrp_cli.skill.skill import ToolMove
-from sqrp_cli.study.assessment import planned_motion
+from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive, first_samples
 from sqrp_cli.task.candidate import Candidate

@@ -21,7 +21,7 @@ from sqrp_cli.score.kept import Outcome, Results, key_of
 from sqrp_cli.study.pipeline import RankJob
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.whole_study import whole_study
+from sqrp_cli.study.whole_analysis import whole_analysis
 from sqrp_cli.task.task import Candidate
 
 CELLS_KEPT = 4  # cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other
@@ -56,11 +56,11 @@ def score_candidate(cell: Cell, candidate: Candidate, sampling: Sampling, *, cov
         return Outcome(RankJob(sampling, cell=cell, world=world).assess(candidate), None).to_text()
     from sqrp_cli.study.blind_spans import coverage_of, coverage_of_steps
 
-    found = whole_study(cell, candidate, world, sampling, full=True)
+    found = whole_analysis(cell, candidate, world, sampling, full=True)
     if isinstance(found, Infeasible):
         return Outcome(CandidateResult.infeasible(candidate, found.reasons), None).to_text()
     each = [coverage_of(cell, step) for step in found.steps]
-    return Outcome(found.assessment, coverage_of_steps(each) if candidate.steps else each[0]).to_text()
+    return Outcome(found.result, coverage_of_steps(each) if candidate.steps else each[0]).to_text()
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] = lambda workspace: workspace) -> Answer:

@@ -182,18 +182,18 @@ COVERAGE: TypeAdapter[Coverage | None] = TypeAdapter(Coverage | None, config=Con
 class Outcome(NamedTuple):
     """A computed candidate."""
 
-    assessment: CandidateResult
+    result: CandidateResult
     coverage: Coverage | None  # None if it was not requested, or the candidate is infeasible
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
-        return as_line((self.assessment, COVERAGE.dump_python(self.coverage, mode="json")))
+        return as_line((self.result, COVERAGE.dump_python(self.coverage, mode="json")))
 
     @classmethod
     def from_text(cls, text: str, candidate: Candidate) -> Outcome:
         """Reads what `to_text` wrote. Raises ValueError for any other text."""
-        assessment, numbers = from_line(text, [step.skill for step in (candidate, *candidate.steps)])
-        return cls(replace(assessment, candidate=candidate), COVERAGE.validate_python(numbers))
+        result, numbers = from_line(text, [step.skill for step in (candidate, *candidate.steps)])
+        return cls(replace(result, candidate=candidate), COVERAGE.validate_python(numbers))
 
 
 class Results:

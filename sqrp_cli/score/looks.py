@@ -16,7 +16,7 @@ from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.score.compute import Job, Workers, packed
 from sqrp_cli.score.kept import Results, as_line, from_line, key_of
 from sqrp_cli.search.sites import Installation, Verdicts, ViewBatch, judged_way, verdicts_of
-from sqrp_cli.study.assessment import planned_motion
+from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.stage import Samples
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import Candidate

@@ -155,7 +155,7 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
 
 def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskScore | None:
     """The score of a task, if each of its candidates is computed, or cannot be."""
-    text, assessments, problems = task.expected.task, [], list(task.problems)
+    text, results, problems = task.expected.task, [], list(task.problems)
     for want in task.wanted:
         outcome = computer.outcome(want)
         if outcome is None:
@@ -163,10 +163,10 @@ def _task_score(workspace: str, task: ScoredTask, computer: Computer) -> TaskSco
         if isinstance(outcome, list):
             problems = outcome
             break
-        assessments.append(outcome.assessment)
+        results.append(outcome.result)
     if problems:
         return TaskScore(workspace, text, "error", _sentences(problems))
-    ranking = rank(assessments, "q_eoi")
+    ranking = rank(results, "q_eoi")
     ways: dict[str, CandidateResult] = {}
     for ranked in ranking:
         ways.setdefault(way_name(ranked.candidate), ranked)

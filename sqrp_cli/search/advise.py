@@ -31,7 +31,7 @@ from sqrp_cli.sight.limits import Cause
 from sqrp_cli.study.in_the_way import hidden_views, to_move
 from sqrp_cli.study.result import NOTHING_MISSING, CandidateResult
 from sqrp_cli.study.verdict import verdict, without_remedy
-from sqrp_cli.study.whole_study import WholeAnalysis, reasons_of_step, whole_study, worst_seen
+from sqrp_cli.study.whole_analysis import WholeAnalysis, reasons_of_step, whole_analysis, worst_seen
 from sqrp_cli.task.feasibility import impossible_start
 
 MOST_OBJECTS = 3
@@ -76,16 +76,16 @@ def _outcome(start: Start, kind: Kind) -> KindOutcome:
         return KindOutcome(kind=kind, why=tried.why)
     # What comes nearest, and which limit stands in its way, in a sentence.
     before = question.before if kind in MOTION else figures_of(question.way, start.analysis)
-    near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.assessment))
-    steps, reached = near.analysis.steps, near.analysis.assessment
+    near = min(tried.near, key=lambda one: goal.shortfall(one.analysis.result))
+    steps, reached = near.analysis.steps, near.analysis.result
     if replace(goal, time=None).met(reached):
-        primitives = [primitive for step in steps for primitive in step.motion.primitives]
+        primitives = [primitive for step in steps for primitive in step.planned.motion.primitives]
         longest = max(primitives, key=lambda primitive: primitive.end - primitive.start)
         limit = f"its motion takes that long, {longest.end - longest.start:.1f} s of it {longest.name}"
     elif replace(goal, delay=None).met(reached):
         limit = reached.why_late
     else:
-        worst = worst_seen([step.assessment("") for step in steps])
+        worst = worst_seen([step.result("") for step in steps])
         sentence = verdict(near.change.in_cell(question.cell), steps[worst])
         said = reasons_of_step(near.analysis.candidate, worst + 1, [sentence])[0]
         limit = reached.why_late if said.endswith(NOTHING_MISSING) else without_remedy(said)
@@ -168,10 +168,10 @@ def _advice(start: Start, met: Tried) -> AdviceFound:
 
     Cameras are changed in the same motion, else it is planned again.
     """
-    question, change, reached, effects = start.question, met.change, met.analysis.assessment, list[TaskEffect]()
+    question, change, reached, effects = start.question, met.change, met.analysis.result, list[TaskEffect]()
     found = replace(reached, candidate=question.best.candidate, best_way=reached.candidate)
     if change.kind in MOTION:
-        pairs = [(question.before, found) if one is question.best else (one, one) for one in question.assessments]
+        pairs = [(question.before, found) if one is question.best else (one, one) for one in question.results]
         effects.append(TaskEffect.of(question.task, pairs))
     else:
         cell, world, sampling = change.in_cell(question.cell), change.in_world(question.world), question.sampling
@@ -180,7 +180,7 @@ def _advice(start: Start, met: Tried) -> AdviceFound:
             for way, before in ways:
                 after = before
                 if change.camera is None:
-                    after = whole_study(question.cell, way, world, sampling, full=False)
+                    after = whole_analysis(question.cell, way, world, sampling, full=False)
                 elif isinstance(before, WholeAnalysis):
                     after = analysed_again(cell, before, sampling)
                 pairs.append((figures_of(way, before), figures_of(way, after)))

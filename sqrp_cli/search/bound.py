@@ -16,7 +16,7 @@ from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.search.goal import Goal
 from sqrp_cli.sight.observer import sees_all
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.stage import Samples, states_of
 from sqrp_cli.study.timeline import Timeline
 from sqrp_cli.task.pieces import fault_intervals
@@ -42,39 +42,38 @@ class CameraBound:
             every = [(step, step.timeline.samples) for step in steps]
             samples = [some.some(_thinned(some, _wanted(goal, step, some))) for step, some in every]
         self.samples = tuple(samples)
-        self.targets = tuple(target for step in steps for target in step.targets)
-        self.states = states_of([step.stage for step in steps], samples)
+        self.targets = tuple(target for step in steps for target in step.planned.targets)
+        self.states = states_of([step.planned.stage for step in steps], samples)
         self._faults = list[tuple[Indices, Array, Mask]]()
         """Of each: the r samples in which it may happen, their times (r,) [s], and those that tell nothing, (r,)."""
         lost, rows, columns = [], [], []
         interesting, monitored = [np.zeros(0)], [np.zeros(0)]
         row = column = 0
         for step, some in zip(steps, samples, strict=True):
-            required = step.stage.requires(step.targets, some)
-            matrix = cell.observer.verdicts(step.targets, step.stage.states(some), shares=False)
+            required = step.planned.stage.requires(step.planned.targets, some)
+            matrix = cell.observer.verdicts(step.planned.targets, step.planned.stage.states(some), shares=False)
             seen = [sees_all(boxes) for boxes in matrix]
             others = np.array([one.sum(axis=1) - (0 if index is None else one[:, index]) for one in seen]).T
-            missing = np.array([target.cameras for target in step.targets]) - others.reshape(required.shape)
+            missing = np.array([target.cameras for target in step.planned.targets]) - others.reshape(required.shape)
             lost.append((required & (missing > 1)).any(axis=1))
             own = np.argwhere(required & (missing == 1) & ~lost[-1][:, None])
             rows.append(own[:, 0] + row)
             columns.append(own[:, 1] + column)
             after = np.append(some.gaps, 0.0)[: len(some)]
             monitored.append(after)
-            interesting.append(np.where(step.stage.of_interest(some), after, 0.0))
-            for fault, atoms in step.faults.items() if goal.delay is not None else ():
+            interesting.append(np.where(step.planned.stage.of_interest(some), after, 0.0))
+            for fault, atoms in step.planned.faults.items() if goal.delay is not None else ():
                 at = np.flatnonzero(_inside(step, fault, some))
                 if len(at):  # where other literals are required, too, nothing follows about this fault
                     unknown = np.asarray(np.delete(required[at], atoms, axis=1).any(axis=1))
                     self._faults.append((at + row, some.t[at], unknown))
-            row, column = row + len(some), column + len(step.targets)
+            row, column = row + len(some), column + len(step.planned.targets)
         self._hopeless, self._row, self._target = map(np.concatenate, (lost, rows, columns))
-        parts = ((goal.q_eoi, "T_eoi", interesting), (goal.q_avg, "T", monitored))
-        self._qualities = [
-            (least, sum(getattr(step, name) for step in steps), np.concatenate(weights)[:-1])
-            for least, name, weights in parts
-            if least is not None
-        ]
+        of_interest, whole = (
+            sum(times) for times in zip(*((s.planned.T_eoi, s.planned.T) for s in steps), strict=True)
+        )
+        parts = ((goal.q_eoi, of_interest, interesting), (goal.q_avg, whole, monitored))
+        self._qualities = [(least, T, np.concatenate(weights)[:-1]) for least, T, weights in parts if least is not None]
         self._decisive = np.zeros(row, dtype=bool)  # of these samples every one counts
         for least, _, weight in self._qualities:
             if least >= 1.0:
@@ -154,17 +153,17 @@ def _wanted(goal: Goal, step: Analysis, samples: Samples) -> Indices:
     """The samples that a goal is about."""
     wanted = np.zeros(len(samples), dtype=bool)
     if goal.q_avg is not None:
-        wanted |= np.array([bool(piece.literals) for piece in step.stage.pieces])[samples.piece]
+        wanted |= np.array([bool(piece.literals) for piece in step.planned.stage.pieces])[samples.piece]
     if goal.q_eoi is not None:
-        wanted |= step.stage.of_interest(samples)
-    for fault in step.faults if goal.delay is not None else ():
+        wanted |= step.planned.stage.of_interest(samples)
+    for fault in step.planned.faults if goal.delay is not None else ():
         wanted |= _inside(step, fault, samples)
     return np.flatnonzero(wanted)
 
 
 def _inside(step: Analysis, fault: str, samples: Samples) -> Mask:
     inside = np.zeros(len(samples), dtype=bool)
-    for interval in fault_intervals(step.formulas, fault):
+    for interval in fault_intervals(step.planned.formulas, fault):
         inside |= (samples.t >= interval.start) & (samples.t <= interval.end)
     return inside
 

@@ -23,7 +23,7 @@ from sqrp_cli.search.question import NoneMeets, ProposedChange, Start, Tried, an
 from sqrp_cli.search.vectors import Bounds, shells
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.whole_study import WholeAnalysis, mean_quality
+from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_quality
 
 CameraKind = Literal["aim", "position", "lens", "camera"]
 
@@ -175,12 +175,14 @@ class CameraMove:
             return False
         if goal.only_events:
             observer = change.in_cell(question.cell).observer
-            timelines = [observe(step, observer, question.sampling, full=False) for step in self.start.goal_steps]
+            timelines = [
+                observe(step.planned, observer, question.sampling, full=False) for step in self.start.goal_steps
+            ]
             quality = mean_quality([(qualities_over(timeline).q_eoi, timeline.request.T_eoi) for timeline in timelines])
             met = not falls_short(quality or 0.0, goal.q_eoi or 0.0)
         else:
             analysis = self.analysed(change)
-            timelines, met = [step.timeline for step in analysis.steps], goal.met(analysis.assessment)
+            timelines, met = [step.timeline for step in analysis.steps], goal.met(analysis.result)
         if not met:
             self.bound = self.bound.sharper(timelines)
         return met

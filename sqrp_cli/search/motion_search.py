@@ -14,11 +14,11 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.search.question import NoneMeets, ProposedChange, Question, Tried
 from sqrp_cli.skill.settings import SEEN, Reference
 from sqrp_cli.skill.skill import JointMove
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way, studied_ways
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import WayFigures
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study, worst_seen
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis, worst_seen
 from sqrp_cli.task.candidate import whole_candidate
 from sqrp_cli.task.grips import choice_in_words
 from sqrp_cli.task.task import Candidate
@@ -34,15 +34,15 @@ def other_way(question: Question) -> Sequence[Tried] | NoneMeets:
     if not best.feasible or not (best.ways or best.candidate.steps):
         return NoneMeets(f"none can be done: {'; '.join(best.reasons[:1])}")
     if best.candidate.steps:
-        ways: Iterable[WholeAnalysis] = sorted(_of_steps(question), key=lambda whole: whole.assessment.time or 0.0)
+        ways: Iterable[WholeAnalysis] = sorted(_of_steps(question), key=lambda whole: whole.result.time or 0.0)
     else:
         limit = TimeLimit(inf if goal.time is None else goal.time)
         plans = question.plans
         found = studied_ways(cell, best.candidate, world, sampling, limit=limit, worth=goal.may_be_met, plans=plans)
-        ways = (WholeAnalysis(one.candidate, (one,)) for one in found)
+        ways = (WholeAnalysis(one.planned.candidate, (one,)) for one in found)
     if best.ways is not None and best.ways.pareto:  # to be compared: some may take too long, or be seen too badly
         named = [best.way, *(with_way(best.candidate, figures) for figures in best.ways.pareto[1:])]
-        known = (whole_study(cell, way, world, sampling, full=False) for way in named)
+        known = (whole_analysis(cell, way, world, sampling, full=False) for way in named)
         ways = chain(ways, (one for one in known if isinstance(one, WholeAnalysis)))
     near: list[Tried] = []
     for one in ways:
@@ -99,7 +99,7 @@ def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence
             best = find_way(question.cell, seen, question.world, sampling, WantedWay(limit=limit))
             if not isinstance(best, Infeasible):
                 unwritten = "" if limit is None else f"no task says it: use --max-time {limit.seconds:g}"
-                yield WholeAnalysis(best.study.candidate, (best.study,)), paths, "", unwritten
+                yield WholeAnalysis(best.analysis.planned.candidate, (best.analysis,)), paths, "", unwritten
     steps, left = list(candidate.steps), list(range(len(candidate.steps)))
     while left and question.best.feasible:
         index = left.pop(worst_seen([question.best.steps[number] for number in left]))
@@ -112,13 +112,13 @@ def _in_seen_paths(question: Question) -> Iterator[tuple[WholeAnalysis, Sequence
             found = find_way(question.cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
                 break
-            done.append(found.study)
-            world = world_after(found.study.candidate, found.study.motion, world)
+            done.append(found.analysis)
+            world = world_after(found.analysis.planned.candidate, found.analysis.planned.motion, world)
         if len(done) == len(steps):
             asked = whole_candidate(candidate.skill, steps)
             chosen = [name for name, value in asked.values.items() if value == SEEN]
             where = f" in step {' and '.join(dict.fromkeys(name.partition('.')[0] for name in chosen))}"
-            whole = whole_candidate(candidate.skill, [one.candidate for one in done])
+            whole = whole_candidate(candidate.skill, [one.planned.candidate for one in done])
             yield WholeAnalysis(whole, tuple(done)), chosen, where, ""
 
 
@@ -135,24 +135,27 @@ def _of_steps(question: Question) -> Iterator[WholeAnalysis]:
             found = find_way(cell, step, world, sampling, WantedWay())
             if isinstance(found, Infeasible):
                 continue
-            for way in (found.study.candidate, *(with_way(step, figures) for figures in found.ways.pareto[1:])):
+            for way in (
+                found.analysis.planned.candidate,
+                *(with_way(step, figures) for figures in found.ways.pareto[1:]),
+            ):
                 done = analyse(cell, way, world, sampling, full=False)
                 if isinstance(done, Analysis):
-                    longer.append(((*steps, done), world_after(way, done.motion, world)))
+                    longer.append(((*steps, done), world_after(way, done.planned.motion, world)))
         begun, numbers = longer, range(len(longer))
         if len(longer) > MOST_TOGETHER:
             covered = []  # how long each is seen, time of events of interest counted twice [s]
             for steps, _ in longer:
-                each = [step.assessment("") for step in steps]
+                each = [step.result("") for step in steps]
                 covered.append(
                     sum((f.q_avg or 0.0) * (f.t_total or 0.0) + (f.q_eoi or 0.0) * (f.t_eoi or 0.0) for f in each)
                 )
             seen = sorted(numbers, key=covered.__getitem__, reverse=True)
-            fast = sorted(numbers, key=lambda number: sum(one.motion.time for one in longer[number][0]))
+            fast = sorted(numbers, key=lambda number: sum(one.planned.motion.time for one in longer[number][0]))
             chosen = dict.fromkeys([*fast[: MOST_TOGETHER // 3], *seen[:MOST_TOGETHER]])
             begun = [longer[number] for number in sorted(list(chosen)[:MOST_TOGETHER])]
     for steps, _ in begun:
-        yield WholeAnalysis(whole_candidate(candidate.skill, [step.candidate for step in steps]), steps)
+        yield WholeAnalysis(whole_candidate(candidate.skill, [step.planned.candidate for step in steps]), steps)
 
 
 def _open_paths(step: Candidate) -> list[str]:

@@ -13,9 +13,9 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.search.aiming import whole_millimetres
 from sqrp_cli.search.question import ProposedChange, Question
 from sqrp_cli.search.vectors import Bounds
-from sqrp_cli.study.assessment import with_delays
+from sqrp_cli.study.analysis import with_delays
 from sqrp_cli.study.quality import qualities_over
-from sqrp_cli.study.whole_study import WholeAnalysis, mean_qualities, whole_observed, whole_study
+from sqrp_cli.study.whole_analysis import WholeAnalysis, mean_qualities, whole_analysis, whole_observed
 
 DIRECTIONS = 12
 """Directions that are tried at each distance."""
@@ -68,12 +68,14 @@ class ObjectMove:
                 cell, world = question.cell, change.in_world(question.world)
                 seen = whole_observed(cell, question.way, world, question.sampling, full=False)
                 if not isinstance(seen, Infeasible):
-                    time = sum(step.motion.time for step in seen)
-                    found = mean_qualities((qualities_over(step.timeline), step.T, step.T_eoi) for step in seen)
+                    time = sum(step.planned.motion.time for step in seen)
+                    found = mean_qualities(
+                        (qualities_over(step.timeline), step.planned.T, step.planned.T_eoi) for step in seen
+                    )
                     in_time = question.goal.time is None or time <= question.goal.time
                     if in_time and question.goal.may_be_met(found):
                         whole = WholeAnalysis(question.way, tuple(with_delays(cell, seen, question.sampling)))
-                        met = question.goal.met(whole.assessment)
+                        met = question.goal.met(whole.result)
             self._known[change.values] = met
         return self._known[change.values]
 
@@ -83,14 +85,14 @@ class ObjectMove:
         if not self._fits(change):
             return None
         world = change.in_world(question.world)
-        found = whole_study(question.cell, question.way, world, question.sampling, full=False)
+        found = whole_analysis(question.cell, question.way, world, question.sampling, full=False)
         return None if isinstance(found, Infeasible) else found
 
     def nearest(self) -> Array | None:
         """See `least`: of moves by some centimetres."""
         *_, vectors = self.outward(0.08)
         tried = [self.analysed(self.change(vector)) for vector in vectors]
-        missing = [self.question.goal.shortfall(None if one is None else one.assessment) for one in tried]
+        missing = [self.question.goal.shortfall(None if one is None else one.result) for one in tried]
         return None if min(missing) == np.inf else vectors[int(np.argmin(missing))]
 
     def _fits(self, change: ProposedChange) -> bool:

@@ -39,7 +39,7 @@ from sqrp_cli.search.placing_result import (
 )
 from sqrp_cli.search.sites import Installation, blocked, hidden_by, judged_way, touching_pairs, verdicts_of
 from sqrp_cli.search.visibility_table import PlaceQuestion, VisibilityTable
-from sqrp_cli.study.assessment import Analysis, Observed, with_delays
+from sqrp_cli.study.analysis import Analysis, Observed, with_delays
 from sqrp_cli.study.find import BestWay, TimeLimit, WantedWay, find_way, with_branch
 from sqrp_cli.study.ranking import compared_quality
 
@@ -209,7 +209,7 @@ class CameraPlacer:
             only = Goal(delay=goal.delay)
             exact = with_delays(table.cell_with(cameras), watched, self.question.sampling)
             pairs = zip(selection.ways, exact, strict=True)
-            late = {(selection.options, way) for way, one in pairs if not only.met(one.assessment(""))}
+            late = {(selection.options, way) for way, one in pairs if not only.met(one.result(""))}
         value = wanted.value([_BOTH(one.without_delays) for one in watched], table.weights)
         return value, watched, late
 
@@ -236,22 +236,22 @@ class CameraPlacer:
             analysed = with_delays(cell, table.watched(stay, firsts), self.question.sampling)
             unseen = []
             for way, one in zip((table.ways[number] for number in firsts), analysed, strict=True):
-                about = {"task": way.task, "candidate": way.candidate.name, "found": one.assessment("")}
+                about = {"task": way.task, "candidate": way.candidate.name, "found": one.result("")}
                 unseen.append(from_fields(PlacedCandidate, about["found"], **about, ranked=None))
             why = obstacle(problem, wanted, blind=blind) if result.proven or blind else ""
             return self._document(problem, **fields, reason=why, candidates=unseen, cell=cell)
         cameras = self._cameras(result, selection)
         everyone, spare = [*(placed.camera for placed in cameras), *stay], wanted.failure_tolerance
         watched = table.watched(everyone, selection.ways) if spare else result.watched
-        studies: Sequence[Analysis] = with_delays(table.cell_with(everyone), watched, self.question.sampling)
+        analyses: Sequence[Analysis] = with_delays(table.cell_with(everyone), watched, self.question.sampling)
         if result.value < 1.0 - ROUNDED and not spare:
-            cameras, studies = self._unless_stopped(
-                lambda: self._refined(result, selection, cameras, stay, studies), (cameras, studies)
+            cameras, analyses = self._unless_stopped(
+                lambda: self._refined(result, selection, cameras, stay, analyses), (cameras, analyses)
             )
         cell = table.cell_with([*stay, *(placed.camera for placed in cameras)])
         fields |= {
             "cameras": cameras,
-            "candidates": self._placed_candidates(cell, problem, selection, studies),
+            "candidates": self._placed_candidates(cell, problem, selection, analyses),
             "cell": cell,
         }
         fewer = len(selection.options) - 1
@@ -350,9 +350,9 @@ class CameraPlacer:
         selection: Selection,
         cameras: tuple[CameraPlaced, ...],
         stay: Sequence[Camera],
-        studies: Sequence[Analysis],
+        analyses: Sequence[Analysis],
     ) -> tuple[tuple[CameraPlaced, ...], Sequence[Analysis]]:
-        """The cameras moved and turned between their sites, with the exact studies, if they are better then.
+        """The cameras moved and turned between their sites, with the exact analyses, if they are better then.
 
         They are where the quality that counts first is greater, and each candidate that met the goal meets it still.
         """
@@ -365,39 +365,43 @@ class CameraPlacer:
         all_cameras = [*(placed.camera for placed in moved), *stay]
         watched, cell = table.watched(all_cameras, selection.ways), table.cell_with(all_cameras)
         better = with_delays(cell, watched, self.question.sampling)
-        before, after = ([study.assessment("") for study in some] for some in (studies, better))
+        before, after = ([analysis.result("") for analysis in some] for some in (analyses, better))
         kept = goal is None or all(goal.met(now) or not goal.met(then) for then, now in zip(before, after, strict=True))
         wanted = self.question.requirements
         old, new = (wanted.value(map(_BOTH, some), table.weights) for some in (before, after))
-        return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, studies)
+        return (tuple(moved), better) if kept and new > old + 2 * ROUNDED else (cameras, analyses)
 
     def _placed_candidates(
-        self, cell: Cell, problem: Problem, selection: Selection, studies: Sequence[Analysis]
+        self, cell: Cell, problem: Problem, selection: Selection, analyses: Sequence[Analysis]
     ) -> tuple[PlacedCandidate, ...]:
         """The candidates with their exact figures: in the way that `rank` takes in the new cell, if it is as good."""
         question, table, placed = self.question, self.table, list[PlacedCandidate]()
         places = [table.spots[problem.site[option]] for option in selection.options]
-        for number, study in zip(selection.ways, studies, strict=True):
-            way, old, taken = table.ways[number], study.assessment(""), None
+        for number, analysis in zip(selection.ways, analyses, strict=True):
+            way, old, taken = table.ways[number], analysis.result(""), None
             if not question.fastest:
                 all_seen = all(compared_quality(q) == compared_quality(1.0) for q in (old.q_eoi, old.q_avg))
                 # Where all is seen no way that takes longer is better.
-                limit = TimeLimit(study.motion.time + _SAME_TIME) if all_seen and not way.candidate.open_paths else None
+                limit = (
+                    TimeLimit(analysis.planned.motion.time + _SAME_TIME)
+                    if all_seen and not way.candidate.open_paths
+                    else None
+                )
                 asked = WantedWay(limit=limit)
                 taken = find_way(cell, way.candidate, question.world, question.sampling, asked, table.plans)
-            ranked = taken.assessment if isinstance(taken, BestWay) else None
+            ranked = taken.result if isinstance(taken, BestWay) else None
             if isinstance(taken, BestWay) and not question.requirements.failure_tolerance:
-                new = taken.assessment
+                new = taken.result
                 pairs = [(new.q_eoi, old.q_eoi), (new.q_avg, old.q_avg)]
                 worse = any(a is not None and b is not None and a < b - 2 * ROUNDED for a, b in pairs)
                 late = (new.latest or 0.0) > (old.latest or 0.0) + 1e-3
                 swept = False
-                if places and taken.study.motion is not way.planned.motion:
-                    other = judged_way(question.cell, way.task, way.candidate, taken.study)
+                if places and taken.analysis.planned.motion is not way.planned.motion:
+                    other = judged_way(question.cell, way.task, way.candidate, taken.analysis.planned)
                     swept = bool(blocked(question.cell, other.swept, places).any())
-                study = study if worse or late or swept else taken.study
-            named = with_branch(question.cell, way.planned) if question.fastest else study.candidate
-            figures = replace(study.assessment(""), candidate=way.candidate, best_way=named)
+                analysis = analysis if worse or late or swept else taken.analysis
+            named = with_branch(question.cell, way.planned) if question.fastest else analysis.planned.candidate
+            figures = replace(analysis.result(""), candidate=way.candidate, best_way=named)
             pairs = [] if ranked is None else [(getattr(ranked, q), getattr(figures, q)) for q in _COMPARED]
             others = any((a is None) != (b is None) or abs((a or 0.0) - (b or 0.0)) > 1e-6 for a, b in pairs)
             about = {"task": way.task, "candidate": way.candidate.name, "found": figures}

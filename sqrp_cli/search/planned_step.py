@@ -32,5 +32,5 @@ class PlannedStep(Qualities):
 
     world: World | None = live()
     """That it starts from; None if a step before it is infeasible."""
-    assessment: CandidateResult | None = live()
+    result: CandidateResult | None = live()
     """Of its best candidate, or of the first if none is feasible."""

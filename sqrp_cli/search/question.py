@@ -18,13 +18,13 @@ from sqrp_cli.search.aiming import Aim
 from sqrp_cli.search.goal import Goal, Kind, Unit, shown_size
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.skill.settings import MotionValue
-from sqrp_cli.study.assessment import Analysis, analysed
+from sqrp_cli.study.analysis import Analysis, analysed
 from sqrp_cli.study.find import Plans
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.stage import Stage
 from sqrp_cli.study.timeline import observe
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate
 
@@ -125,12 +125,12 @@ def is_fastest(found: CandidateResult) -> bool:
 
 def figures_of(way: Candidate, found: WholeAnalysis | Infeasible) -> CandidateResult:
     """The figures of a way, or why it cannot be done."""
-    return found.assessment if isinstance(found, WholeAnalysis) else CandidateResult.infeasible(way, found.reasons)
+    return found.result if isinstance(found, WholeAnalysis) else CandidateResult.infeasible(way, found.reasons)
 
 
 def analysed_again(cell: Cell, found: WholeAnalysis, sampling: Sampling, *, full: bool = False) -> WholeAnalysis:
     """The same motion observed by the cameras of another cell. full: with the verdicts of every camera."""
-    return replace(found, steps=tuple(analysed(cell, one, sampling, full=full) for one in found.steps))
+    return replace(found, steps=tuple(analysed(cell, one.planned, sampling, full=full) for one in found.steps))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,7 +146,7 @@ class Question:
     """The candidate as `--ways fastest` has it."""
     best: CandidateResult
     """The candidate by its best way; by the fastest one where the motion is fixed."""
-    assessments: Sequence[CandidateResult]
+    results: Sequence[CandidateResult]
     """Of all candidates of the task, `best` among them."""
     before: CandidateResult
     """The candidate without any change, as with `--ways fastest`; in its best way if that misses the goal alone."""
@@ -174,10 +174,10 @@ class Question:
 
         change: of the cell in which it is analysed, if any.
         """
-        if not self.goal.met(found.assessment):
+        if not self.goal.met(found.result):
             return False
         cell = self.cell if change is None else change.in_cell(self.cell)
-        return self.goal.met(analysed_again(cell, found, self.sampling, full=True).assessment)
+        return self.goal.met(analysed_again(cell, found, self.sampling, full=True).result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +190,7 @@ class Start:
     def analysis(self) -> WholeAnalysis | Infeasible:
         """Of the way of the question, with the verdicts of every camera."""
         asked = self.question
-        return whole_study(asked.cell, asked.way, asked.world, asked.sampling, full=True)
+        return whole_analysis(asked.cell, asked.way, asked.world, asked.sampling, full=True)
 
     @property
     def feasible_analysis(self) -> WholeAnalysis:
@@ -207,17 +207,19 @@ class Start:
         if not self.question.goal.only_events:
             return self.feasible_analysis.steps
         found = []
-        for step in (step for step in self.feasible_analysis.steps if step.T_eoi):
-            pieces = [piece for piece in step.stage.pieces if piece.of_interest]
-            only = replace(step, stage=Stage(step.stage.model, step.motion, pieces, step.world.X_WO), faults={})
+        for step in (step for step in self.feasible_analysis.steps if step.planned.T_eoi):
+            planned = step.planned
+            pieces = [piece for piece in planned.stage.pieces if piece.of_interest]
+            stage = Stage(planned.stage.model, planned.motion, pieces, planned.world.X_WO)
+            only = replace(planned, stage=stage, faults={})
             timeline = observe(only, self.question.cell.observer, self.question.sampling, full=False)
-            found.append(replace(only, timeline=timeline))
+            found.append(replace(step, planned=only, timeline=timeline))
         return tuple(found)
 
     @cached_property
     def swept(self) -> list[SceneStates]:
         """Where everything is during each of its steps: cameras must not be in the way."""
-        return [step.stage.states(step.timeline.samples) for step in self.feasible_analysis.steps]
+        return [step.planned.stage.states(step.timeline.samples) for step in self.feasible_analysis.steps]
 
     @cached_property
     def tasks(self) -> list[tuple[str, list[AnalysedWay]]]:
@@ -225,6 +227,6 @@ class Start:
         asked = self.question
         found = list[tuple[str, list[AnalysedWay]]]()
         for text, ways in asked.listed():
-            each = (whole_study(asked.cell, way, asked.world, asked.sampling, full=False) for way in ways)
+            each = (whole_analysis(asked.cell, way, asked.world, asked.sampling, full=False) for way in ways)
             found.append((text, list(zip(ways, each, strict=True))))
         return found

@@ -21,7 +21,7 @@ from sqrp_cli.study.find import WantedWay, some_motion
 from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.whole_study import world_left
+from sqrp_cli.study.whole_analysis import world_left
 from sqrp_cli.task.candidate import THEN, Candidate, Task
 from sqrp_cli.task.feasibility import unmet_preconditions
 from sqrp_cli.task.grips import first_grip
@@ -86,16 +86,16 @@ class Suggester:
                 return Suggestion("satisfied", "")
             case tuple(steps):
                 done = [self._after(steps[: count + 1]) for count in range(len(steps))]
-                world, assessment = done[-1][1], None
+                world, result = done[-1][1], None
                 if world is not None and self.wanted.fastest:  # only whether it can be done
                     motion = some_motion(self.cell, candidate, world)
                     reasons = motion.reasons if isinstance(motion, Infeasible) else ()
                     figures = vars(NO_FIGURES)
-                    assessment = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
+                    result = CandidateResult(candidate=candidate, feasible=not reasons, reasons=reasons, **figures)
                 elif world is not None:
-                    assessment = RankJob(cell=self.cell, world=world).assess(candidate)
+                    result = RankJob(cell=self.cell, world=world).assess(candidate)
                 first = f"first do {', then '.join(map(str, steps))}"
-                last = _planned(candidate, world, assessment)
+                last = _planned(candidate, world, result)
                 return Suggestion("plan", first, tuple(step for step, _ in done), last)
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
@@ -158,7 +158,7 @@ def _planned(candidate: Candidate, world: World | None, found: CandidateResult |
         feasible=found is not None and found.feasible,
         reasons=["a step before it cannot be done"] if found is None else list(found.reasons),
         world=world,
-        assessment=found,
+        result=found,
         **figures,
     )
 
@@ -223,14 +223,14 @@ def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple
         suggestions = [suggestions[number] for number in order[:MOST_WITH_FIGURES]]
     figures = []
     for last in (suggestion.last for suggestion in suggestions):
-        if last is not None and last.assessment is not None and last.world is not None:
-            job, known = RankJob(cell=suggester.cell, world=last.world, wanted=suggester.wanted), last.assessment
+        if last is not None and last.result is not None and last.world is not None:
+            job, known = RankJob(cell=suggester.cell, world=last.world, wanted=suggester.wanted), last.result
             figures.append(job.assess(known.candidate) if fastest else known)
     if not figures:
         return ()
     first = rank(figures, "q_eoi")[0].candidate
     chosen = suggestions[next(index for index, one in enumerate(figures) if one.candidate is first)]
-    if fastest and chosen.last is not None and chosen.last.assessment is not None:  # each step in its best way
+    if fastest and chosen.last is not None and chosen.last.result is not None:  # each step in its best way
         alone = Suggester(suggester.cell, suggester.world, suggester.planner, suggester.jobs)
-        chosen = alone.suggest(chosen.last.assessment.candidate)
+        chosen = alone.suggest(chosen.last.result.candidate)
     return tuple(step for step in (*(chosen.steps or ()), chosen.last) if step is not None)

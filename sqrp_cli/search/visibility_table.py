@@ -33,7 +33,7 @@ from sqrp_cli.search.sites import (
     touching_pairs,
     varied,
 )
-from sqrp_cli.study.assessment import Observed, all_observed
+from sqrp_cli.study.analysis import Observed, all_observed
 from sqrp_cli.study.fault_sights import least_fault_delays
 from sqrp_cli.study.find import Plans, TimeLimit
 from sqrp_cli.study.result import CandidateResult

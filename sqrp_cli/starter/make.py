@@ -22,7 +22,7 @@ from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import ArmGuess, guess_arm
 from sqrp_cli.starter.description import Description, OwnRobot, describe_robot
 from sqrp_cli.starter.layout import TASK, Cube, Layout, workspace_text
-from sqrp_cli.study.assessment import analyse
+from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.blind_spans import cause_totals
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.task import read_task

@@ -21,7 +21,7 @@ from sqrp_cli.study.observation import observation_of
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import FixedStep, first_samples
 from sqrp_cli.study.timeline import PlannedMotion, SampledMotion, Timeline
-from sqrp_cli.study.whole_study import mean_quality
+from sqrp_cli.study.whole_analysis import mean_quality
 
 SHORTEST, MOST = 0.1, 250  # least time between the instants of a sketch [s], and about how many there are at most
 

@@ -36,7 +36,7 @@ from sqrp_cli.sight.sight_memory import Seen, SightMemory
 from sqrp_cli.studio.messages import Asked, Question, findings, message
 from sqrp_cli.studio.moves import Move, moved
 from sqrp_cli.studio.sketch import CoverageShown, Sketch, joined
-from sqrp_cli.study.assessment import planned_motion
+from sqrp_cli.study.analysis import planned_motion
 from sqrp_cli.study.find import Plans, WantedWay
 from sqrp_cli.study.pipeline import RankJob, described
 from sqrp_cli.study.program_update import world_after
@@ -77,12 +77,12 @@ class RankingRun:
         index = self.workers[worker]
         assert index is not None  # noqa: S101 - it is busy
         try:
-            assessment, learnt = worker.receive()
+            result, learnt = worker.receive()
         except WorkerDied as error:
             raise bad_input("worker-died", "a process was killed; is there enough memory?") from error
         candidate = self.session.task.candidates[index]
-        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
-        self.found[index] = replace(assessment, candidate=candidate, best_way=way)
+        way = result.best_way and replace(result.best_way, skill=candidate.skill)
+        self.found[index] = replace(result, candidate=candidate, best_way=way)
         for seen in learnt:
             self.memory.take(seen)
         self.hand_out(worker)

@@ -22,7 +22,7 @@ from sqrp_cli.logic.formula_time import TimeInterval, merge
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
 from sqrp_cli.sight.limits import SIDES, Cause, CauseLabel, Reason
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.result import UnseenTime
 
 
@@ -31,7 +31,7 @@ def cause_totals(cell: Cell, analysis: Analysis) -> tuple[UnseenTime, ...]:
     weights = sample_weights(analysis)
     observation = analysis.timeline.observation
     totals = []
-    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         first, box_of = first_failing(boxes, rows)
         sums: dict[tuple[int, ...], float] = defaultdict(float)
@@ -158,9 +158,13 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
 
     Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
-    observation, samples, pieces = analysis.timeline.observation, analysis.timeline.samples, analysis.stage.pieces
+    observation, samples, pieces = (
+        analysis.timeline.observation,
+        analysis.timeline.samples,
+        analysis.planned.stage.pieces,
+    )
     targets = {}
-    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         numbers = dict.fromkeys(samples.piece[rows].tolist())
         required = merge(TimeInterval(pieces[number].start, pieces[number].end) for number in numbers)
@@ -181,7 +185,7 @@ def coverage_of(cell: Cell, analysis: Analysis) -> Coverage:
                     spans.append((TimeInterval(start, end), Reason(cause=cause.label, by=by_name(cell, cause, by))))
             blind[camera.name] = tuple(spans)
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
-    return Coverage({primitive.name: primitive.end for primitive in analysis.motion.primitives}, targets)
+    return Coverage({primitive.name: primitive.end for primitive in analysis.planned.motion.primitives}, targets)
 
 
 def coverage_of_steps(steps: Sequence[Coverage]) -> Coverage:

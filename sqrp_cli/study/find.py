@@ -20,7 +20,7 @@ from sqrp_cli.files.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, Observed, all_observed, planned_motion, with_delays
+from sqrp_cli.study.analysis import Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import QUALITY_STEP, compared_quality, compared_time, contenders, rank
 from sqrp_cli.study.result import BlindEnd, CandidateResult, Criterion, WayFigures, WaysFound
@@ -75,8 +75,8 @@ class TimeLimit:
 class BestWay:
     """The best way of a candidate, and what became of the others."""
 
-    study: Analysis
-    assessment: CandidateResult
+    analysis: Analysis
+    result: CandidateResult
     """The figures of the analysis, without a sentence."""
     ways: WaysFound
 
@@ -115,15 +115,18 @@ def find_way(
     if candidate.open_paths:
         from sqrp_cli.study.seen_ways import blind_ends, seen_ways
 
-        direct = (replace(one, candidate=one.candidate.with_paths({})) for one in watched)
+        direct = (
+            replace(one, planned=replace(one.planned, candidate=one.planned.candidate.with_paths({})))
+            for one in watched
+        )
         interest_first = wanted.by == "q_eoi"
         watched = [*direct, *seen_ways(cell, motions, sampling, longest=longest, interest_first=interest_first)]
     if compared:
         watched = list(compress(watched, contenders([one.without_delays for one in watched], wanted.by)))
-    studies = with_delays(cell, watched, sampling)
-    ranked = rank([analysis.assessment("") for analysis in studies], wanted.by)
+    analyses = with_delays(cell, watched, sampling)
+    ranked = rank([analysis.result("") for analysis in analyses], wanted.by)
     best = ranked[0]
-    chosen = next(analysis for analysis in studies if analysis.candidate is best.candidate)
+    chosen = next(analysis for analysis in analyses if analysis.planned.candidate is best.candidate)
     ends: tuple[BlindEnd, ...] = blind_ends(chosen, candidate.open_paths) if candidate.open_paths else ()
     optimal: dict[tuple[float, ...], CandidateResult] = {}  # one of those that are equal, as they are compared
     for one in (one for one in ranked if one.pareto or one.rank == 1):
@@ -168,10 +171,13 @@ def studied_ways(
     if candidate.open_paths:
         from sqrp_cli.study.seen_ways import seen_ways
 
-        watched = [replace(one, candidate=one.candidate.with_paths({})) for one in watched]
+        watched = [
+            replace(one, planned=replace(one.planned, candidate=one.planned.candidate.with_paths({})))
+            for one in watched
+        ]
         for interest_first in (True, False):
             watched += seen_ways(cell, allowed, sampling, longest=longest, interest_first=interest_first)
-    for one in sorted(watched, key=lambda way: compared_time(way.motion.time)):
+    for one in sorted(watched, key=lambda way: compared_time(way.planned.motion.time)):
         if worth(qualities_over(one.timeline)):
             yield from with_delays(cell, [one], sampling)
 

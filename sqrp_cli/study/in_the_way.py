@@ -14,7 +14,7 @@ import numpy as np
 from sqrp_cli.geometry import Indices
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause, HidingPart
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import first_failing, sample_weights
 from sqrp_cli.study.result import HiddenTarget
 
@@ -41,8 +41,8 @@ def hidden_views(cell: Cell, analysis: Analysis, rows: Indices | None = None) ->
             views += [(column, number, *at) for at in zip(row.tolist(), camera.tolist(), strict=True)]
     boxes = list(dict.fromkeys(view[:2] for view in views))
     place = {key: number for number, key in enumerate(boxes)}
-    sought = [analysis.targets[column].boxes[box] for column, box in boxes]
-    states = analysis.stage.states(analysis.timeline.samples)
+    sought = [analysis.planned.targets[column].boxes[box] for column, box in boxes]
+    states = analysis.planned.stage.states(analysis.timeline.samples)
     found: dict[tuple[int, int, int, int], tuple[HidingPart, ...]] = {}
     for start in range(0, len(views), _VIEWS):
         some = views[start : start + _VIEWS]
@@ -56,7 +56,7 @@ def in_the_way(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[Hidd
     """What hides each target from each camera, in the order of targets and cameras; views: all hidden ones."""
     weights, observation = sample_weights(analysis), analysis.timeline.observation
     found = []
-    for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         first, box_of = first_failing(boxes, rows)
         for index, camera in enumerate(cell.observer.cameras):
@@ -94,7 +94,7 @@ def to_move(cell: Cell, analysis: Analysis, views: HiddenViews) -> tuple[HidingP
     parents = {solid.name: solid.part.parent for solid in cell.observer.solids}
     objects = cell.workspace.objects
     supports = {one.on for one in objects.values() if one.on is not None and objects[one.on].fixed}
-    kept = supports.union(analysis.candidate.binding.values())
+    kept = supports.union(analysis.planned.candidate.binding.values())
     of_objects = [replace(part, name=parents[part.name]) for part in parts]
     movable = _mean([(1.0, [part for part in of_objects if part.name in objects and part.name not in kept])], total)
     return tuple(sorted(movable, key=lambda one: (-one.alone, -one.share, one.name)))

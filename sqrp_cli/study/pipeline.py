@@ -14,7 +14,7 @@ from sqrp_cli.cell.workspace import World
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import Plans, WantedWay, find_way
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.ranking import winners
@@ -29,7 +29,7 @@ from sqrp_cli.study.result import (
 from sqrp_cli.study.robustness import DRAWS, Calibration, expected_quality, under_calibration_errors
 from sqrp_cli.study.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.study.verdict import verdict
-from sqrp_cli.study.whole_study import assessment_of_all, whole_observed, world_left
+from sqrp_cli.study.whole_analysis import result_of_steps, whole_observed, world_left
 from sqrp_cli.task.grips import choice_in_words, way_in_words
 from sqrp_cli.task.task import Candidate, in_words
 
@@ -41,8 +41,8 @@ class Explained(NamedTuple):
     """A candidate with all that its figures were computed from."""
 
     result: CandidateResult
-    """With the figures of the studies."""
-    study: Analysis | None = None
+    """With the figures of the analyses."""
+    analysis: Analysis | None = None
     """Of a feasible candidate of one step."""
     steps: tuple[Explained, ...] = ()
     """Of a feasible candidate of several steps, each."""
@@ -75,16 +75,16 @@ class RankJob:
     def assess(self, candidate: Candidate) -> CandidateResult:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
         if candidate.steps:
-            return assessment_of_all(candidate, [step for step, _ in self.steps_done(candidate)])
+            return result_of_steps(candidate, [step for step, _ in self.steps_done(candidate)])
         found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted, self.plans)
         if isinstance(found, Infeasible):
             ways = WaysFound(tried=found.tried, feasible=0, pareto=())
             return CandidateResult.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
-        analysis, errors = found.study, self.calibration
+        analysis, errors = found.analysis, self.calibration
         result = replace(
-            found.assessment,
+            found.result,
             candidate=candidate,
-            best_way=analysis.candidate,
+            best_way=analysis.planned.candidate,
             ways=found.ways,
             q_expected=expected_quality(self.cell, analysis),
             recalibrated=() if errors is None else under_calibration_errors(self.cell, analysis, self.sampling, errors),
@@ -100,7 +100,7 @@ class RankJob:
         if not known.steps:
             return replace(known, verdict=verdicts[0])
         steps = [replace(step, verdict=words) for step, words in zip(known.steps, verdicts, strict=True)]
-        return replace(known, verdict=assessment_of_all(known.candidate, steps).verdict, steps=tuple(steps))
+        return replace(known, verdict=result_of_steps(known.candidate, steps).verdict, steps=tuple(steps))
 
     def steps_done(self, candidate: Candidate) -> list[tuple[CandidateResult, World]]:
         """The steps of a candidate of several, each in its wanted way, with the world that those before it leave.
@@ -127,21 +127,21 @@ class RankJob:
         """A candidate with the full analysis of each of its steps, and the figures from these."""
         if not known.feasible:
             return Explained(described(known))
-        study_of_way, steps, world = None, list[Explained](), self.world
+        analysis, steps, world = None, list[Explained](), self.world
         if known.steps:
             for step in known.steps:
                 steps.append(replace(self, world=world).explain(replace(step, rank=1, pareto=True)))
-                assert steps[-1].study is not None  # noqa: S101 - the whole is feasible
-                world = world_after(step.way, steps[-1].study.motion, world)
-            result = assessment_of_all(known.candidate, [step.result for step in steps])
+                assert steps[-1].analysis is not None  # noqa: S101 - the whole is feasible
+                world = world_after(step.way, steps[-1].analysis.planned.motion, world)
+            result = result_of_steps(known.candidate, [step.result for step in steps])
         else:
             found = analyse(self.cell, known.way, self.world, self.sampling, full=True)
             if isinstance(found, Infeasible):
                 raise ValueError(f"{known.candidate.name} was feasible a moment ago")
-            study_of_way, figures = found, found.assessment(verdict(self.cell, found))
+            analysis, figures = found, found.result(verdict(self.cell, found))
             result = replace(figures, candidate=known.candidate, q_expected=expected_quality(self.cell, found))
         result = replace(result, best_way=known.best_way, rank=known.rank, pareto=known.pareto, ways=known.ways)
-        return Explained(described(result), study_of_way, tuple(steps))
+        return Explained(described(result), analysis, tuple(steps))
 
 
 def described(one: CandidateResult) -> CandidateResult:
@@ -207,19 +207,19 @@ def sampling_done(sampling: Sampling, results: Sequence[CandidateResult]) -> Sam
 
 
 def assess_all(job: RankJob, candidates: Sequence[Candidate], jobs: int) -> Iterator[CandidateResult]:
-    """The assessments in the order of the candidates, each as soon as it and those before it are done.
+    """The results in the order of the candidates, each as soon as it and those before it are done.
 
     jobs: number of processes at most.
     """
     fastest = job.wanted.fastest
     tried = not fastest and any(candidate.leaves_free for candidate in candidates)
     processes = min(jobs, len(candidates) // (WORTH_WITH_WAYS if tried else WORTH_A_PROCESS))
-    assessments: Iterable[CandidateResult] = map(job.assess, candidates)
+    results: Iterable[CandidateResult] = map(job.assess, candidates)
     if processes > 1:
         from sqrp_cli.platform.processes import in_processes
 
-        assessments = in_processes(job.assess, candidates, processes)
-    for candidate, assessment in zip(candidates, assessments, strict=True):
+        results = in_processes(job.assess, candidates, processes)
+    for candidate, result in zip(candidates, results, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
-        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
-        yield replace(assessment, candidate=candidate, best_way=way)
+        way = result.best_way and replace(result.best_way, skill=candidate.skill)
+        yield replace(result, candidate=candidate, best_way=way)

@@ -23,7 +23,7 @@ from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.skill.settings import ANY
 from sqrp_cli.skill.skill import RetryEntry
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.fault_sights import distinguishing
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -54,7 +54,7 @@ def replanned(cell: Cell, step: record.Step, world: World) -> record.Step | None
     if isinstance(found, Infeasible):
         return None
     cameras = tuple(camera.name for camera in cell.observer.cameras)
-    return make_step(step.task, found, found.assessment(verdict(cell, found)), cameras)
+    return make_step(step.task, found, found.result(verdict(cell, found)), cameras)
 
 
 def candidate_of(step: record.Step, cell: Cell) -> Candidate:
@@ -68,14 +68,14 @@ def candidate_of(step: record.Step, cell: Cell) -> Candidate:
     return Candidate(skill, binding, values, branch=branch, name=" ".join(binding.values()) or skill.name)
 
 
-def make_step(task: str, analysis: Analysis, assessment: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
+def make_step(task: str, analysis: Analysis, result: CandidateResult, cameras: tuple[str, ...]) -> record.Step:
     """The step of a program from a full analysis.
 
     cameras: names in the order of the analysis's verdicts.
     """
     from sqrp_cli.program import record
 
-    candidate, motion = analysis.candidate, analysis.motion
+    candidate, motion = analysis.planned.candidate, analysis.planned.motion
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = list[record.ProgramFormula]()
@@ -96,7 +96,7 @@ def make_step(task: str, analysis: Analysis, assessment: CandidateResult, camera
         )
     observation, t = analysis.timeline.observation, analysis.timeline.samples.t
     targets = dict[str, record.ProgramTarget]()
-    for column, target in enumerate(analysis.targets):
+    for column, target in enumerate(analysis.planned.targets):
         sees = sees_all(observation.full_matrix[column]) & observation.required[:, column, None]
         targets[str(target.atom)] = record.ProgramTarget(
             cameras=target.cameras,
@@ -130,15 +130,15 @@ def make_step(task: str, analysis: Analysis, assessment: CandidateResult, camera
         skill=candidate.skill.name,
         parameters=candidate.parameters,
         time=motion.time,
-        q_avg=assessment.q_avg,
-        q_eoi=assessment.q_eoi,
-        faults=assessment.faults,
-        verdict=assessment.verdict,
+        q_avg=result.q_avg,
+        q_eoi=result.q_eoi,
+        faults=result.faults,
+        verdict=result.verdict,
         primitives=primitives,
         formulas=tuple(formulas),
         targets=targets,
-        before=analysis.world,
-        after=world_after(candidate, motion, analysis.world),
+        before=analysis.planned.world,
+        after=world_after(candidate, motion, analysis.planned.world),
         sights=sights,
     )
 
@@ -150,12 +150,15 @@ def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
 
 def with_usual_images(step: record.Step, analysis: Analysis, observer: Observer) -> record.Step:
     """The step of an analysis with the times of usual images, which take as long to find as the analysis."""
-    confirming = [(target,) for target in analysis.targets]
+    confirming = [(target,) for target in analysis.planned.targets]
     refuting = [
-        distinguishing(target, Literal(target.atom, positive=False), analysis.stage.X_WO) for target in analysis.targets
+        distinguishing(target, Literal(target.atom, positive=False), analysis.planned.stage.X_WO)
+        for target in analysis.planned.targets
     ]
     asked = list(dict.fromkeys(chain(*confirming, *refuting)))
-    request = analysis.for_targets(analysis.stage, [replace(target, cameras=1).usual for target in asked])
+    request = analysis.planned.for_targets(
+        analysis.planned.stage, [replace(target, cameras=1).usual for target in asked]
+    )
     usual: list[dict[str, tuple[tuple[float, float], ...]]] = [{} for _ in (*confirming, *refuting)]
     for camera in observer.cameras:
         found = observe(request, replace(observer, cameras=(camera,)), Adaptive(), full=False)

@@ -16,7 +16,7 @@ from sqrp_cli.records import dataclass
 from sqrp_cli.sight.likelihood import BoxLikelihood, at_least, likelihoods
 from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Sampling
 from sqrp_cli.study.timeline import observe
@@ -43,7 +43,7 @@ def without_each_camera(cell: Cell, analysis: Analysis) -> dict[str, Qualities]:
     qualities = {}
     for index, camera in enumerate(cell.observer.cameras):
         covered = observation.covered.copy()
-        for column, (target, boxes) in enumerate(zip(analysis.targets, observation.full_matrix, strict=True)):
+        for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
             enough = np.delete(sees_all(boxes), index, axis=1).sum(axis=1) >= target.cameras
             covered[:, column] = observation.required[:, column] & enough
         timeline = replace(analysis.timeline, observation=replace(observation, covered=covered))
@@ -56,7 +56,7 @@ def under_calibration_errors(
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     drawn = (perturbed(cell.observer, calibration, draw) for draw in range(DRAWS))
-    timelines = (observe(analysis, observer, sampling, full=False) for observer in drawn)
+    timelines = (observe(analysis.planned, observer, sampling, full=False) for observer in drawn)
     return tuple(map(qualities_over, timelines))
 
 
@@ -89,7 +89,7 @@ def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
     """How likely images show the targets at the samples of an analysis; None in a cell without curves."""
     if all(detector.curve is None for detector in cell.workspace.detectors.values()):
         return None
-    samples, stage = analysis.timeline.samples, analysis.stage
+    samples, stage = analysis.timeline.samples, analysis.planned.stage
     # Where everything is as shutters open and close, but within the primitive of each sample.
     spans = [(one.start, one.end) for one in stage.motion.primitives]
     start, end = np.array([spans[piece.primitive] for piece in stage.pieces])[samples.piece].T
@@ -97,11 +97,11 @@ def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
     for exposure in {camera.exposure for camera in cell.observer.cameras} - {0.0}:
         times = (np.clip(samples.t + part * exposure, start, end) for part in (-0.5, 0.5))
         shutters[exposure] = [stage.states(replace(samples, t=t)) for t in times]
-    boxes = likelihoods(cell.observer, analysis.targets, stage.states(samples), shutters)
+    boxes = likelihoods(cell.observer, analysis.planned.targets, stage.states(samples), shutters)
     # All boxes of a target must be seen by the same camera.
     seen = [np.prod([box.probability for box in of_target], axis=0) for of_target in boxes]
     targets = np.stack(
-        [at_least(found, target.cameras) for found, target in zip(seen, analysis.targets, strict=True)], axis=1
+        [at_least(found, target.cameras) for found, target in zip(seen, analysis.planned.targets, strict=True)], axis=1
     )
     required = analysis.timeline.observation.required
     states = np.where(required, targets, 1.0).prod(axis=1)
@@ -111,9 +111,9 @@ def expectation(cell: Cell, analysis: Analysis) -> Expectation | None:
 def expected_quality(cell: Cell, analysis: Analysis) -> float | None:
     """q_expected: the mean of the probability over the time T; None without curves, or where T is 0."""
     found, timeline = expectation(cell, analysis), analysis.timeline
-    if found is None or analysis.T <= 0:
+    if found is None or analysis.planned.T <= 0:
         return None
     # Linear between neighbouring samples, and 0 where it is 0 at either: with probabilities of 0 and 1 this is Q_avg.
     before, after = np.nan_to_num(found.states[:-1]), np.nan_to_num(found.states[1:])
     height = np.where((before > 0) & (after > 0), 0.5 * (before + after), 0.0)
-    return min(1.0, float((height * timeline.samples.gaps).sum() / analysis.T))
+    return min(1.0, float((height * timeline.samples.gaps).sum() / analysis.planned.T))

@@ -20,7 +20,7 @@ from sqrp_cli.motion.position_limits import near_limits
 from sqrp_cli.motion.timing import MotionLimits
 from sqrp_cli.records import dataclass
 from sqrp_cli.skill.skill import HOME
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.move_search import (
     COST_DECIMALS,
     EXACTLY,
@@ -83,10 +83,10 @@ def move_searches(cell: Cell, planned: PlannedMotion, names: Collection[str], sp
 
 def blind_ends(analysis: Analysis, names: Collection[str]) -> tuple[BlindEnd, ...]:
     """The ends of the named joint moves at which the state itself is not covered, in the order of time."""
-    timeline, actions = analysis.timeline, analysis.candidate.skill.primitives
+    timeline, actions = analysis.timeline, analysis.planned.candidate.skill.primitives
     t, blind, ends = timeline.samples.t, timeline.observation.blind, list[BlindEnd]()
-    for index in open_moves(analysis, names):
-        within = np.array([piece.primitive == index for piece in analysis.stage.pieces])
+    for index in open_moves(analysis.planned, names):
+        within = np.array([piece.primitive == index for piece in analysis.planned.stage.pieces])
         rows = np.flatnonzero(within[timeline.samples.piece])
         stops = [stop for action in actions[:index] if (stop := getattr(action, "to", None)) is not None]
         for at, in_order in ((str([HOME, *stops][-1]), rows), (str(getattr(actions[index], "to", "")), rows[::-1])):
@@ -137,7 +137,7 @@ def seen_ways(
     longest: float = np.inf,
     interest_first: bool = True,
 ) -> list[Analysis]:
-    """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
+    """Ways with paths of joint moves along which the cameras lose sight of less, each analysed exactly.
 
     motions: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
     interest_first: whether quality in events of interest counts before all else. The result depends only on the
@@ -168,8 +168,8 @@ def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
     direct = analyse(cell, way.with_paths({}), world, Adaptive(), full=False)
     if isinstance(direct, Infeasible):
         return way.with_paths({})
-    seen = seen_ways(cell, [replace(direct, candidate=way)], Adaptive())
-    return seen[0].candidate if seen else way.with_paths({})
+    seen = seen_ways(cell, [replace(direct.planned, candidate=way)], Adaptive())
+    return seen[0].planned.candidate if seen else way.with_paths({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +271,7 @@ def paths_together(left: Sequence[Sequence[SeenPath]], most: float, weight: floa
 
 
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Analysis | None:
-    """The way with the best paths that fit the time together, studied exactly; None if none is better."""
+    """The way with the best paths that fit the time together, analysed exactly; None if none is better."""
     spare = longest - runner.planned.motion.time
     left: list[list[SeenPath]] = []
     for search in runner.searches:
@@ -300,7 +300,9 @@ def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> 
     if not vias:
         return None
     found = analyse(cell, runner.planned.candidate.with_paths(vias), runner.planned.world, sampling, full=False)
-    if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
+    if isinstance(found, Infeasible) or found.planned.motion.time > longest + ROUNDING:
         return None
-    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.T
-    return found if round(runner.weight * blind + found.motion.time, COST_DECIMALS) < runner.cost(direct) else None
+    blind = (1.0 - (qualities_over(found.timeline).q_avg or 0.0)) * found.planned.T
+    return (
+        found if round(runner.weight * blind + found.planned.motion.time, COST_DECIMALS) < runner.cost(direct) else None
+    )

@@ -25,7 +25,7 @@ from sqrp_cli.sight.limits import Cause, Reason
 from sqrp_cli.sight.observer import sees_all
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Observed
+from sqrp_cli.study.analysis import Observed
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.result import NOTHING_MISSING
 
@@ -205,14 +205,14 @@ def verdict(cell: Cell, analysis: Observed) -> str:
     t, blind = timeline.samples.t, timeline.observation.blind
     interesting = blind & timeline.interesting
     if runs := list(stretches(interesting if interesting.any() else blind)):
-        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), analysis.candidate.skill
+        longest, skill = max(runs, key=lambda rows: t[rows[-1]] - t[rows[0]]), analysis.planned.candidate.skill
         lost = explain_stretch(cell, analysis, longest)
         stated = any(not parameter.implicit for parameter in skill.motion_parameters)
-        tried = analysis.candidate.branch or not (skill.waypoints or stated)
+        tried = analysis.planned.candidate.branch or not (skill.waypoints or stated)
         advice = lost.advice.removesuffix(_OTHER_WAY) if tried else lost.advice
         was_tried = bool(lost.causes) and lost.causes[0].change is not None
         sentences = f"{lost}{advice and (_HELP if was_tried else _MAY_HELP)}{advice}."
-    ways = ", ".join(analysis.motion.remarks)
+    ways = ", ".join(analysis.planned.motion.remarks)
     return sentences + (f" On the way {ways}." if ways else "")
 
 
@@ -235,7 +235,9 @@ def explain_stretch(cell: Cell, analysis: Observed, rows: Indices) -> BlindStret
     loss, timeline = _worst_lost(cell, analysis, rows), analysis.timeline
     if not loss.lost.all():
         samples, target = timeline.samples.some(rows), loss.target
-        (boxes,) = cell.observer.verdicts([target], analysis.stage.states(samples), shares=False, culprits=False)
+        (boxes,) = cell.observer.verdicts(
+            [target], analysis.planned.stage.states(samples), shares=False, culprits=False
+        )
         lost = sees_all(boxes).sum(axis=1) < target.cameras
         parts = stretches(timeline.observation.required[rows, loss.column] & lost)
         rows = rows[max(parts, key=lambda part: samples.t[part[-1]] - samples.t[part[0]])]
@@ -299,15 +301,15 @@ class _LostTarget(NamedTuple):
 
 def _worst_lost(cell: Cell, analysis: Observed, rows: Indices) -> _LostTarget:
     """The target that is lost in most of a few samples of a run."""
-    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.targets) else _LOOKS
+    count = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in analysis.planned.targets) else _LOOKS
     few = rows[sorted({*np.linspace(0, len(rows) - 1, count).round().astype(np.int64).tolist()})]
     seen = analysis.timeline.observation
     uncovered = seen.required & ~seen.covered
     losses = []
     for column in np.flatnonzero(uncovered[few].any(axis=0)).tolist():
-        others, target = np.flatnonzero(~uncovered[:, column]), analysis.targets[column]
+        others, target = np.flatnonzero(~uncovered[:, column]), analysis.planned.targets[column]
         look = np.concatenate([others[others < few[0]][-1:], few, others[others > few[-1]][:1]])
-        states = analysis.stage.states(analysis.timeline.samples.some(look))
+        states = analysis.planned.stage.states(analysis.timeline.samples.some(look))
         (boxes,) = cell.observer.verdicts([target], states, shares=False)
         lost = seen.required[look, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
         inside = np.isin(look, few)
@@ -328,7 +330,7 @@ def _least_change(
         return {}
     seen = analysis.timeline.observation
     rows = rows[seen.required[rows, loss.column] & ~seen.covered[rows, loss.column]]
-    states = analysis.stage.states(analysis.timeline.samples.some(rows))
+    states = analysis.planned.stage.states(analysis.timeline.samples.some(rows))
     others = dict.fromkeys(limits, np.zeros(len(rows), dtype=np.int64))
     lost = np.ones(len(rows), dtype=bool)
     if target.cameras > 1:

@@ -40,8 +40,8 @@ def paths(cells: int) -> None:
             direct.append(blind_time(found.direct))
             planned.append(blind_time(found.planned))
             seen.append(blind_time(found.seen))
-            extra.append(found.seen.motion.time - found.direct.motion.time)
-            better += seen[-1] <= min(direct[-1], planned[-1]) + EQUAL * found.seen.T
+            extra.append(found.seen.planned.motion.time - found.direct.motion.time)
+            better += seen[-1] <= min(direct[-1], planned[-1]) + EQUAL * found.seen.planned.T
             draws = [found.off(CALIBRATION, draw) for draw in range(DRAWS)]
             off.append(mean(blind_time(draw.direct) - blind_time(draw.seen) for draw in draws))
     rows = [

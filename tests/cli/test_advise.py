@@ -21,7 +21,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import plan_branches
 from sqrp_cli.search import advise
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.assessment import analyse
+from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
@@ -230,7 +230,7 @@ def all_ways(task: str) -> list[CandidateResult]:
         branches = plan_branches(grip, cell.initial_world, cell.collision, cell.seed)
         for branch, _ in branches.feasible:
             way = replace(grip, branch=branch)
-            found.append(analyse(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))
+            found.append(analyse(cell, way, cell.initial_world, Adaptive(), full=False).result(""))
     return found
 
 
@@ -477,7 +477,7 @@ def test_no_point_of_a_fine_grid_is_nearer(advised, every):
         if 0 < np.linalg.norm(offset) <= 0.95 * cam1["size"]:
             X_FC = look_at(camera.X_FC[:3, 3] + offset, (-0.31, -0.027, 0.245))
             observer = Observer((replace(camera, X_FC=X_FC), *others), cell.observer.solids)
-            timeline = observe(replace(found, faults={}), observer, Adaptive(), full=False)
+            timeline = observe(replace(found.planned, faults={}), observer, Adaptive(), full=False)
             if qualities_over(timeline).q_eoi == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)

@@ -45,7 +45,7 @@ def test_every_field_of_every_document_is_described(name):
 
 def test_inherited_fields_are_described_as_where_they_are_declared():
     explained = schema_of("explain")["$defs"]
-    assert explained["CandidateStudy"]["properties"]["t_eoi"]["description"].startswith("T_eoi, ")
+    assert explained["ExplainedCandidate"]["properties"]["t_eoi"]["description"].startswith("T_eoi, ")
     assert explained["Explanation"]["properties"]["task"]["description"] == "As it was asked for."
     assert explained["Qualities"]["properties"]["q_avg"]["description"].startswith("Q_avg in 0..1")
     side = schema_of("skill")["$defs"]["GraspWaypoint"]["properties"]["side"]

@@ -228,7 +228,7 @@ def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_wat
 
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.study.assessment.MAX_SAMPLES", 1)
+    monkeypatch.setattr("sqrp_cli.study.analysis.MAX_SAMPLES", 1)
     edit(own_watch, "far: 4 m", "far: 3.9 m")
     outcome = sqrp(command, watch, own_watch, "--samples", 10)
     assert (outcome.code, outcome.out) == (2, "")

@@ -52,10 +52,10 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def pictures(cell: str, task: str, choice: str, sampling: Sampling | None = None) -> None:
     """What the cameras see in the blind intervals of a candidate, in its fastest way."""
     opened = open_cell(f"workspaces/{cell}")
-    study = opened.explain(task, choice, sampling=sampling, ways="fastest").explained.study
-    assert study is not None
+    analysis = opened.explain(task, choice, sampling=sampling, ways="fastest").explained.analysis
+    assert analysis is not None
     with tempfile.TemporaryDirectory() as folder:
-        if write_pictures(opened.cell, study, Path(folder)):
+        if write_pictures(opened.cell, analysis, Path(folder)):
             (FOLDER / f"{cell}-{choice}.png").write_bytes((Path(folder) / SHEET).read_bytes())
             LINES.extend(["", f"Blind intervals of {choice}:", "", f"![{choice}]({cell}-{choice}.png)"])
 

@@ -15,7 +15,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates, fixed_frame
 from sqrp_cli.sight.targets import Target
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
@@ -60,18 +60,18 @@ def candidates(cell: Cell, task: str) -> dict[str, Candidate]:
 
 
 def feasible(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool = False) -> Analysis:
-    """The study of a candidate that can be done."""
+    """The analysis of a candidate that can be done."""
     found = analyse(cell, candidate, cell.initial_world, sampling, full=full)
     assert isinstance(found, Analysis), found
     return found
 
 
 def figures_of(found: Analysis) -> Figures:
-    """Of a study that has both qualities."""
+    """Of a analysis that has both qualities."""
     qualities = qualities_over(found.timeline)
     assert qualities.q_avg is not None
     assert qualities.q_eoi is not None
-    return Figures(100 * qualities.q_avg, 100 * qualities.q_eoi, found.motion.time)
+    return Figures(100 * qualities.q_avg, 100 * qualities.q_eoi, found.planned.motion.time)
 
 
 def pick_screws(cell: Cell) -> Outcome:
@@ -92,7 +92,7 @@ def pick_green(cell: Cell) -> Callable[[Cell], Outcome]:
 
     def seen_in(cell: Cell) -> Outcome:
         def again(one: Analysis, sampling: Sampling, *, full: bool = False) -> Analysis:
-            return replace(one, timeline=observe(one, cell.observer, sampling, full=full))
+            return replace(one, timeline=observe(one.planned, cell.observer, sampling, full=full))
 
         seen = {name: again(one, ten, full=name in ("g1", "g5")) for name, one in done.items()}
         others = [CandidateResult.infeasible(every[name], reasons) for name, reasons in not_done.items()]
@@ -101,7 +101,7 @@ def pick_green(cell: Cell) -> Callable[[Cell], Outcome]:
             of={name: figures_of(one) for name, one in seen.items()},
             hiding=always(seen["g1"], Cause.NONE, Cause.HIDDEN) & hidden_by_the_robot(cell, seen["g1"], "hold"),
             why_not_g6=" ".join(not_done["g6"]),
-            first=rank([*(one.assessment("") for one in seen.values()), *others], "q_eoi")[0].candidate.name,
+            first=rank([*(one.result("") for one in seen.values()), *others], "q_eoi")[0].candidate.name,
             sampled={name: figures_of(again(one, SAMPLINGS[name])).q_avg for name, one in of_g1.items()},
             see_lift_of_g5=always(seen["g5"], Cause.NONE),
             see_g6=seeing_at_home(cell, "g6", seen["g1"]),
@@ -115,14 +115,14 @@ def cameras_where(cell: Cell, holds: np.ndarray) -> frozenset[str]:
 
 
 def always_in_interest(cell: Cell, found: Analysis, *causes: Cause) -> frozenset[str]:
-    """Cameras for which every box has one of the causes in every sample of interest of a full study."""
+    """Cameras for which every box has one of the causes in every sample of interest of a full analysis."""
     matrix, interest = found.timeline.observation.full_matrix, found.timeline.interesting
     return cameras_where(cell, np.isin([box.cause[interest] for own in matrix for box in own], causes).all((0, 1)))
 
 
 def hidden_by_the_robot(cell: Cell, found: Analysis, predicate: str) -> frozenset[str]:
     """Cameras from which parts of the robot hide the target of a predicate in every sample of interest."""
-    column = next(i for i, target in enumerate(found.targets) if target.atom.predicate == predicate)
+    column = next(i for i, target in enumerate(found.planned.targets) if target.atom.predicate == predicate)
     of_robot = np.array([solid.part.parent in cell.model.links for solid in cell.observer.solids])
     boxes = found.timeline.observation.full_matrix[column]
     hidden = np.any([(box.cause == Cause.HIDDEN) & of_robot[box.by] for box in boxes], axis=0)
@@ -130,8 +130,8 @@ def hidden_by_the_robot(cell: Cell, found: Analysis, predicate: str) -> frozense
 
 
 def seeing_at_home(cell: Cell, name: str, like: Analysis) -> frozenset[str]:
-    """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
-    (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")
+    """Cameras that see where an object stands while the robot is at home, as they have to see that of a analysis."""
+    (box,) = next(target.boxes for target in like.planned.targets if target.atom.predicate == "obj_on_table")
     sought = replace(box, frame=name, encloses=(name,), seeks=name)
     objects = {thing: fixed_frame(X_WO) for thing, X_WO in cell.initial_world.X_WO.items()}
     states = SceneStates(1, {"world": fixed_frame(), **cell.model.link_poses(cell.model.home[None]), **objects})

@@ -204,9 +204,9 @@ def test_figures_of_another_type_are_no_result() -> None:
     workspace = load_workspace(ROOT / "tests" / "cases" / "watch")
     candidate = read_task("watch seen", workspace).candidates[0]
     good = Outcome(CandidateResult.infeasible(candidate, ("too far",)), None)
-    assert Outcome.from_text(good.to_text(), candidate).assessment.reasons == ("too far",)
+    assert Outcome.from_text(good.to_text(), candidate).result.reasons == ("too far",)
     for name, wrong in (("time", "1"), ("reasons", {"@": "tuple", "of": [5]}), ("feasible", 1), ("ways", {"a": 1})):
-        plain = {**plain_of(good.assessment), name: wrong}
+        plain = {**plain_of(good.result), name: wrong}
         text = as_line({"@": "tuple", "of": [plain, None]})
         with pytest.raises(ValueError, match=f"CandidateResult.{name} is no"):
             from_line(text, [candidate.skill])

@@ -18,7 +18,7 @@ from sqrp_cli.score.comparison import compare_versions
 from sqrp_cli.score.compute import Means, open_computer
 from sqrp_cli.score.kept import COVERAGE, Outcome
 from sqrp_cli.score.score import ScoredCell, read_cell
-from sqrp_cli.study.assessment import analyse
+from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.blind_spans import coverage_of, difference, intersection
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import Adaptive, FixedCount
@@ -62,18 +62,18 @@ def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found
 
 def test_a_record_survives_being_written_and_read(cell, found):
     record = COVERAGE.dump_python(coverage_of(cell, found), mode="json")
-    outcome = Outcome(found.assessment("a verdict"), COVERAGE.validate_python(record))
+    outcome = Outcome(found.result("a verdict"), COVERAGE.validate_python(record))
     assert COVERAGE.dump_python(outcome.coverage, mode="json") == record
-    again = Outcome.from_text(outcome.to_text(), found.candidate)
-    assert (again.assessment.q_avg, again.assessment.faults) == (outcome.assessment.q_avg, outcome.assessment.faults)
+    again = Outcome.from_text(outcome.to_text(), found.planned.candidate)
+    assert (again.result.q_avg, again.result.faults) == (outcome.result.q_avg, outcome.result.faults)
     assert again.to_text() == outcome.to_text()
 
 
 def test_a_damaged_record_is_refused(found):
-    text = Outcome(found.assessment(""), None).to_text()
+    text = Outcome(found.result(""), None).to_text()
     for damaged in (text[:40], "{}", "[]", text.replace('"slip"', '"slip": 3, "x"')):
         with pytest.raises(ValueError):  # noqa: PT011 - of several readers
-            Outcome.from_text(damaged, found.candidate)
+            Outcome.from_text(damaged, found.planned.candidate)
 
 
 def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
@@ -122,7 +122,7 @@ def outcome() -> Outcome:
     with open_computer(Means(Adaptive())) as computer:
         computer.compute([first], lambda _: None)
         best = computer.outcome(first)
-        way = replace(first, candidate=best.assessment.way, coverage=True)
+        way = replace(first, candidate=best.result.way, coverage=True)
         computer.compute([way], lambda _: None)
         found = computer.outcome(way)
     assert found is not None
@@ -133,16 +133,16 @@ def test_the_time_in_which_every_literal_of_every_step_is_covered_is_q_avg(outco
     targets = outcome.coverage.targets.values()
     length = union_length(stretch for target in targets for stretch in target.required)
     lost = [stretch for target in targets for stretch in difference(target.required, target.covered)]
-    quality = outcome.assessment.q_avg
-    assert length == pytest.approx(outcome.assessment.t_total, abs=2e-3 * len(targets))
+    quality = outcome.result.q_avg
+    assert length == pytest.approx(outcome.result.t_total, abs=2e-3 * len(targets))
     assert 1 - union_length(lost) / length == pytest.approx(quality, abs=4e-3)
-    assert max(outcome.coverage.primitives.values()) == pytest.approx(outcome.assessment.time, abs=1e-3)
+    assert max(outcome.coverage.primitives.values()) == pytest.approx(outcome.result.time, abs=1e-3)
 
 
 def test_kept_results_have_the_figures_of_each_step(outcome: Outcome) -> None:
-    again = Outcome.from_text(outcome.to_text(), outcome.assessment.candidate)
-    assert [step.q_avg for step in again.assessment.steps] == [step.q_avg for step in outcome.assessment.steps]
-    assert [step.candidate.task for step in again.assessment.steps] == ["pickup peg1", "insert peg1 socket"]
+    again = Outcome.from_text(outcome.to_text(), outcome.result.candidate)
+    assert [step.q_avg for step in again.result.steps] == [step.q_avg for step in outcome.result.steps]
+    assert [step.candidate.task for step in again.result.steps] == ["pickup peg1", "insert peg1 socket"]
     assert again.to_text() == outcome.to_text()
 
 

@@ -48,12 +48,12 @@ def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> N
     cell = Cell.load(tabletop)
     candidate = read_task("pickup g4 approach_yaw=-90deg shoulder=left elbow=up", tabletop).candidates[0]
     found = RankJob(FixedCount(3), cell=cell, world=cell.initial_world).assess(candidate)
-    assessment = replace(found, best_way=replace(found.way, vias={"a1": np.array([[0.1, -1.2, 0.3, 0.0, 1.5, 2.0]])}))
-    text = Outcome(assessment, None).to_text()
-    again = Outcome.from_text(text, candidate).assessment
-    assert again.ways == assessment.ways
-    assert again.way.parameters == assessment.way.parameters
-    vias, kept = ({name: via.tolist() for name, via in one.way.vias.items()} for one in (assessment, again))
+    result = replace(found, best_way=replace(found.way, vias={"a1": np.array([[0.1, -1.2, 0.3, 0.0, 1.5, 2.0]])}))
+    text = Outcome(result, None).to_text()
+    again = Outcome.from_text(text, candidate).result
+    assert again.ways == result.ways
+    assert again.way.parameters == result.way.parameters
+    vias, kept = ({name: via.tolist() for name, via in one.way.vias.items()} for one in (result, again))
     assert vias == kept != {}
     assert Outcome(again, None).to_text() == text
 

@@ -16,7 +16,7 @@ from sqrp_cli.search.bound import CameraBound
 from sqrp_cli.search.goal import read_goal
 from sqrp_cli.search.question import ProposedChange, analysed_again
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
 from sqrp_cli.task.task import read_task
 
 pytestmark = pytest.mark.slow
@@ -50,7 +50,7 @@ def advice(cell: OpenCell, kept: Path) -> AdviceDocument:
 
 def whole(cell: OpenCell, found: AdviceDocument) -> WholeAnalysis:
     """The way that an advice is about, in a cell."""
-    studied = whole_study(cell.cell, found.advice[0].found.way, cell.cell.initial_world, Adaptive(), full=True)
+    studied = whole_analysis(cell.cell, found.advice[0].found.way, cell.cell.initial_world, Adaptive(), full=True)
     assert isinstance(studied, WholeAnalysis)
     return studied
 
@@ -59,10 +59,10 @@ def test_the_advised_lens_meets_the_goal_and_one_a_little_narrower_does_not(advi
     (lens,) = [one for one in advice.advice if one.kind == "lens"]
     view = 28 + np.degrees(lens.change[0])
     assert view > 28
-    found = whole(with_one_camera(round(view, 2)), advice).assessment
+    found = whole(with_one_camera(round(view, 2)), advice).result
     assert advice.want.met(found)
     assert (lens.q_eoi, lens.q_avg, lens.time) == pytest.approx((found.q_eoi, found.q_avg, found.time), abs=2e-3)
-    assert not advice.want.met(whole(with_one_camera(round(view - 0.1, 2)), advice).assessment)
+    assert not advice.want.met(whole(with_one_camera(round(view - 0.1, 2)), advice).result)
 
 
 def test_figures_before_are_those_of_rank(cell: OpenCell, advice: AdviceDocument) -> None:
@@ -118,5 +118,5 @@ def test_what_meets_a_goal_about_all_steps_passes_the_bound(cell: OpenCell, advi
     for X_FC, passed in zip(poses, passes, strict=True):
         moved = replace(camera, X_FC=X_FC)
         change = ProposedChange(kind="position", target="left", size=0.0, unit="m", camera=moved)
-        met = wanted.met(analysed_again(change.in_cell(cell.cell), studied, Adaptive()).assessment)
+        met = wanted.met(analysed_again(change.in_cell(cell.cell), studied, Adaptive()).result)
         assert passed or not met

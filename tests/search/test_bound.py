@@ -16,7 +16,7 @@ from sqrp_cli.sight.observer import Observer, sees_all
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.stage import Samples
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
 from sqrp_cli.task.task import read_task
 
 SAMPLING = Adaptive()
@@ -29,7 +29,7 @@ def cell(tabletop) -> Cell:
 
 @pytest.fixture(scope="module")
 def studied(cell) -> WholeAnalysis:
-    found = whole_study(
+    found = whole_analysis(
         cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True
     )
     assert isinstance(found, WholeAnalysis)
@@ -51,7 +51,7 @@ def elsewhere(request, cell, studied) -> tuple[str, np.ndarray, list[CandidateRe
         ProposedChange(kind="position", target=entry.name, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
         for X_FC in poses
     ]
-    return entry.name, poses, [analysed_again(one.in_cell(cell), studied, SAMPLING).assessment for one in changes]
+    return entry.name, poses, [analysed_again(one.in_cell(cell), studied, SAMPLING).result for one in changes]
 
 
 @pytest.mark.parametrize(

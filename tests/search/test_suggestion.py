@@ -9,7 +9,7 @@ from sqrp_cli.cell.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.search.suggestion import Suggester, best_suggestion, check_candidate
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.task import Candidate, read_task
@@ -60,7 +60,7 @@ def holding(cell: Cell) -> World:
     """The world after g2 was picked up."""
     found = analyse(cell, candidate(cell, "pickup g2"), cell.initial_world, Adaptive(), full=False)
     assert isinstance(found, Analysis)
-    return world_after(found.candidate, found.motion, found.world)
+    return world_after(found.planned.candidate, found.planned.motion, found.planned.world)
 
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
@@ -74,7 +74,7 @@ def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding
     assert suggestion.steps is not None
     (step,) = suggestion.steps
     assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, [])
-    assert step.assessment.q_eoi is None, "drop has no event of interest"
+    assert step.result.q_eoi is None, "drop has no event of interest"
     assert suggestion.explanation == "first do drop(g2)"
 
 
@@ -85,10 +85,10 @@ def test_of_many_candidates_it_is_asked_whether_they_can_be_done_and_the_best_ha
     checked = [check_candidate(one, suggester) for one in some]
     found = [one.suggestion for one in checked if one.suggestion.last and one.suggestion.last.feasible]
     assert found
-    assert all(one.last and one.last.assessment and one.last.assessment.q_eoi is None for one in found)
+    assert all(one.last and one.last.result and one.last.result.q_eoi is None for one in found)
     *_, best = best_suggestion(checked, suggester)
-    alone = Suggester(cell, cell.initial_world).suggest(best.assessment.candidate).last
-    assert best.assessment.q_eoi == alone.assessment.q_eoi is not None
+    alone = Suggester(cell, cell.initial_world).suggest(best.result.candidate).last
+    assert best.result.q_eoi == alone.result.q_eoi is not None
 
 
 def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:

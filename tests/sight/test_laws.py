@@ -26,7 +26,7 @@ from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.solids import Solid, load_solids
 from sqrp_cli.sight.targets import Target
 from sqrp_cli.study import pipeline
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.pipeline import RankJob, assess_all
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
@@ -328,7 +328,7 @@ def test_over_a_motion_coverage_alone_is_that_of_the_full_matrix(ur5: RobotModel
 
 
 @pytest.fixture(scope="module")
-def studies(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
+def analyses(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
     """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
     cell, world = Cell.load(tabletop), tabletop.stated_world
     found = {}
@@ -339,10 +339,10 @@ def studies(tabletop: Workspace) -> dict[str, tuple[Analysis, Analysis]]:
     return found
 
 
-def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Analysis, Analysis]]) -> None:
-    assert studies
-    for quick, full in studies.values():
-        ranked, explained = quick.assessment(""), full.assessment("")
+def test_rank_and_explain_give_the_same_figures(analyses: dict[str, tuple[Analysis, Analysis]]) -> None:
+    assert analyses
+    for quick, full in analyses.values():
+        ranked, explained = quick.result(""), full.result("")
         assert ranked.time == explained.time
         assert (ranked.t_total, ranked.t_eoi) == (explained.t_total, explained.t_eoi)
         assert ranked.q_avg == pytest.approx(explained.q_avg, abs=DEFAULT_TOLERANCE)
@@ -357,7 +357,7 @@ def test_rank_and_explain_give_the_same_figures(studies: dict[str, tuple[Analysi
 
 
 def test_the_place_of_a_whole_cell_does_not_change_its_quality(
-    tabletop: Workspace, studies: dict[str, tuple[Analysis, Analysis]]
+    tabletop: Workspace, analyses: dict[str, tuple[Analysis, Analysis]]
 ) -> None:
     """The arm moves as before in a cell that stands elsewhere, turned any way; its cameras see the same."""
     X_NW = random_pose(np.random.default_rng(3), (-2, -2, -2), (2, 2, 2))
@@ -371,17 +371,19 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
     }
     robot = replace(tabletop.robot, X_WB=X_NW @ tabletop.robot.X_WB)
     cell = Cell.load(replace(tabletop, robot=robot, cameras=cameras, objects=objects))
-    for quick, _ in studies.values():
-        X_WO = {name: X_NW @ X for name, X in quick.world.X_WO.items()}
+    for quick, _ in analyses.values():
+        X_WO = {name: X_NW @ X for name, X in quick.planned.world.X_WO.items()}
         primitives = tuple(
-            replace(p, X_WO={name: X_NW @ X for name, X in p.X_WO.items()}) for p in quick.motion.primitives
+            replace(p, X_WO={name: X_NW @ X for name, X in p.X_WO.items()}) for p in quick.planned.motion.primitives
         )
-        stage = Stage(cell.model, replace(quick.motion, primitives=primitives), quick.stage.pieces, X_WO)
+        stage = Stage(
+            cell.model, replace(quick.planned.motion, primitives=primitives), quick.planned.stage.pieces, X_WO
+        )
         targets = tuple(
             replace(t, boxes=tuple(replace(b, X_FB=X_NW @ b.X_FB) if b.frame == "world" else b for b in t.boxes))
-            for t in quick.targets
+            for t in quick.planned.targets
         )
-        there = WatchedMotion(stage, cell.observer, targets, quick.formulas, quick.timeline.request.faults)
+        there = WatchedMotion(stage, cell.observer, targets, quick.planned.formulas, quick.timeline.request.faults)
         found, before = qualities_over(there.timeline(Adaptive())), qualities_over(quick.timeline)
         assert found.q_avg == pytest.approx(before.q_avg, abs=DEFAULT_TOLERANCE)
         assert found.q_eoi == pytest.approx(before.q_eoi, abs=DEFAULT_TOLERANCE)

@@ -16,7 +16,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.starter.layout import Layout
 from sqrp_cli.starter.make import make_starter
-from sqrp_cli.study.assessment import analyse
+from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.feasibility import feasible_motion
 from sqrp_cli.task.task import read_task
@@ -116,8 +116,8 @@ def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, M
 def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> None:
     found = []
     for candidate in read_task("pickup green", cell.workspace).candidates:
-        studied = analyse(cell, candidate, cell.initial_world, FixedCount(20), full=False)
-        found.append(studied.assessment("").q_eoi)
+        analysis = analyse(cell, candidate, cell.initial_world, FixedCount(20), full=False)
+        found.append(analysis.result("").q_eoi)
     assert max(found) > 0.9
 
 

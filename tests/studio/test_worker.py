@@ -63,7 +63,7 @@ def compared(shown, exact, result):
 
 def test_a_sketch_of_the_cell_as_it_is_has_the_verdicts_of_these_samples(explained):
     job, whole = explained
-    shown = Sketch.of(job.cell, whole.study).seen_by(job.cell)
+    shown = Sketch.of(job.cell, whole.analysis.planned).seen_by(job.cell)
     compared(shown, tidy(played(*explained, brief=True), digits=None)["samples"], whole.result)
 
 
@@ -81,7 +81,7 @@ def test_steps_one_after_another_have_the_verdicts_and_qualities_of_these_sample
 
 def test_a_camera_that_moves_is_sketched_as_if_all_were_looked_at_anew(explained):
     job, whole = explained
-    sketch = Sketch.of(job.cell, whole.study)
+    sketch = Sketch.of(job.cell, whole.analysis.planned)
     camera = job.cell.workspace.cameras["cam1"]
     there = (camera.X_FC[:3, 3] + np.array([0.1, 0.05, 0.0])).tolist()
     move = Move(kind="camera", name="cam1", position=there)

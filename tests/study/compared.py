@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.fingers import with_fingers
 from sqrp_cli.motion.plan_motion import Motion
 from sqrp_cli.motion.way_around import find_way as find_way_around
-from sqrp_cli.study.assessment import Analysis, analyse, analysed, planned_motion
+from sqrp_cli.study.analysis import Analysis, analyse, analysed, planned_motion
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration, perturbed
@@ -30,7 +30,7 @@ MOST_TRIES = 250
 def blind_time(found: Analysis) -> float:
     """How long what is monitored is not covered [s]."""
     quality = qualities_over(found.timeline).q_avg
-    return 0.0 if quality is None else (1.0 - quality) * found.T
+    return 0.0 if quality is None else (1.0 - quality) * found.planned.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class Compared:
             if name is None or candidate.name == name:
                 found = find_way(cell, candidate, cell.initial_world, Adaptive(), wanted or WantedWay())
                 if not isinstance(found, Infeasible):
-                    return cls(cell, candidate, found.study)
+                    return cls(cell, candidate, found.analysis)
         raise ValueError(f"{task} has no feasible candidate")
 
     @cached_property
     def direct(self) -> Analysis:
         """The same way with direct paths."""
-        way = replace(self.seen.candidate, vias={})
+        way = replace(self.seen.planned.candidate, vias={})
         found = analyse(self.cell, way, self.cell.initial_world, Adaptive(), full=False)
         assert isinstance(found, Analysis)
         return found
@@ -65,28 +65,28 @@ class Compared:
         """The same way with the shortest paths that the planner finds, simplified and blended as ways around are."""
         direct, cell = self.direct, self.cell
         others: dict[int, Trajectory] = {}
-        for space in move_searches(cell, direct, self.candidate.open_paths, np.inf):
+        for space in move_searches(cell, direct.planned, self.candidate.open_paths, np.inf):
             trajectory, _ = find_way_around(
                 space.placed, space.q0, space.q1, space.bounds, space.limits, MOST_TRIES, cell.seed
             )
             if trajectory is not None:
                 others[space.primitive] = trajectory
         motion = with_trajectories(cell, direct, others)
-        scene = planned_motion(cell, direct.candidate, direct.world, motion)
+        scene = planned_motion(cell, direct.planned.candidate, direct.planned.world, motion)
         return analysed(cell, scene, Adaptive(), full=False)
 
     def off(self, calibration: Calibration, draw: int) -> Compared:
         """The same motions, seen by cameras that are off."""
         cell = replace(self.cell, observer=perturbed(self.cell.observer, calibration, draw))
-        moved = Compared(cell, self.candidate, analysed(cell, self.seen, Adaptive(), full=False))
-        moved.__dict__["direct"] = analysed(cell, self.direct, Adaptive(), full=False)
+        moved = Compared(cell, self.candidate, analysed(cell, self.seen.planned, Adaptive(), full=False))
+        moved.__dict__["direct"] = analysed(cell, self.direct.planned, Adaptive(), full=False)
         return moved
 
 
 def with_trajectories(cell: Cell, found: Analysis, others: Mapping[int, Trajectory]) -> Motion:
     """A motion in which some primitives, by index, have other trajectories of the arm."""
     primitives, start, fingers = [], 0.0, len(cell.model.fingers.joints)
-    for index, primitive in enumerate(found.motion.primitives):
+    for index, primitive in enumerate(found.planned.motion.primitives):
         trajectory = primitive.trajectory
         if index in others:
             resting = trajectory.path.end[-fingers:] if fingers else np.zeros(0)
@@ -94,4 +94,4 @@ def with_trajectories(cell: Cell, found: Analysis, others: Mapping[int, Trajecto
         end = start + trajectory.duration
         primitives.append(replace(primitive, trajectory=trajectory, start=start, end=end))
         start = end
-    return replace(found.motion, primitives=tuple(primitives))
+    return replace(found.planned.motion, primitives=tuple(primitives))

@@ -13,10 +13,10 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import FaultMetrics
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.study import drop_detection
-from sqrp_cli.study.assessment import Analysis, analysed
+from sqrp_cli.study.analysis import Analysis, analysed
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive
-from sqrp_cli.study.whole_study import WholeAnalysis, whole_study
+from sqrp_cli.study.whole_analysis import WholeAnalysis, whole_analysis
 from sqrp_cli.task.task import read_task
 from tests.cells import read_cell, shipped_cell, write_cell
 from tests.random_cell import Crowd, random_cell
@@ -40,7 +40,7 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         write_cell(document, tmp_path)
         cell = Cell.load(load_workspace(tmp_path))
         candidates = read_task("pickup g2 then place g2 crate along=0 across=0", cell.workspace).candidates
-        whole = whole_study(cell, candidates[0], cell.initial_world, Adaptive(), full=False)
+        whole = whole_analysis(cell, candidates[0], cell.initial_world, Adaptive(), full=False)
         assert isinstance(whole, WholeAnalysis)
         return cell, list(whole.steps)
     folder = random_cell(tmp_path / "cell", Crowd(request.param, 6, 3))
@@ -57,36 +57,36 @@ def studied(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def _studies(cell: Cell, task: str, most: int) -> list[Analysis]:
     candidates = read_task(task, cell.workspace).candidates[:most]
     found = [find_way(cell, one, cell.initial_world, Adaptive(), WantedWay(fastest=True)) for one in candidates]
-    return [way.study for way in found if not isinstance(way, Infeasible)]
+    return [way.analysis for way in found if not isinstance(way, Infeasible)]
 
 
-def figures(study: Analysis) -> dict[str, FaultMetrics]:
-    return dict(study.assessment("").faults)
+def figures(analysis: Analysis) -> dict[str, FaultMetrics]:
+    return dict(analysis.result("").faults)
 
 
 def test_no_fault_is_noticed_sooner_than_the_fastest_camera_tells(studied: tuple[Cell, list[Analysis]]) -> None:
-    cell, studies = studied
+    cell, analyses = studied
     least = min(camera.latency for camera in cell.observer.cameras)
-    assert any(figures(study) for study in studies)
-    for study in studies:
-        for fault, found in figures(study).items():
+    assert any(figures(analysis) for analysis in analyses)
+    for analysis in analyses:
+        for fault, found in figures(analysis).items():
             assert found.delay_mean is None or found.delay_mean >= least
             assert found.delay_worst is None or found.delay_worst >= least
-            for onset in study.onsets[fault]:
+            for onset in analysis.onsets[fault]:
                 assert (onset.shown >= onset.x).all()
                 assert (onset.as_usual.shown >= onset.x).all()
-            assert {one.lag for one in study.windows[fault]} <= {camera.latency for camera in cell.observer.cameras}
+            assert {one.lag for one in analysis.windows[fault]} <= {camera.latency for camera in cell.observer.cameras}
 
 
 def test_what_hides_more_makes_no_delay_shorter(studied: tuple[Cell, list[Analysis]]) -> None:
-    cell, studies = studied
+    cell, analyses = studied
     others = {solid.part.parent for solid in cell.observer.solids if solid.color is not None}
-    for study in studies[:2]:
-        with_all, handled = figures(study), set(study.candidate.binding.values())
+    for analysis in analyses[:2]:
+        with_all, handled = figures(analysis), set(analysis.planned.candidate.binding.values())
         for name in sorted(others - handled - {"world", "table"})[:4]:
             solids = tuple(one for one in cell.observer.solids if one.part.parent != name)
             freer = replace(cell, observer=replace(cell.observer, solids=solids))
-            for fault, less in figures(analysed(freer, study, Adaptive(), full=False)).items():
+            for fault, less in figures(analysed(freer, analysis.planned, Adaptive(), full=False)).items():
                 more = with_all[fault]
                 assert less.unseen <= more.unseen + 1e-6
                 if more.delay_worst is not None and more.delay_mean is not None:
@@ -100,8 +100,8 @@ def test_what_is_dropped_falls_onto_the_table_or_what_stands_there(
 ) -> None:
     drops, falling = [], drop_detection._falling
     monkeypatch.setattr(drop_detection, "_falling", lambda *a: drops.append(falling(*a)) or drops[-1])
-    for study in studied[1]:
-        analysed(studied[0], study, Adaptive(), full=False)
+    for analysis in studied[1]:
+        analysed(studied[0], analysis.planned, Adaptive(), full=False)
     assert drops
     for drop in drops:
         assert drop[2].min() > 0.015  # tables end at z = 0, and no part is flatter than 3 cm
@@ -119,8 +119,11 @@ def test_no_drop_between_those_followed_is_shown_later_than_promised(
     document["cameras"] = {name: document["cameras"][name] for name in list(document["cameras"])[:1]} | {"hand": HAND}
     write_cell(document, folder)
     cell = Cell.load(load_workspace(folder))
-    (study,) = _studies(cell, "pickup g3", 1)
+    (analysis,) = _studies(cell, "pickup g3", 1)
     monkeypatch.setattr(drop_detection, "_STEP", 0.01)
-    (promised,), (true,) = study.onsets["slip"], analysed(cell, study, Adaptive(), full=False).onsets["slip"]
+    (promised,), (true,) = (
+        analysis.onsets["slip"],
+        analysed(cell, analysis.planned, Adaptive(), full=False).onsets["slip"],
+    )
     x = np.linspace(promised.x[0], promised.x[-1], 400)
     assert (np.interp(x, promised.x, promised.shown) >= np.interp(x, true.x, true.shown) - 0.02).all()

@@ -16,7 +16,7 @@ from sqrp_cli.camera.detector import COEFFICIENTS, Curve, Detector
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.likelihood import at_least
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import expectation, expected_quality
 from sqrp_cli.study.sampling import FixedCount
@@ -94,11 +94,11 @@ def test_blur_is_how_far_a_box_moves_in_the_image_while_the_shutter_is_open(tabl
     assert told is not None
     samples, checked = found.timeline.samples, 0
     moved = replace(samples, t=samples.t + 1e-4)
-    before, after = (found.stage.states(some) for some in (samples, moved))
-    primitives = [found.motion.primitives[piece.primitive] for piece in found.stage.pieces]
+    before, after = (found.planned.stage.states(some) for some in (samples, moved))
+    primitives = [found.planned.motion.primitives[piece.primitive] for piece in found.planned.stage.pieces]
     start, end = np.array([(one.start, one.end) for one in primitives])[samples.piece].T
     inside = (samples.t - 0.01 >= start) & (samples.t + 0.01 <= end)
-    for target, boxes in zip(found.targets, told.boxes, strict=True):
+    for target, boxes in zip(found.planned.targets, told.boxes, strict=True):
         assert boxes[0].sights is not None
         blur = boxes[0].sights[COEFFICIENTS.index("blur")]
         for number, camera in enumerate(cell.observer.cameras):

@@ -24,7 +24,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.motion.stop_and_return import Recovery, stop
 from sqrp_cli.motion.timing import MotionLimits
-from sqrp_cli.study.assessment import Analysis, fault_metrics, why_late
+from sqrp_cli.study.analysis import Analysis, fault_metrics, why_late
 from sqrp_cli.study.fault_sights import FaultWatch, fault_windows
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.sampling import Adaptive, first_samples
@@ -170,7 +170,7 @@ def fastest(folder: str, task: str) -> tuple[Cell, Analysis]:
     candidate = read_task(task, cell.workspace).candidates[0]
     found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
     assert not isinstance(found, Infeasible)
-    return cell, found.study
+    return cell, found.analysis
 
 
 def test_no_lost_part_is_shown_sooner_than_images_can_tell_it() -> None:
@@ -258,8 +258,8 @@ def test_each_kind_of_cameras_has_its_windows_and_together_they_show_what_none_s
 
 def test_once_it_is_lost_a_part_lies_where_it_stood_and_the_fingers_are_closed() -> None:
     cell, found = fastest("screws", "pickup red1")
-    stage, lost = found.stage, found.stage.once_lost()
-    samples = first_samples(Adaptive(), stage, cell.observer, found.targets)
+    stage, lost = found.planned.stage, found.planned.stage.once_lost()
+    samples = first_samples(Adaptive(), stage, cell.observer, found.planned.targets)
     as_planned, states = stage.states(samples).X_WF, lost.states(samples).X_WF
     carried = np.array([name is not None for name in stage.held(samples)])
     assert carried.any()

@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.pictures import drawing, pictures
 from sqrp_cli.show.sentences import part_shares_in_words, what_to_move
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.sampling import FixedCount
 from sqrp_cli.task.task import read_task

@@ -1,4 +1,4 @@
-"""The search for paths: its quick figures agree with the exact study, and evolution finds the same minima each time."""
+"""The search for paths: its quick figures agree with the exact ones, and evolution finds the same minima each time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import Array
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.find import WantedWay
 from sqrp_cli.study.move_search import blind_times, evolution
 from sqrp_cli.study.seen_ways import open_moves
@@ -25,9 +25,9 @@ def compared(tabletop: Workspace) -> Compared:
 
 
 def exact(found: Analysis, primitive: int) -> float:
-    """How long a primitive is not covered, by the samples of the study [s]."""
+    """How long a primitive is not covered, by the samples of the analysis [s]."""
     timeline = found.timeline
-    within = np.array([piece.primitive == primitive for piece in found.stage.pieces])[timeline.samples.piece]
+    within = np.array([piece.primitive == primitive for piece in found.planned.stage.pieces])[timeline.samples.piece]
     seen = timeline.covered[1:] & timeline.covered[:-1]
     return float(timeline.samples.gaps[within[:-1] & timeline.monitored[:-1] & ~seen].sum())
 
@@ -35,16 +35,16 @@ def exact(found: Analysis, primitive: int) -> float:
 def test_blind_times_of_direct_moves_are_those_of_the_study(compared: Compared) -> None:
     found = []
     for index in (0, 4):
-        trajectory = compared.seen.motion.primitives[index].trajectory
-        (time,) = blind_times(compared.seen, index, compared.cell.observer, [trajectory], LOOKS).tolist()
+        trajectory = compared.seen.planned.motion.primitives[index].trajectory
+        (time,) = blind_times(compared.seen.planned, index, compared.cell.observer, [trajectory], LOOKS).tolist()
         found.append(time)
         assert time == pytest.approx(exact(compared.seen, index), abs=3 * trajectory.duration / LOOKS)
     assert found[0] > 0.3
 
 
 def test_paths_looked_at_together_have_the_figures_that_they_have_alone(compared: Compared) -> None:
-    look = partial(blind_times, compared.seen, 0, compared.cell.observer, samples=30)
-    away, back = (compared.seen.motion.primitives[index].trajectory for index in (0, 4))
+    look = partial(blind_times, compared.seen.planned, 0, compared.cell.observer, samples=30)
+    away, back = (compared.seen.planned.motion.primitives[index].trajectory for index in (0, 4))
     alone = [look([path])[0] for path in (away, back, away)]
     assert look([away, back, away]).tolist() == alone
     assert len(look([])) == 0
@@ -52,7 +52,7 @@ def test_paths_looked_at_together_have_the_figures_that_they_have_alone(compared
 
 def test_a_move_that_no_formula_is_about_is_not_monitored(tabletop: Workspace) -> None:
     inspected = Compared.of(tabletop, "pickup green", "g2", WantedWay(fastest=True)).seen
-    assert open_moves(inspected, [one.name for one in inspected.motion.primitives]) == [0, 1, 3, 4]
+    assert open_moves(inspected.planned, [one.name for one in inspected.planned.motion.primitives]) == [0, 1, 3, 4]
 
 
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]

@@ -29,8 +29,8 @@ def infeasible(index: int) -> CandidateResult:
     return CandidateResult.infeasible(CANDIDATES[index], ("too far",))
 
 
-def names(assessments: list[CandidateResult], by: str = "q_eoi") -> list[str]:
-    return [ranked.candidate.name for ranked in rank(assessments, by)]  # type: ignore[arg-type]
+def names(results: list[CandidateResult], by: str = "q_eoi") -> list[str]:
+    return [ranked.candidate.name for ranked in rank(results, by)]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("first", "second", "by", "best"), read_cases("scores.yaml")["order"])
@@ -74,9 +74,9 @@ figures = st.tuples(st.integers(0, 10), st.integers(0, 10), st.integers(1, 5))
 def test_pareto_is_whoever_nobody_beats_and_the_order_of_the_input_does_not_matter(
     rows: list[tuple[int, int, int]], by: str, random: Random
 ) -> None:
-    assessments = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
-    assert names(random.sample(assessments, len(assessments)), by) == names(assessments, by)
-    for ranked in rank(assessments, by):  # type: ignore[arg-type]
+    results = [assessed(i, eoi / 10, avg / 10, float(time)) for i, (eoi, avg, time) in enumerate(rows)]
+    assert names(random.sample(results, len(results)), by) == names(results, by)
+    for ranked in rank(results, by):  # type: ignore[arg-type]
         eoi, avg, time = rows[CANDIDATES.index(ranked.candidate)]
         beaten = any(e >= eoi and a >= avg and t <= time and (e, a, t) != (eoi, avg, time) for e, a, t in rows)
         assert ranked.pareto == (not beaten)

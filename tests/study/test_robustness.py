@@ -9,7 +9,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.geometry import inverse
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import DRAWS, Calibration, perturbed, under_calibration_errors, without_each_camera
 from sqrp_cli.study.sampling import FixedCount
@@ -36,7 +36,7 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
     for index, camera in enumerate(cell.observer.cameras):
         others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
-        again = analyse(smaller, found.candidate, cell.initial_world, SAMPLING, full=False)
+        again = analyse(smaller, found.planned.candidate, cell.initial_world, SAMPLING, full=False)
         assert isinstance(again, Analysis)
         assert told[camera.name] == qualities_over(again.timeline)
     now = qualities_over(found.timeline)

@@ -20,7 +20,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.robot.kinematics import RobotModel
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.observation import look_at, look_closely
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import (
@@ -97,7 +97,7 @@ def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped
     for candidate in (candidate for task in tasks for candidate in task.candidates):
         studied = analyse(cell, candidate, cell.initial_world, Adaptive(), full=False)
         if isinstance(studied, Analysis):
-            dense = observe(studied, cell.observer, FixedCount(DENSE), full=False)
+            dense = observe(studied.planned, cell.observer, FixedCount(DENSE), full=False)
             found += compare(candidate.name, studied.timeline, dense)
     judge(name, found)
 

@@ -14,7 +14,7 @@ from sqrp_cli.cell.load import load_workspace
 from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.motion.plan_motion import Motion
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import TimeLimit, WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.robustness import Calibration
@@ -52,7 +52,7 @@ def g2(tabletop: Workspace) -> Compared:
 
 def assert_honest(compared: Compared) -> None:
     """The laws of all motions: limits, continuity, rest at the ends, and no contact at steps of a millimetre."""
-    model, motion = compared.cell.model, compared.seen.motion
+    model, motion = compared.cell.model, compared.seen.planned.motion
     assert_keeps_limits(model, motion, 2e-3)
     n = len(model.arm)
     for trajectory in (primitive.trajectory for primitive in motion.primitives):
@@ -69,7 +69,7 @@ def assert_honest(compared: Compared) -> None:
         ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
         np.testing.assert_allclose(*ends, atol=1e-9)
     cell, seen = compared.cell, compared.seen
-    for space in move_searches(cell, seen, compared.candidate.open_paths, np.inf):
+    for space in move_searches(cell, seen.planned, compared.candidate.open_paths, np.inf):
         path = space.direct.trajectory.path
         coarse = path.positions(np.linspace(0, 1, 200))
         far = float((np.abs(np.diff(coarse, axis=0)) @ space.placed.radii).sum())
@@ -80,40 +80,40 @@ def assert_honest(compared: Compared) -> None:
 def test_seen_paths_keep_every_law_are_no_worse_than_direct_ones_and_need_no_second_search(compared: Compared) -> None:
     assert_honest(compared)
     seen, direct = compared.seen, compared.direct
-    assert blind_time(seen) <= blind_time(direct) + 1e-3 * seen.T
-    for primitive in seen.motion.primitives:  # stops nowhere
-        if primitive.name in seen.candidate.vias:
+    assert blind_time(seen) <= blind_time(direct) + 1e-3 * seen.planned.T
+    for primitive in seen.planned.motion.primitives:  # stops nowhere
+        if primitive.name in seen.planned.candidate.vias:
             law = primitive.trajectory.law
             assert (law.derivatives(np.linspace(0, law.breaks[-1], 300)[1:-1])[1] > 0).all()
-    again = feasible_motion(compared.cell, seen.candidate, seen.world)
+    again = feasible_motion(compared.cell, seen.planned.candidate, seen.planned.world)
     assert isinstance(again, Motion)
-    for one, other in zip(seen.motion.primitives, again.primitives, strict=True):
+    for one, other in zip(seen.planned.motion.primitives, again.primitives, strict=True):
         assert one.trajectory.to_numbers() == other.trajectory.to_numbers()
 
 
 def test_g2_loses_sight_for_less_than_a_quarter_of_the_time(g2: Compared) -> None:
     """A tenth would do if a green part before another green one counted as seen."""
-    assert g2.seen.candidate.values["path"] == "seen"
-    assert set(g2.seen.candidate.vias) <= {"a1", "a5"}
+    assert g2.seen.planned.candidate.values["path"] == "seen"
+    assert set(g2.seen.planned.candidate.vias) <= {"a1", "a5"}
     assert blind_time(g2.seen) < 0.25 * blind_time(g2.direct)
-    seen, direct = (4 * blind_time(study) + study.motion.time for study in (g2.seen, g2.direct))
+    seen, direct = (4 * blind_time(analysis) + analysis.planned.motion.time for analysis in (g2.seen, g2.direct))
     assert seen < 0.92 * direct
-    assert g2.seen.motion.time < 1.2 * g2.direct.motion.time
+    assert g2.seen.planned.motion.time < 1.2 * g2.direct.planned.motion.time
 
 
 def test_the_search_depends_on_its_seed_alone(tabletop: Workspace, g2: Compared) -> None:
     again = Compared.of(tabletop, G2, "g2")
-    assert again.seen.candidate.vias.keys() == g2.seen.candidate.vias.keys()
-    for name, vias in g2.seen.candidate.vias.items():
-        np.testing.assert_array_equal(again.seen.candidate.vias[name], vias)
+    assert again.seen.planned.candidate.vias.keys() == g2.seen.planned.candidate.vias.keys()
+    for name, vias in g2.seen.planned.candidate.vias.items():
+        np.testing.assert_array_equal(again.seen.planned.candidate.vias[name], vias)
     cell = replace(g2.cell, seed=5)
     seeded = find_way(cell, g2.candidate, cell.initial_world, Adaptive(), WantedWay())
     assert not isinstance(seeded, Infeasible)
-    assert blind_time(seeded.study) < 0.5 * blind_time(g2.direct)
+    assert blind_time(seeded.analysis) < 0.5 * blind_time(g2.direct)
 
 
 def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
-    way = replace(g2.seen.candidate, vias={})
+    way = replace(g2.seen.planned.candidate, vias={})
     found = way_with_seen_paths(g2.cell, way, g2.cell.initial_world)
     assert found.vias
     again = analyse(g2.cell, found, g2.cell.initial_world, Adaptive(), full=False)
@@ -124,9 +124,9 @@ def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
 def test_where_nothing_is_monitored_or_paths_are_to_be_direct_none_is_looked_for(tabletop: Workspace) -> None:
     unwatched = replace(tabletop.skills["pickup"], requirements=())
     compared = Compared.of(replace(tabletop, skills={**tabletop.skills, "pickup": unwatched}), G2, "g2")
-    assert (compared.seen.candidate.vias, compared.seen.T) == ({}, 0.0)
+    assert (compared.seen.planned.candidate.vias, compared.seen.planned.T) == ({}, 0.0)
     compared = Compared.of(tabletop, "pickup green", "g2")
-    assert (compared.seen.candidate.vias, compared.candidate.open_paths) == ({}, frozenset())
+    assert (compared.seen.planned.candidate.vias, compared.candidate.open_paths) == ({}, frozenset())
 
 
 def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
@@ -135,7 +135,7 @@ def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
     ends = blind_ends(compared.seen, compared.candidate.open_paths)
     assert {(end.primitive, end.at) for end in ends} >= {("a1", "home"), ("a5", "home")}
     timeline = compared.seen.timeline
-    for end, instant in zip(ends, (0.0, compared.seen.motion.time), strict=False):
+    for end, instant in zip(ends, (0.0, compared.seen.planned.motion.time), strict=False):
         first = abs(timeline.samples.t[timeline.covered] - instant).min()
         assert end.seconds == pytest.approx(first, abs=1e-9)
     for name in ("a1", "a5"):
@@ -147,7 +147,7 @@ def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
     dark = replace(tabletop, cameras={"cam3": tabletop.cameras["cam3"]})
     compared = Compared.of(dark, "pickup green path=seen approach_yaw=0deg", "g5", WantedWay(fastest=True))
     ends = blind_ends(compared.seen, compared.candidate.open_paths)
-    moves = {p.name: p.trajectory.duration for p in compared.seen.motion.primitives}
+    moves = {p.name: p.trajectory.duration for p in compared.seen.planned.motion.primitives}
     assert [(end.primitive, end.at) for end in ends] == [("a1", "home"), ("a5", "lifted")]
     for end in ends:
         assert end.seconds == pytest.approx(moves[end.primitive], abs=1e-9)
@@ -158,9 +158,9 @@ def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
 )
 def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: str) -> None:
     bounded = Compared.of(tabletop, G2, "g2", WantedWay(limit=TimeLimit.read(limit)))
-    fastest = g2.direct.motion.time
+    fastest = g2.direct.planned.motion.time
     longest = 10.1 if limit.endswith("s") else float(limit[:-1]) * fastest
-    assert bounded.seen.motion.time <= longest + 1e-6
+    assert bounded.seen.planned.motion.time <= longest + 1e-6
     assert qualities_over(bounded.seen.timeline).q_avg >= qualities_over(g2.direct.timeline).q_avg - 1e-3
 
 
@@ -172,11 +172,11 @@ def test_the_gain_of_g2_outlives_cameras_that_are_off(g2: Compared) -> None:
 
 def test_any_is_the_better_of_direct_and_seen(tabletop: Workspace, g2: Compared) -> None:
     either = Compared.of(tabletop, G2.replace("seen", "any"), "g2")
-    assert either.seen.candidate.values["path"] == "seen"
+    assert either.seen.planned.candidate.values["path"] == "seen"
     assert blind_time(either.seen) == pytest.approx(blind_time(g2.seen), abs=1e-9)
     fastest = Compared.of(tabletop, G2.replace("seen", "any"), "g2", WantedWay(by="time"))
-    assert fastest.seen.candidate.values["path"] == "direct"
-    assert fastest.seen.candidate.vias == {}
+    assert fastest.seen.planned.candidate.values["path"] == "direct"
+    assert fastest.seen.planned.candidate.vias == {}
 
 
 def test_of_many_moves_the_best_paths_together_are_found_without_all_combinations() -> None:
@@ -198,6 +198,6 @@ def test_in_random_cells_seen_paths_are_honest_and_no_worse_than_others(tmp_path
         workspace = load_workspace(random_cell(tmp_path / str(seed), Crowd(seed, 6, 4)))
         compared = Compared.of(workspace, "pickup path=seen")
         assert_honest(compared)
-        blind, tolerance = blind_time(compared.seen), 1e-3 * compared.seen.T
+        blind, tolerance = blind_time(compared.seen), 1e-3 * compared.seen.planned.T
         better += blind <= min(blind_time(compared.direct), blind_time(compared.planned)) + tolerance
     assert better >= 0.9 * cells

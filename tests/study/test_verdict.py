@@ -17,7 +17,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.show.documents.explanation import Explanation
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.observer import Observer, sees_all
-from sqrp_cli.study.assessment import Analysis, analyse, analysed
+from sqrp_cli.study.analysis import Analysis, analyse, analysed
 from sqrp_cli.study.blind_spans import cause_totals, sample_weights
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.study.verdict import BlindStretch, CameraCause, CameraChange, explain_stretch, stretches, verdict
@@ -33,7 +33,7 @@ def cell(tabletop: Workspace) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def studies(cell: Cell) -> dict[str, Analysis]:
+def analyses(cell: Cell) -> dict[str, Analysis]:
     found = {}
     for name in CANDIDATES:
         candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
@@ -44,8 +44,8 @@ def studies(cell: Cell) -> dict[str, Analysis]:
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Analysis]) -> None:
-    found = studies[name]
+def test_what_the_verdict_says_is_true(name: str, cell: Cell, analyses: dict[str, Analysis]) -> None:
+    found = analyses[name]
     timeline = found.timeline
     text, blind = verdict(cell, found), timeline.observation.blind
     if not blind.any():
@@ -64,13 +64,13 @@ def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str,
 
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
-    name: str, cell: Cell, studies: dict[str, Analysis]
+    name: str, cell: Cell, analyses: dict[str, Analysis]
 ) -> None:
-    found = studies[name]
+    found = analyses[name]
     weights, observation = sample_weights(found), found.timeline.observation
-    assert weights.sum() == pytest.approx(found.motion.time, abs=1e-9)
+    assert weights.sum() == pytest.approx(found.planned.motion.time, abs=1e-9)
     totals = cause_totals(cell, found)
-    for column, target in enumerate(found.targets):
+    for column, target in enumerate(found.planned.targets):
         required, seen = observation.required[:, column], sees_all(observation.full_matrix[column])
         for index, camera in enumerate(cell.observer.cameras):
             lost = sum(t.seconds for t in totals if (t.literal, t.camera) == (str(target.atom), camera.name))
@@ -78,8 +78,8 @@ def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
             assert together == pytest.approx(weights[required].sum(), abs=1e-9)
 
 
-def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Analysis]) -> None:
-    found = studies["g1"]
+def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, analyses: dict[str, Analysis]) -> None:
+    found = analyses["g1"]
     timeline = found.timeline
     hidden = [
         (row, index)
@@ -97,9 +97,9 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
 
 @pytest.mark.parametrize("name", ["g1", "g4"])
 def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_a_while(
-    name: str, cell: Cell, studies: dict[str, Analysis]
+    name: str, cell: Cell, analyses: dict[str, Analysis]
 ) -> None:
-    found = studies[name]
+    found = analyses[name]
     observation = found.timeline.observation
     sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[0]], axis=0)
     runs = list(stretches(observation.required[:, 0] & (sees.sum(axis=1) < 2)))
@@ -108,8 +108,7 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     part = SimpleNamespace(required=observation.required[:, :1], covered=sees.sum(axis=1)[:, None] >= 2)
     asked = SimpleNamespace(
         timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
-        stage=found.stage,
-        targets=[replace(found.targets[0], cameras=2)],
+        planned=SimpleNamespace(stage=found.planned.stage, targets=[replace(found.planned.targets[0], cameras=2)]),
     )
     stretch = explain_stretch(cell, asked, rows)
     share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
@@ -120,20 +119,20 @@ def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_
     }
     assert stretch.seeing == tuple(camera for camera, seen in share.items() if seen == 1.0)
     assert not stretch.causes[0].partly
-    assert str(stretch).startswith(f"Fewer than 2 cameras see {found.targets[0].atom} from ")
+    assert str(stretch).startswith(f"Fewer than 2 cameras see {found.planned.targets[0].atom} from ")
     told = " ".join(part for part in re.split(r"[(;)]", str(stretch)) if "for a part of that time" in part)
     assert {camera for camera in share if camera in told} == partly
 
 
-def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, studies: dict[str, Analysis]) -> None:
-    found = studies["g4"]
+def test_a_literal_is_named_for_times_at_which_it_is_lost_itself(cell: Cell, analyses: dict[str, Analysis]) -> None:
+    found = analyses["g4"]
     timeline = found.timeline
     matrix = timeline.observation.full_matrix
     seen = np.array([sees_all(boxes).any(axis=1) for boxes in matrix]).T
     lost = timeline.observation.required & ~seen
     every = np.flatnonzero(timeline.observation.blind)
     stretch = explain_stretch(cell, found, every)
-    column = next(place for place, target in enumerate(found.targets) if target.atom == stretch.atom)
+    column = next(place for place, target in enumerate(found.planned.targets) if target.atom == stretch.atom)
     t = timeline.samples.t
     inside = timeline.monitored & (stretch.start <= t) & (t <= stretch.end)
     assert inside.any()
@@ -162,14 +161,14 @@ RANGES = [(0.2, 4.0), (0.5, 4.0), (0.8, 4.0), (1.2, 4.0), (0.2, 0.7), (0.2, 0.9)
 
 @pytest.mark.parametrize("names", [("g3",), pytest.param(("g2", "g3", "g4"), marks=pytest.mark.trial)])
 def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_be_untried(
-    names: tuple[str, ...], cell: Cell, studies: dict[str, Analysis]
+    names: tuple[str, ...], cell: Cell, analyses: dict[str, Analysis]
 ) -> None:
     """Each camera alone, with other ranges: the change that the sentence names is made, and all is looked at again."""
     said = set[str]()
     for name, (camera, near, far) in product(names, ((c, *r) for c in CAMERAS for r in RANGES)):
         alone = replace(cell.workspace.cameras[camera], near=near, far=far)
         before = cell.seen_by(replace(cell.workspace, cameras={camera: alone}))
-        found = analysed(before, studies[name], Adaptive(), full=False)
+        found = analysed(before, analyses[name].planned, Adaptive(), full=False)
         if (rows := longest_blind(found)) is None:
             continue
         stretch = explain_stretch(before, found, rows)
@@ -190,7 +189,7 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
         said.add(words[1] if words[1] == "turn" else words[5])
         changed = replace(alone, X_FC=alone.X_FC @ X_CD)
         after = cell.seen_by(replace(cell.workspace, cameras={camera: changed}))
-        again = analysed(after, studies[name], Adaptive(), full=False).timeline
+        again = analysed(after, analyses[name].planned, Adaptive(), full=False).timeline
         column = [target.atom for target in again.request.targets].index(stretch.atom)
         inside = (stretch.start <= again.samples.t) & (again.samples.t <= stretch.end)
         lost = again.observation.required[:, column] & ~again.observation.covered[:, column] & inside
@@ -201,22 +200,22 @@ def test_what_would_help_does_help_in_the_changed_cell_and_all_else_is_said_to_b
 
 @pytest.mark.parametrize("name", ["g2", "g3", "g5"])
 def test_the_camera_to_turn_closes_the_gap_and_none_does_with_less(
-    name: str, cell: Cell, studies: dict[str, Analysis]
+    name: str, cell: Cell, analyses: dict[str, Analysis]
 ) -> None:
-    found = studies[name]
+    found = analyses[name]
     timeline, cameras = found.timeline, np.array(list(cell.workspace.cameras))
     rows = longest_blind(found)
     assert rows is not None
     stretch = explain_stretch(cell, found, rows)
-    column = [target.atom for target in found.targets].index(stretch.atom)
-    states = found.stage.states(timeline.samples)
+    column = [target.atom for target in found.planned.targets].index(stretch.atom)
+    states = found.planned.stage.states(timeline.samples)
 
     def closing(angle: float) -> list[str]:
         """The cameras that see it all, turned about their lenses by an angle [deg] in one of 16 directions."""
         turns = [np.radians(angle) * np.array([np.cos(d), np.sin(d), 0.0]) for d in np.pi / 8 * np.arange(16)]
         there = [(one, one.X_FC @ displacement(np.zeros(3), t)) for one in cell.observer.cameras for t in turns]
         observer = Observer(tuple(replace(one, X_FC=X_FC) for one, X_FC in there), cell.observer.solids)
-        (boxes,) = observer.verdicts([found.targets[column]], states, rows=[rows], shares=False)
+        (boxes,) = observer.verdicts([found.planned.targets[column]], states, rows=[rows], shares=False)
         return cameras[sees_all(boxes).all(axis=0).reshape(len(cameras), -1).any(axis=1)].tolist()
 
     nearest = stretch.causes[0]

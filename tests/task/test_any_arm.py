@@ -139,9 +139,9 @@ def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, m
 
 def test_it_is_ranked(cell: Cell) -> None:
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    assessment = RankJob(FixedCount(5), cell=cell, world=cell.initial_world).assess(candidate)
-    assert assessment.feasible
-    assert assessment.q_avg is not None
+    result = RankJob(FixedCount(5), cell=cell, world=cell.initial_world).assess(candidate)
+    assert result.feasible
+    assert result.q_avg is not None
 
 
 def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(

@@ -20,7 +20,7 @@ from sqrp_cli.cell.workspace import Workspace
 from sqrp_cli.cell.workspace_file import read_workspace_document
 from sqrp_cli.geometry import Array, look_at
 from sqrp_cli.motion.cell import Cell
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.sampling import Adaptive
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import read_task
@@ -77,7 +77,7 @@ def _quality_of(workspace: Workspace, name: str) -> float:
     cell = Cell.load(workspace)
     candidate = first_grip(read_task(f"pickup {name}", workspace).candidates[0])
     found = analyse(cell, candidate, cell.initial_world, Adaptive(), full=False)
-    return (found.assessment("").q_eoi or 0.0) if isinstance(found, Analysis) else -1.0
+    return (found.result("").q_eoi or 0.0) if isinstance(found, Analysis) else -1.0
 
 
 def _changes(

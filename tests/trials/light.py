@@ -42,7 +42,7 @@ from sqrp_cli.run.robot_body import RobotBody
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
 from sqrp_cli.sight.targets import SoughtBox, Target
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.sampling import Adaptive
@@ -98,7 +98,7 @@ def _best_of(cell: Cell, task: str) -> Analysis | None:
         result = analyse(cell, candidate, cell.initial_world, Adaptive(), full=True)
         if not isinstance(result, Infeasible):
             found[candidate.name] = result
-    ranked = rank([one.assessment(verdict(cell, one)) for one in found.values()], "q_eoi")
+    ranked = rank([one.result(verdict(cell, one)) for one in found.values()], "q_eoi")
     return found[ranked[0].candidate.name] if ranked else None
 
 
@@ -178,10 +178,10 @@ def light(number: int, folder: Path) -> dict[str, Any]:
     for name, judged in (("with", cell), ("without", replace(cell, observer=plain))):
         best = _best_of(judged, task)
         if best is not None:
-            result = best.assessment(verdict(judged, best))
+            result = best.result(verdict(judged, best))
             step = make_step(task, best, result, tuple(judged.workspace.cameras))
             step = with_usual_images(step, best, judged.observer)
-            counts, rest, misses, stop = compared(judged.workspace, best.motion.joint_names, step)
+            counts, rest, misses, stop = compared(judged.workspace, best.planned.motion.joint_names, step)
             found[name] = [asdict(counts), asdict(rest), stop is not None]
             if stop or (name == "with" and counts.fp):
                 said += f"{name} colours: {dict(misses)} {stop or ''} "

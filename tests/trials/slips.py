@@ -24,7 +24,7 @@ from sqrp_cli.program.file import new_program
 from sqrp_cli.program.record import Program, ProgramResponse
 from sqrp_cli.run.record.report import RunReport
 from sqrp_cli.run.start import Simulation, slip_at
-from sqrp_cli.study.assessment import Analysis, analyse
+from sqrp_cli.study.analysis import Analysis, analyse
 from sqrp_cli.study.find import BestWay, WantedWay, find_way
 from sqrp_cli.study.program_update import make_step
 from sqrp_cli.study.sampling import Adaptive
@@ -49,7 +49,7 @@ def slips(number: int, folder: Path, n: int = 20) -> dict[str, Any] | None:
     cell = Cell.load(workspace)
     candidates = read_task(TASK, workspace).candidates
     found = [find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay()) for candidate in candidates]
-    ways = [one.study for one in found if isinstance(one, BestWay) and one.study.windows[FAULT]]
+    ways = [one.analysis for one in found if isinstance(one, BestWay) and one.analysis.windows[FAULT]]
     if not ways:
         return None
     simulations = [Simulation(_program(cell, way), workspace, late_replanner(workspace), 0) for way in ways]
@@ -101,9 +101,9 @@ def _compared(way: Analysis, x: float, report: RunReport) -> Iterator[list[float
 
 def _program(cell: Cell, way: Analysis) -> Program:
     """The program of a way, which stops at the first alarm."""
-    full = analyse(cell, way.candidate, cell.initial_world, Adaptive(), full=True)
+    full = analyse(cell, way.planned.candidate, cell.initial_world, Adaptive(), full=True)
     assert not isinstance(full, Infeasible)
-    step = make_step(TASK, full, full.assessment(verdict(cell, full)), tuple(cell.workspace.cameras))
+    step = make_step(TASK, full, full.result(verdict(cell, full)), tuple(cell.workspace.cameras))
     stops = [formula.model_copy(update={"response": ProgramResponse(action="stop")}) for formula in step.formulas]
     program = new_program(cell.workspace, cell.model.joints, cell.workspace.path.parent / "program.yaml")
     return program.model_copy(update={"steps": (*program.steps, step.model_copy(update={"formulas": tuple(stops)}))})

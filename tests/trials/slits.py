@@ -23,7 +23,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.sight.observer import Observer
 from sqrp_cli.sight.solids import Solid
 from sqrp_cli.skill.target_box import TargetBox
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.find import WantedWay, find_way
 from sqrp_cli.study.quality import qualities_over
 from sqrp_cli.study.sampling import MAX_STEP, Adaptive
@@ -57,7 +57,7 @@ def _study_of(cell: Cell) -> Analysis | None:
     for candidate in read_task(TASK, cell.workspace).candidates:
         found = find_way(cell, candidate, cell.initial_world, Adaptive(), WantedWay(fastest=True))
         if not isinstance(found, Infeasible):
-            return found.study
+            return found.analysis
     return None
 
 
@@ -87,8 +87,8 @@ def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Analysis, str] | None
     open_study = _study_of(open_cell(folder).cell)
     if open_study is None:
         return None
-    samples, box = every_step(open_study.stage), open_study.targets[0].boxes[0]
-    X_WB = open_study.stage.states(samples).box_poses(box)
+    samples, box = every_step(open_study.planned.stage), open_study.planned.targets[0].boxes[0]
+    X_WB = open_study.planned.stage.states(samples).box_poses(box)
     eye, aim, plates = slit_before(rng, samples, X_WB, box)
     document["cameras"]["far"]["pose"] = {"position": eye.round(9).tolist(), "look_at": aim.round(9).tolist()}
     for number, (X, size) in enumerate(plates, 1):
@@ -97,8 +97,8 @@ def _slit_cell(seed: int, folder: Path) -> tuple[Observer, Analysis, str] | None
         document["objects"][f"plate{number}"] = plate
     write_cell(document, folder)
     cell = open_cell(folder).cell
-    study = _study_of(cell)
-    return None if study is None else (cell.observer, study, "whole" if whole else "half")
+    analysis = _study_of(cell)
+    return None if analysis is None else (cell.observer, analysis, "whole" if whole else "half")
 
 
 def slit_before(
@@ -274,16 +274,16 @@ def slits(number: int, folder: Path) -> dict[str, Any] | None:
     made = _slit_cell(number, folder / "cell")
     if made is None:
         return None
-    observer, study, kind = made
-    samples, box = every_step(study.stage), study.targets[0].boxes[0]
-    states = study.stage.states(samples)
+    observer, analysis, kind = made
+    samples, box = every_step(analysis.planned.stage), analysis.planned.targets[0].boxes[0]
+    states = analysis.planned.stage.states(samples)
     rays = Rays([solid for solid in observer.solids if solid.name not in box.encloses], states.X_WF)
     (camera,), X_WB = observer.cameras, np.broadcast_to(states.box_poses(box), (len(samples), 4, 4))
     covered = seen(camera, states.camera_poses(camera)[0], box, X_WB, rays, least=box.limits.min_visible)
     steps = np.diff(samples.t) * (np.diff(samples.piece) == 0)
-    truth = float(steps[covered[1:] & covered[:-1]].sum()) / study.T
-    error = 100 * abs((qualities_over(study.timeline).q_avg or 0.0) - truth)
-    events = sorted(events_of(study.timeline, samples, covered), key=lambda event: event[1])
+    truth = float(steps[covered[1:] & covered[:-1]].sum()) / analysis.planned.T
+    error = 100 * abs((qualities_over(analysis.timeline).q_avg or 0.0) - truth)
+    events = sorted(events_of(analysis.timeline, samples, covered), key=lambda event: event[1])
     said = ", ".join(
         f"{'gain' if gained else 'loss'} {1000 * length:.0f} ms{'' if found else ' MISSED'}"
         for gained, length, found in events[:4]

@@ -31,7 +31,7 @@ from sqrp_cli.study.find import Plans
 from sqrp_cli.study.pipeline import assess_all
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.whole_study import whole_study
+from sqrp_cli.study.whole_analysis import whole_analysis
 from sqrp_cli.task.candidate import THEN
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Candidate, in_words, read_task
@@ -174,12 +174,12 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
     check_choice(session.task, ask.choose)
     expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
     goal = goal_of(expected) if ask.want is None else read_goal(ask.want)
-    assessments = list(assess(session, ask.jobs, ask.progress))
-    chosen = choose_candidate(rank(assessments, "q_eoi"), ask.choose).candidate
-    best = next(one for one in assessments if one.candidate is chosen)
+    results = list(assess(session, ask.jobs, ask.progress))
+    chosen = choose_candidate(rank(results, "q_eoi"), ask.choose).candidate
+    best = next(one for one in results if one.candidate is chosen)
     stated = {name: stated_look_at(workspace, name) for name in workspace.cameras}
     fastest = first_grip(best.candidate)
-    found = figures_of(fastest, whole_study(session.cell, fastest, job.world, job.sampling, full=False))
+    found = figures_of(fastest, whole_analysis(session.cell, fastest, job.world, job.sampling, full=False))
     before = replace(found, candidate=best.candidate, best_way=found.candidate)
     return Question(
         task=session.task.text,
@@ -189,10 +189,10 @@ def _question(session: Session, ask: AdviseRequest) -> Question:
         fastest=fastest,
         before=best if goal.met(before) and not goal.met(best) else before,
         best=best,
-        assessments=assessments,
+        results=results,
         goal=goal,
         aims={name: Aim(*map(read_only, aim)) for name, aim in stated.items() if aim is not None},
-        listed=lambda: _listed(session, assessments, best, ask.jobs),
+        listed=lambda: _listed(session, results, best, ask.jobs),
         plans=job.plans,
         kinds=ask.kinds,
         fixed=job.wanted.fastest,
@@ -219,17 +219,15 @@ def _all_it_depends_on(session: Session, question: Question) -> tuple[object, ..
     )
 
 
-def _listed(
-    session: Session, assessments: Sequence[CandidateResult], chosen: CandidateResult, jobs: int
-) -> list[TaskWays]:
+def _listed(session: Session, results: Sequence[CandidateResult], chosen: CandidateResult, jobs: int) -> list[TaskWays]:
     """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
 
-    Tasks that need others first are done with these, as `score` does. assessments: of the task that was asked for.
+    Tasks that need others first are done with these, as `score` does. results: of the task that was asked for.
     chosen: the one that advice is about, which alone counts of a task that the workspace does not list.
     """
     workspace, job = session.cell.workspace, session.job
     facts = job.world.facts
-    known = {_key(one.candidate): one.way for one in assessments}
+    known = {_key(one.candidate): one.way for one in results}
     found: list[TaskWays] = []
     for listed in workspace.tasks:
         task = read_task(listed.task, workspace, facts)

@@ -223,7 +223,7 @@ class OpenProgram:
         from sqrp_cli.study.pipeline import RankJob
         from sqrp_cli.study.program_update import candidate_of
         from sqrp_cli.study.ranking import rank
-        from sqrp_cli.study.whole_study import worst_seen
+        from sqrp_cli.study.whole_analysis import worst_seen
         from sqrp_cli.task.candidate import Task
 
         steps = self.program.steps

@@ -14,15 +14,15 @@ from sqrp_cli.errors import Infeasible, Place, bad_input, bad_option, expected_n
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents.explain import study_shown
+from sqrp_cli.show.documents.explain import analysis_shown
 from sqrp_cli.show.documents.explanation import ExplainedAll, Explanation
-from sqrp_cli.study.assessment import analyse
+from sqrp_cli.study.analysis import analyse
 from sqrp_cli.study.pipeline import Explained, RankJob, assess_all, described, recalibrated, sampling_done
 from sqrp_cli.study.program_update import make_step, with_usual_images
 from sqrp_cli.study.ranking import rank
 from sqrp_cli.study.result import CandidateResult, Ranking
 from sqrp_cli.study.sampling import Sampling
-from sqrp_cli.study.whole_study import worst_seen
+from sqrp_cli.study.whole_analysis import worst_seen
 from sqrp_cli.task.grips import first_grip
 from sqrp_cli.task.task import Task, read_task
 
@@ -90,14 +90,14 @@ class Session:
 
     def explanation(self, explained: Explained, ranking: Sequence[CandidateResult], **step: object) -> Explanation:
         """What is found about one candidate of a ranking; step: fields of the document, if it is one of several."""
-        study = study_shown(self.cell, explained.study, explained.result, self.job.sampling)
+        analysis = analysis_shown(self.cell, explained.analysis, explained.result, self.job.sampling)
         about = {
             "workspace": self.cell.workspace.name,
             "task": self.task.text,
             "explained": explained,
             "ranking": ranking,
         }
-        return Explanation(**{**vars(study), **step, **about})
+        return Explanation(**{**vars(analysis), **step, **about})
 
     def write(self, ranking: Ranking, path: str | Path, choose: str) -> None:
         """Append a candidate of a ranking to a program file; see `Ranking.write`."""
@@ -111,10 +111,10 @@ class Session:
 
 
 def assess(session: Session, jobs: int, progress: Progress) -> Iterator[CandidateResult]:
-    """The assessments of all candidates, in order, with the progress shown."""
+    """The results of all candidates, in order, with the progress shown."""
     with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
-        for assessment in assess_all(session.job, session.task.candidates, jobs):
-            yield assessment
+        for result in assess_all(session.job, session.task.candidates, jobs):
+            yield result
             advance(1)
 
 
@@ -216,13 +216,13 @@ def explained(workspace: str, session: Session, ask: ExplainRequest) -> Explanat
     if choose is not None:
         return session.explanation(found[0], ranking, **place)
     sampling = session.job.sampling
-    studies = [study_shown(session.cell, one.study, one.result, sampling) for one in found]
-    return ExplainedAll(workspace=workspace, task=ask.task, candidates=studies, explained=found, ranking=ranking)
+    analyses = [analysis_shown(session.cell, one.analysis, one.result, sampling) for one in found]
+    return ExplainedAll(workspace=workspace, task=ask.task, candidates=analyses, explained=found, ranking=ranking)
 
 
 def chosen_steps(suggested: Sequence[PlannedStep]) -> list[ChosenStep]:
     """The steps of a suggestion, all of which are feasible."""
-    return [(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
+    return [(step.task, step.result, step.world) for step in suggested if step.result and step.world]
 
 
 def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:

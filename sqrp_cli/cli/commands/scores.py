@@ -133,7 +133,7 @@ def _scored(
             findings = score_cells(cells, computer, progress)
             for cell in cells:
                 outcomes = map(computer.outcome, cell.wanted)
-                print_problems(intervals_outside(one.assessment for one in outcomes if isinstance(one, Outcome)))
+                print_problems(intervals_outside(one.result for one in outcomes if isinstance(one, Outcome)))
             total, failed = sum(len(cell.wanted) for cell in cells), computer.failed
             counted = [f"{computer.computed} of {total} candidates were computed"]
             counted += [f"{failed} could not be"] if failed else []
@@ -231,9 +231,9 @@ def _vary(
         shape = None if draws is not None else tuple(variation.count or 1 for variation in variations)
         found = sweep(document, read, shape, computer, progress)
         wants = [want for *_, cell in read for want in cell.wanted]
-        assessments = [one.assessment for one in map(computer.outcome, wants) if isinstance(one, Outcome)]
+        results = [one.result for one in map(computer.outcome, wants) if isinstance(one, Outcome)]
     print_problems(problem for problem in read[0][2].problems if problem.severity == "warning")
-    print_problems(intervals_outside(assessments))
+    print_problems(intervals_outside(results))
     if found.interrupted:
         what = f"all {len(read)} variants were scored, so none is named the best and no patch is written"
         note(f"interrupted before {what}")

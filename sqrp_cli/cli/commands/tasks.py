@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sqrp_cli.motion.cell import Cell
     from sqrp_cli.search.advice_result import AdviceDocument
     from sqrp_cli.show.documents.explanation import Explanation
-    from sqrp_cli.study.assessment import Analysis
+    from sqrp_cli.study.analysis import Analysis
     from sqrp_cli.study.result import CandidateResult, Ranking
 
 
@@ -264,10 +264,10 @@ def _explain(
             _say_more(found, cell, workspace, after, ask)
         if ask.ways == "all":
             print_ways([one.result for one in about])
-    studies = [one.study for one in about if one.study is not None]
+    analyses = [one.analysis for one in about if one.analysis is not None]
     if images is not None:
-        _write_images(cell.cell, studies, images, several=compared)
-    return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
+        _write_images(cell.cell, analyses, images, several=compared)
+    return ExitCode.OK if analyses else ExitCode.NONE_FEASIBLE
 
 
 def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path | None, ask: _Explain) -> None:
@@ -293,7 +293,7 @@ def _say_more(found: Explanation, cell: OpenCell, workspace: Path, after: Path |
     say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
 
 
-def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, several: bool) -> None:
+def _write_images(cell: Cell, analyses: Sequence[Analysis], images: Path, *, several: bool) -> None:
     """Take pictures of every blind interval, in a folder per candidate if there may be several."""
     from sqrp_cli.show.pictures.pictures import MOST_PIXELS, SHEET, blind_intervals, file_name, write_pictures
     from sqrp_cli.show.terminal.console import note, progress
@@ -301,12 +301,14 @@ def _write_images(cell: Cell, studies: Sequence[Analysis], images: Path, *, seve
     cameras = cell.observer.cameras
     if large := [camera.name for camera in cameras if camera.width * camera.height > MOST_PIXELS]:
         note(f"pictures have at most {MOST_PIXELS:,} pixels; those of {first_names(large)} are smaller than its images")
-    with progress("Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in studies)) as advance:
-        for study in studies:
-            folder = images / file_name(study.candidate.name) if several else images
-            blind = write_pictures(cell, study, folder, advance)
+    with progress(
+        "Taking pictures", len(cameras) * sum(len(list(blind_intervals(one))) for one in analyses)
+    ) as advance:
+        for analysis in analyses:
+            folder = images / file_name(analysis.planned.candidate.name) if several else images
+            blind = write_pictures(cell, analysis, folder, advance)
             counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
-            note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
+            note(f"{analysis.planned.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
 
 
 @command("advise", requests.AdviseRequest)

@@ -14,8 +14,8 @@ from sqrp_cli.show.documents.explanation import (
     BoxSight,
     BoxVerdict,
     CameraTiming,
-    CandidateStudy,
     ExplainedBox,
+    ExplainedCandidate,
     FaultSight,
     Formula,
     LiteralCoverage,
@@ -27,7 +27,7 @@ from sqrp_cli.show.documents.explanation import (
     Verdict,
 )
 from sqrp_cli.sight.limits import Cause
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import by_name, cause_totals
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views, in_the_way, to_move
 from sqrp_cli.study.pipeline import sampling_done
@@ -36,17 +36,17 @@ from sqrp_cli.study.robustness import Expectation, expectation, without_each_cam
 from sqrp_cli.study.sampling import Sampling
 
 
-def study_shown(
-    cell: Cell, study: Analysis | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
-) -> CandidateStudy:
-    """A candidate with everything computed about it; study: None if it is infeasible.
+def analysis_shown(
+    cell: Cell, analysis: Analysis | None, found: CandidateResult, sampling: Sampling, *, brief: bool = False
+) -> ExplainedCandidate:
+    """A candidate with everything computed about it; analysis: None if it is infeasible.
 
     brief: without who is in the way and the verdicts of single boxes, which take most of the time.
     """
-    if study is None:
-        return CandidateStudy(**vars(found))
-    views = None if brief else hidden_views(cell, study)
-    literals = dict.fromkeys(literal for formula in study.formulas for literal in formula.literals)
+    if analysis is None:
+        return ExplainedCandidate(**vars(found))
+    views = None if brief else hidden_views(cell, analysis)
+    literals = dict.fromkeys(literal for formula in analysis.planned.formulas for literal in formula.literals)
     boxes = {
         target.atom: TargetBoxes(
             k=target.cameras,
@@ -55,46 +55,55 @@ def study_shown(
                 for box in target.boxes
             ],
         )
-        for target in study.targets
+        for target in analysis.planned.targets
     }
     sights = {}
-    for fault, windows in study.windows.items():
+    for fault, windows in analysis.windows.items():
         onsets = (
             SightOnset(x=one.x.tolist(), shown=one.shown.tolist(), usual=one.as_usual.shown.tolist())
-            for one in study.onsets[fault]
+            for one in analysis.onsets[fault]
         )
         sights[fault] = FaultSight(windows=list(windows), onsets=list(onsets))
-    return CandidateStudy(
+    return ExplainedCandidate(
         **vars(found),
         sampling=sampling_done(sampling, [found]),
         primitives=[
             Span(name=timed.name, start=timed.start, end=timed.end, does=stated.words)
-            for timed, stated in zip(study.motion.primitives, study.candidate.skill.primitives, strict=True)
+            for timed, stated in zip(
+                analysis.planned.motion.primitives, analysis.planned.candidate.skill.primitives, strict=True
+            )
         ],
         formulas=[
-            from_fields(Formula, one, literals=[str(literal) for literal in one.literals]) for one in study.formulas
+            from_fields(Formula, one, literals=[str(literal) for literal in one.literals])
+            for one in analysis.planned.formulas
         ],
         cameras={one.name: CameraTiming.of(one) for one in cell.observer.cameras},
-        without_camera=without_each_camera(cell, study),
-        recovery=RecoveryTimes(t=study.recovery[0].tolist(), duration=study.recovery[1].tolist()),
+        without_camera=without_each_camera(cell, analysis),
+        recovery=RecoveryTimes(t=analysis.recovery[0].tolist(), duration=analysis.recovery[1].tolist()),
         sights=sights,
         targets={str(literal): boxes[literal.atom] for literal in literals},
-        samples=_samples(cell, study, views),
-        unseen_times=cause_totals(cell, study),
-        hidden=() if views is None else in_the_way(cell, study, views),
-        to_move=() if views is None else to_move(cell, study, views),
+        samples=_samples(cell, analysis, views),
+        unseen_times=cause_totals(cell, analysis),
+        hidden=() if views is None else in_the_way(cell, analysis, views),
+        to_move=() if views is None else to_move(cell, analysis, views),
         assumed=assumed_latency(cell.observer.cameras),
     )
 
 
-def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sample]:
+def _samples(cell: Cell, analysis: Analysis, views: HiddenViews | None) -> list[Sample]:
     """Every sample with all verdicts; views: None to leave out those of single boxes."""
-    timeline, samples = study.timeline, study.timeline.samples
-    states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
+    timeline, samples = analysis.timeline, analysis.timeline.samples
+    states, q, held = (
+        analysis.planned.stage.states(samples),
+        analysis.planned.stage.positions(samples),
+        analysis.planned.stage.held(samples),
+    )
     objects = {name: states.X_WF[name] for name in cell.workspace.objects if name in states.X_WF}
-    expected = expectation(cell, study)
-    column = {target.atom: index for index, target in enumerate(study.targets)}
-    seen = [_coverage(cell, study, index, states.X_WF, views, expected) for index in range(len(study.targets))]
+    expected = expectation(cell, analysis)
+    column = {target.atom: index for index, target in enumerate(analysis.planned.targets)}
+    seen = [
+        _coverage(cell, analysis, index, states.X_WF, views, expected) for index in range(len(analysis.planned.targets))
+    ]
     return [
         Sample(
             t=float(samples.t[row]),
@@ -105,7 +114,7 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
             event=bool(timeline.interesting[row]),
             literals={
                 str(literal): seen[column[literal.atom]][row]
-                for literal in study.stage.pieces[int(samples.piece[row])].literals
+                for literal in analysis.planned.stage.pieces[int(samples.piece[row])].literals
             },
             expected=finite_or_none(expected.states[row]) if expected is not None else None,
         )
@@ -115,14 +124,14 @@ def _samples(cell: Cell, study: Analysis, views: HiddenViews | None) -> list[Sam
 
 def _coverage(
     cell: Cell,
-    study: Analysis,
+    analysis: Analysis,
     column: int,
     X_WF: Mapping[str, Array],
     views: HiddenViews | None,
     expected: Expectation | None,
 ) -> list[LiteralCoverage]:
     """The verdicts on the boxes of a target and on its cameras, per sample. column: index of the target."""
-    target, observation = study.targets[column], study.timeline.observation
+    target, observation = analysis.planned.targets[column], analysis.timeline.observation
     matrix, names = observation.full_matrix[column], [camera.name for camera in cell.observer.cameras]
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
 

@@ -219,7 +219,7 @@ class Sample(Record):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class CandidateStudy(CandidateResult):
+class ExplainedCandidate(CandidateResult):
     """A candidate over time; of an infeasible one the lists are empty."""
 
     sampling: SamplingDone | None = None
@@ -252,13 +252,13 @@ class CandidateStudy(CandidateResult):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Explanation(CandidateStudy, TaskDocument):
+class Explanation(ExplainedCandidate, TaskDocument):
     """What `sqrp explain` finds about one candidate.
 
     Of a task of several steps it is about one step; `rank` and `pareto` are those of all steps together.
     """
 
-    VIEW = "sqrp_cli.show.terminal.timeline_chart:print_study"
+    VIEW = "sqrp_cli.show.terminal.timeline_chart:print_explanation"
 
     document: Literal["explain"] = "explain"
     task: str
@@ -271,7 +271,7 @@ class Explanation(CandidateStudy, TaskDocument):
     """The name of the candidate of all steps; left out in a program, which has no ranking."""
 
     explained: Explained | None = live()
-    """With the study behind it."""
+    """With the analysis behind it."""
     ranking: Sequence[CandidateResult] = live(())
     """All candidates of the task, best first."""
 
@@ -295,11 +295,11 @@ class ExplainedAll(TaskDocument):
     VIEW = "sqrp_cli.show.terminal.timeline_chart:print_comparison"
 
     document: Literal["explain --all"] = "explain --all"
-    candidates: list[CandidateStudy]
+    candidates: list[ExplainedCandidate]
     """The requested candidates, best first, infeasible ones last."""
 
     explained: Sequence[Explained] = live(())
-    """With the studies behind them."""
+    """With the analyses behind them."""
     ranking: Sequence[CandidateResult] = live(())
     """All candidates of the task, best first."""
 

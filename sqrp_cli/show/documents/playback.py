@@ -9,9 +9,9 @@ from itertools import accumulate
 from sqrp_cli.document import Pose
 from sqrp_cli.figures import Qualities, falls_short
 from sqrp_cli.records import dataclass
-from sqrp_cli.show.documents.explanation import CandidateStudy, Span
+from sqrp_cli.show.documents.explanation import ExplainedCandidate, Span
 from sqrp_cli.study.result import CandidateResult
-from sqrp_cli.study.whole_study import mean_qualities, worst_seen
+from sqrp_cli.study.whole_analysis import mean_qualities, worst_seen
 
 NOT = "not "  # how a negated literal begins
 
@@ -27,7 +27,7 @@ class PlayedStep(Span, Qualities):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlayedCandidate(CandidateStudy):
+class PlayedCandidate(ExplainedCandidate):
     """A candidate without redundant data: corners of boxes, and poses of objects that never move.
 
     Of several steps, names of primitives, literals and faults begin with the number of the step, such as
@@ -40,29 +40,29 @@ class PlayedCandidate(CandidateStudy):
     """Of a task of several steps: each; else empty."""
 
     @classmethod
-    def of_candidate(cls, study: CandidateStudy, played: tuple[PlayedStep, ...] = ()) -> PlayedCandidate:
+    def of_candidate(cls, analysis: ExplainedCandidate, played: tuple[PlayedStep, ...] = ()) -> PlayedCandidate:
         """What a page needs of a candidate."""
-        first = study.samples[0].objects if study.samples else {}
-        still = {name: X for name, X in first.items() if all(s.objects.get(name) == X for s in study.samples)}
+        first = analysis.samples[0].objects if analysis.samples else {}
+        still = {name: X for name, X in first.items() if all(s.objects.get(name) == X for s in analysis.samples)}
         samples = []
-        for sample in study.samples:
+        for sample in analysis.samples:
             literals = {
                 name: replace(literal, boxes=[replace(box, corners=None) for box in literal.boxes])
                 for name, literal in sample.literals.items()
             }
             objects = {name: X for name, X in sample.objects.items() if name not in still}
             samples.append(replace(sample, objects=objects, literals=literals))
-        return cls(**{**vars(study), "samples": samples}, still=still, played=played)
+        return cls(**{**vars(analysis), "samples": samples}, still=still, played=played)
 
     @classmethod
-    def of_steps(cls, figures: CandidateResult, steps: Sequence[CandidateStudy]) -> PlayedCandidate:
+    def of_steps(cls, figures: CandidateResult, steps: Sequence[ExplainedCandidate]) -> PlayedCandidate:
         """What a page needs of a candidate of several steps, which follow each other without a pause."""
         starts = list(accumulate((step.time or 0.0 for step in steps), initial=0.0))
         parts = [
             _later(step, f"{number}.", start)
             for number, (step, start) in enumerate(zip(steps, starts[:-1], strict=True), 1)
         ]
-        joined = CandidateStudy(
+        joined = ExplainedCandidate(
             **vars(figures),
             sampling=steps[0].sampling,
             primitives=[one for part in parts for one in part.primitives],
@@ -94,7 +94,7 @@ class PlayedCandidate(CandidateStudy):
         return cls.of_candidate(joined, tuple(played))
 
 
-def _later(step: CandidateStudy, prefix: str, start: float) -> CandidateStudy:
+def _later(step: ExplainedCandidate, prefix: str, start: float) -> ExplainedCandidate:
     """A step that begins later [s], with a prefix to its names: what pages show of it beside its figures."""
 
     def named(literal: str) -> str:

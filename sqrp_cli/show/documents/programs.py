@@ -20,7 +20,7 @@ from sqrp_cli.program.record import Program
 from sqrp_cli.records import dataclass
 from sqrp_cli.run.record.report import Outcome
 from sqrp_cli.show.documents.explanation import Span
-from sqrp_cli.study.whole_study import mean_qualities
+from sqrp_cli.study.whole_analysis import mean_qualities
 
 
 @dataclass(frozen=True, kw_only=True)

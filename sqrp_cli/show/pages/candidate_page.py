@@ -14,7 +14,7 @@ from sqrp_cli.motion.cell import Cell
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.show import sentences
-from sqrp_cli.show.documents.explain import study_shown
+from sqrp_cli.show.documents.explain import analysis_shown
 from sqrp_cli.show.documents.playback import PlayedCandidate
 from sqrp_cli.show.documents.scene import ShowDocument
 from sqrp_cli.show.pages.assembly import (
@@ -155,13 +155,13 @@ def playback(job: RankJob, explained: Explained) -> str | None:
 
 
 def played(job: RankJob, explained: Explained, *, brief: bool = False) -> PlayedCandidate:
-    """What is shown of a feasible candidate beside its figures; brief: see `study_shown`."""
+    """What is shown of a feasible candidate beside its figures; brief: see `analysis_shown`."""
     cell, sampling = job.cell, job.sampling
     parts = explained.steps or (explained,)
-    studies = [study_shown(cell, one.study, one.result, sampling, brief=brief) for one in parts]
+    analyses = [analysis_shown(cell, one.analysis, one.result, sampling, brief=brief) for one in parts]
     if explained.steps:
-        return PlayedCandidate.of_steps(explained.result, studies)
-    return PlayedCandidate.of_candidate(studies[0])
+        return PlayedCandidate.of_steps(explained.result, analyses)
+    return PlayedCandidate.of_candidate(analyses[0])
 
 
 STEP = 1e-4  # coordinates of meshes are given in multiples of this [m]

@@ -24,7 +24,7 @@ from sqrp_cli.show.pictures.camera_image import Photographer, check_rays
 from sqrp_cli.show.sentences import part_shares_in_words
 from sqrp_cli.sight.limits import Cause
 from sqrp_cli.sight.scene_states import SceneStates
-from sqrp_cli.study.assessment import Analysis
+from sqrp_cli.study.analysis import Analysis
 from sqrp_cli.study.blind_spans import by_name, first_failing
 from sqrp_cli.study.in_the_way import HiddenViews, hidden_views
 from sqrp_cli.study.verdict import stretches
@@ -47,16 +47,16 @@ def check_pictures(folder: Path) -> None:
         raise bad_input("cannot-write", "this is a file; expected the name of a folder", Place(folder))
 
 
-def blind_intervals(study: Analysis) -> Iterator[BlindInterval]:
+def blind_intervals(analysis: Analysis) -> Iterator[BlindInterval]:
     """The stretches of a candidate's motion in which a state is not covered."""
-    timeline = study.timeline
+    timeline = analysis.timeline
     t = timeline.samples.t
     for rows in stretches(timeline.observation.blind):
         start, end = float(t[rows[0]]), float(t[rows[-1]])
         yield start, end, int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
 
 
-def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
+def write_pictures(cell: Cell, analysis: Analysis, folder: Path, advance: Callable[[], object] = lambda: None) -> int:
     """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
 
     advance: called after each picture. Raises InputError where a file cannot be written or a library is missing.
@@ -68,14 +68,17 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
         image.save(buffer, format="PNG", optimize=True)
         write_atomically(folder / name, buffer.getvalue())
 
-    sheet, intervals = [], list(blind_intervals(study))
-    views = hidden_views(cell, study, np.array([row for _, _, row in intervals], dtype=np.int64))
+    sheet, intervals = [], list(blind_intervals(analysis))
+    views = hidden_views(cell, analysis, np.array([row for _, _, row in intervals], dtype=np.int64))
     for number, (start, end, row) in enumerate(intervals, 1):
-        t, states = study.timeline.samples.t[row], study.stage.states(study.timeline.samples.some([row]))
+        t, states = (
+            analysis.timeline.samples.t[row],
+            analysis.planned.stage.states(analysis.timeline.samples.some([row])),
+        )
         photographer = Photographer(cell, states)
         pictures = []
         for index, camera in enumerate(cell.observer.cameras):
-            made = _picture(cell, study, row, states, photographer, index, views)
+            made = _picture(cell, analysis, row, states, photographer, index, views)
             name = file_name(f"{number:02d}_{start:.1f}s-{end:.1f}s_{camera.name}")
             write(f"{name}.png", drawing.framed(*made))
             pictures.append(made)
@@ -83,13 +86,13 @@ def write_pictures(cell: Cell, study: Analysis, folder: Path, advance: Callable[
         if pictures:
             sheet.append((f"blind from {start:.1f} s to {end:.1f} s; pictures of {t:.1f} s", pictures))
     if sheet:
-        write(SHEET, drawing.contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+        write(SHEET, drawing.contact_sheet(f"{analysis.planned.candidate.name} in {cell.workspace.name}", sheet))
     return len(sheet)
 
 
 def _picture(
     cell: Cell,
-    study: Analysis,
+    analysis: Analysis,
     row: int,
     states: SceneStates,
     photographer: Photographer,
@@ -107,12 +110,12 @@ def _picture(
         matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
         width, height = max(1, camera.width // step), max(1, camera.height // step)
         camera = replace(camera, width=width, height=height, matrix=matrix)
-    colors, observation = solid_colors(cell), study.timeline.observation
+    colors, observation = solid_colors(cell), analysis.timeline.observation
     smaller = f", 1/{step} of its size" if step > 1 else ""
-    captions: list[drawing.Caption] = [(f"{camera.name} at {study.timeline.samples.t[row]:.2f} s{smaller}", None)]
+    captions: list[drawing.Caption] = [(f"{camera.name} at {analysis.timeline.samples.t[row]:.2f} s{smaller}", None)]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(analysis.planned.targets, observation.full_matrix, strict=True)):
         if not observation.required[row, column]:
             continue
         first, box_of = first_failing(boxes, [row])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.show.documents.explanation import CandidateStudy, ExplainedAll, Explanation, Sample
+from sqrp_cli.show.documents.explanation import ExplainedAll, ExplainedCandidate, Explanation, Sample
 from sqrp_cli.show.sentences import accuracy, part_shares_in_words, what_to_move
 from sqrp_cli.show.terminal.console import Column, Styled, joined, output, plain, print_table, say, unbroken
 from sqrp_cli.study.result import CandidateResult
@@ -49,7 +49,7 @@ SELDOM = {
 """Added to it where a camera cannot see something for that."""
 
 
-def print_study(found: Explanation) -> None:
+def print_explanation(found: Explanation) -> None:
     """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
 
     For an infeasible candidate, the reasons.
@@ -146,7 +146,7 @@ def _width() -> int:
     return max(LEAST_SIGNS, min(MOST_SIGNS, output().width - LABEL - FIGURES))
 
 
-def _camera_failures(found: CandidateStudy) -> str:
+def _camera_failures(found: ExplainedCandidate) -> str:
     """One sentence about the cost of each camera's failure."""
     needed, spare = [], []
     if found.q_avg == 0.0:
@@ -182,7 +182,7 @@ def covered_share(samples: Sequence[Sample], states: Sequence[State]) -> float |
     return covered / total if total else None
 
 
-def _placed(found: CandidateStudy, longest: float) -> tuple[list[int], str]:
+def _placed(found: ExplainedCandidate, longest: float) -> tuple[list[int], str]:
     """The sample that each sign of a row stands for, on a scale of `longest` seconds: the nearest to its middle.
 
     With the name of each primitive at its beginning, as far as there is room before the next.
@@ -199,7 +199,7 @@ def _placed(found: CandidateStudy, longest: float) -> tuple[list[int], str]:
     return (before + later).tolist(), "".join(row)
 
 
-def _rows(found: CandidateStudy) -> list[Styled]:
+def _rows(found: ExplainedCandidate) -> list[Styled]:
     """Axis, primitives, events of interest, the state, and every literal with its cameras."""
     time, samples = found.time or 0.0, found.samples
     shown, primitives = _placed(found, time)

@@ -8,7 +8,7 @@ from sqrp_cli.figures import NO_FIGURES
 from sqrp_cli.show.documents.explanation import (
     BoxCoverage,
     BoxVerdict,
-    CandidateStudy,
+    ExplainedCandidate,
     Formula,
     LiteralCoverage,
     Sample,
@@ -34,8 +34,8 @@ def sample(t: float, x: float) -> Sample:
     )
 
 
-def study(samples: list[Sample]) -> CandidateStudy:
-    return CandidateStudy(
+def analysis(samples: list[Sample]) -> ExplainedCandidate:
+    return ExplainedCandidate(
         **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
         sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, sights={}, targets={},
         samples=samples, hidden=[], to_move=[],
@@ -43,21 +43,21 @@ def study(samples: list[Sample]) -> CandidateStudy:
 
 
 def test_objects_that_never_move_are_listed_once() -> None:
-    found = PlayedCandidate.of_candidate(study([sample(0.0, 1.0), sample(1.0, 2.0)]))
+    found = PlayedCandidate.of_candidate(analysis([sample(0.0, 1.0), sample(1.0, 2.0)]))
     assert found.still == {"table": [[0.0]]}
     assert [one.objects for one in found.samples] == [{"part": [[1.0]]}, {"part": [[2.0]]}]
 
 
 def test_corners_that_follow_from_poses_are_left_out() -> None:
-    found = tidy(PlayedCandidate.of_candidate(study([sample(0.0, 1.0)])))
+    found = tidy(PlayedCandidate.of_candidate(analysis([sample(0.0, 1.0)])))
     assert [set(box) for box in found["samples"][0]["literals"]["hold"]["boxes"]] == [{"cameras"}]
 
 
-def step_of(x: float, q_avg: float) -> CandidateStudy:
+def step_of(x: float, q_avg: float) -> ExplainedCandidate:
     """A step of two seconds with one primitive and one formula."""
     formula = Formula(text="", operator="always", start=0.5, end=1.0, literals=["not hold"], fault="slip")
     return replace(
-        study([sample(0.0, x), sample(2.0, x)]),
+        analysis([sample(0.0, x), sample(2.0, x)]),
         time=2.0,
         q_avg=q_avg,
         primitives=[Span(name="a1", start=0.0, end=2.0)],

@@ -6,7 +6,7 @@ The delay of faults is by images, over all phases of the cameras, on the nominal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,21 +77,24 @@ def why_late(fault: FaultMetrics, windows: Sequence[Window], onsets: Sequence[On
 
 
 @dataclass(frozen=True, eq=False)
-class Observed(PlannedMotion):
+class Observed:
     """A feasible candidate with what the cameras see of it, but not yet how late faults are noticed."""
 
+    planned: PlannedMotion
     timeline: Timeline
 
     @property
     def without_delays(self) -> CandidateResult:
         """Its figures, without faults."""
+        planned, seen = self.planned, qualities_over(self.timeline)
         return CandidateResult(
-            candidate=self.candidate,
+            candidate=planned.candidate,
             feasible=True,
-            time=self.motion.time,
-            **vars(qualities_over(self.timeline)),
-            t_total=self.T,
-            t_eoi=self.T_eoi,
+            time=planned.motion.time,
+            q_avg=seen.q_avg,
+            q_eoi=seen.q_eoi,
+            t_total=planned.T,
+            t_eoi=planned.T_eoi,
             faults={},
             states=int(self.timeline.monitored.sum()),
         )
@@ -107,11 +110,11 @@ class Analysis(Observed):
     onsets: Mapping[str, tuple[Onset, ...]]
     """From when on images show each fault, for each interval in which it may happen, by its name."""
 
-    def assessment(self, verdict: str) -> CandidateResult:
+    def result(self, verdict: str) -> CandidateResult:
         """The figures of the candidate."""
-        timeline, time = self.timeline, self.motion.time
+        timeline, candidate, motion = self.timeline, self.planned.candidate, self.planned.motion
         faults = {
-            fault: fault_metrics(windows, self.onsets[fault], self.recovery, time)
+            fault: fault_metrics(windows, self.onsets[fault], self.recovery, motion.time)
             for fault, windows in self.windows.items()
         }
         latest = max(faults, key=lambda fault: (faults[fault].unseen, faults[fault].delay_worst or 0.0), default=None)
@@ -120,10 +123,10 @@ class Analysis(Observed):
             faults=faults,
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
-            remarks=self.motion.remarks,
-            outside=formulas_outside(self.candidate, self.motion),
+            remarks=motion.remarks,
+            outside=formulas_outside(candidate, motion),
             verdict=verdict,
-            retried=tuple(name for name in faults if name in self.candidate.skill.retried_faults),
+            retried=tuple(name for name in faults if name in candidate.skill.retried_faults),
             why_late="" if latest is None else why_late(faults[latest], self.windows[latest], self.onsets[latest]),
         )
 
@@ -184,27 +187,26 @@ def all_observed(
             message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
             mend = "leave it out: the default places samples where they matter"
             raise bad_input("too-many-samples", message, mend=mend)
-    plans = ({part.name: getattr(one, part.name) for part in fields(PlannedMotion)} for one in motions)
-    seen = (observe(one, cell.observer, sampling, full=full, bars=bars) for one in motions)
-    return [Observed(**plan, timeline=timeline) for plan, timeline in zip(plans, seen, strict=True)]
+    return [Observed(one, observe(one, cell.observer, sampling, full=full, bars=bars)) for one in motions]
 
 
 def with_delays(cell: Cell, watched: Sequence[Observed], sampling: Sampling) -> list[Analysis]:
     """Motions with how late faults are noticed; as they are where that is known."""
     done = []
     for one in watched:
-        if not isinstance(one, Analysis):
-            windows = all_fault_windows(one, one.timeline, cell.observer, sampling)
-            starts = (pieces.fault_intervals(one.formulas, fault)[0].start for fault in one.faults)
-            recovery = recovery_over(one.motion, cell.model, min(starts, default=one.motion.time))
-            targets = {target.atom: target for target in one.targets}
-            onsets = {
-                fault: tuple(
-                    onset(one.stage, cell.observer, literals, targets, interval)
-                    for interval in pieces.fault_intervals(one.formulas, fault)
-                )
-                for fault, literals in pieces.fault_literals(one.formulas).items()
-            }
-            one = Analysis(**vars(one), recovery=recovery, windows=windows, onsets=onsets)
-        done.append(one)
+        if isinstance(one, Analysis):
+            done.append(one)
+            continue
+        planned, observer = one.planned, cell.observer
+        stage, formulas, targets = planned.stage, planned.formulas, {target.atom: target for target in planned.targets}
+        literals = pieces.fault_literals(formulas)
+        intervals = {fault: pieces.fault_intervals(formulas, fault) for fault in literals}
+        first = min((spans[0].start for spans in intervals.values()), default=planned.motion.time)
+        onsets = {
+            fault: tuple(onset(stage, observer, literals[fault], targets, span) for span in spans)
+            for fault, spans in intervals.items()
+        }
+        windows = all_fault_windows(planned, one.timeline, observer, sampling)
+        recovery = recovery_over(planned.motion, cell.model, first)
+        done.append(Analysis(planned, one.timeline, recovery, windows, onsets))
     return done

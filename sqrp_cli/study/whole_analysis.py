@@ -14,7 +14,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.figures import Qualities
 from sqrp_cli.motion.cell import Cell
 from sqrp_cli.records import dataclass
-from sqrp_cli.study.assessment import SUMMED, Analysis, Observed, all_observed, planned_motion, with_delays
+from sqrp_cli.study.analysis import SUMMED, Analysis, Observed, all_observed, planned_motion, with_delays
 from sqrp_cli.study.program_update import world_after
 from sqrp_cli.study.result import CandidateResult
 from sqrp_cli.study.sampling import Sampling
@@ -32,7 +32,7 @@ def reasons_of_step(candidate: Candidate, number: int, reasons: Sequence[str]) -
     return tuple(f"step {number}, {candidate.steps[number - 1].task}: {reason}" for reason in reasons)
 
 
-def assessment_of_all(candidate: Candidate, done: Sequence[CandidateResult]) -> CandidateResult:
+def result_of_steps(candidate: Candidate, done: Sequence[CandidateResult]) -> CandidateResult:
     """The figures of a candidate over all its steps, or why the last of them is infeasible.
 
     done: the steps in order, up to the first infeasible one.
@@ -82,12 +82,12 @@ def worst_seen(steps: Sequence[Qualities] | Sequence[Step]) -> int:
     return min(range(len(steps)), key=lambda index: _worth(steps[index]))
 
 
-def world_left(cell: Cell, assessment: CandidateResult, world: World) -> World | None:
+def world_left(cell: Cell, result: CandidateResult, world: World) -> World | None:
     """The world that a candidate leaves which begins in another one; None if it cannot be done."""
-    if not assessment.feasible:
+    if not result.feasible:
         return None
-    motion = feasible_motion(cell, assessment.way, world)
-    return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
+    motion = feasible_motion(cell, result.way, world)
+    return None if isinstance(motion, Infeasible) else world_after(result.way, motion, world)
 
 
 def mean_quality(parts: Iterable[tuple[float | None, float | None]]) -> float | None:
@@ -118,13 +118,13 @@ class WholeAnalysis:
     """At least one."""
 
     @property
-    def assessment(self) -> CandidateResult:
+    def result(self) -> CandidateResult:
         """The figures of the whole, without a sentence."""
-        each = [step.assessment("") for step in self.steps]
-        return assessment_of_all(self.candidate, each) if self.candidate.steps else each[0]
+        each = [step.result("") for step in self.steps]
+        return result_of_steps(self.candidate, each) if self.candidate.steps else each[0]
 
 
-def whole_study(
+def whole_analysis(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> WholeAnalysis | Infeasible:
     """Study a way that starts in `world`, of one step or several; see `analyse`."""
@@ -137,7 +137,7 @@ def whole_study(
 def whole_observed(
     cell: Cell, way: Candidate, world: World, sampling: Sampling, *, full: bool
 ) -> tuple[Observed, ...] | Infeasible:
-    """The steps of `whole_study` without delays, which take as long as all the rest."""
+    """The steps of `whole_analysis` without delays, which take as long as all the rest."""
     done: list[Observed] = []
     for step in way.steps or (way,):
         motion = feasible_motion(cell, step, world)
